@@ -1,0 +1,120 @@
+"""Physics-backed validation of an approximate-feedback-linearisation controller for a cart-pole.
+
+The public names; each is imported when it is first asked for, so that importing the package, and
+``afl-mujoco --help``, cost nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.afl import control_force, sliding_variable
+    from afl_mujoco.control.controllers import CONTROLLERS, Controller, find_controller
+    from afl_mujoco.control.gain_function import GainFunction
+    from afl_mujoco.control.gains import FIXED_GAINS, Gains
+    from afl_mujoco.errors import AflMujocoError
+    from afl_mujoco.plant.dynamics import acceleration, mass_matrix
+    from afl_mujoco.plant.energy import linear_momentum, total_energy
+    from afl_mujoco.scenario.catalogue import SCENARIOS
+    from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+    from afl_mujoco.scenario.files import find_scenario, load_scenario, save_scenario
+    from afl_mujoco.scenario.parameters import CartPoleParameters
+    from afl_mujoco.scenario.scenario import Scenario
+    from afl_mujoco.scenario.schedules import (
+        Schedule,
+        constant,
+        joined,
+        piecewise_linear,
+        step,
+        trapezoid,
+    )
+    from afl_mujoco.simulation.mujoco_model import CartPoleModel
+    from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+    from afl_mujoco.simulation.ode import simulate_ode
+    from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
+    from afl_mujoco.simulation.task import load
+    from afl_mujoco.simulation.trajectory import Outcome, Trajectory
+
+_HOMES = {
+    "control.afl": ("control_force", "sliding_variable"),
+    "control.controllers": ("CONTROLLERS", "Controller", "find_controller"),
+    "control.gain_function": ("GainFunction",),
+    "control.gains": ("FIXED_GAINS", "Gains"),
+    "errors": ("AflMujocoError",),
+    "plant.dynamics": ("acceleration", "mass_matrix"),
+    "plant.energy": ("linear_momentum", "total_energy"),
+    "scenario.catalogue": ("SCENARIOS",),
+    "scenario.disturbances": ("ForcePulse", "Impulse"),
+    "scenario.files": ("find_scenario", "load_scenario", "save_scenario"),
+    "scenario.parameters": ("CartPoleParameters",),
+    "scenario.scenario": ("Scenario",),
+    "scenario.schedules": (
+        "Schedule",
+        "constant",
+        "joined",
+        "piecewise_linear",
+        "step",
+        "trapezoid",
+    ),
+    "simulation.mujoco_model": ("CartPoleModel",),
+    "simulation.mujoco_rollout": ("simulate_mujoco",),
+    "simulation.ode": ("simulate_ode",),
+    "simulation.ode_fixed_step": ("simulate_ode_held", "simulate_ode_rk4"),
+    "simulation.task": ("load",),
+    "simulation.trajectory": ("Outcome", "Trajectory"),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "CONTROLLERS",
+    "FIXED_GAINS",
+    "SCENARIOS",
+    "AflMujocoError",
+    "CartPoleModel",
+    "CartPoleParameters",
+    "Controller",
+    "ForcePulse",
+    "GainFunction",
+    "Gains",
+    "Impulse",
+    "Outcome",
+    "Scenario",
+    "Schedule",
+    "Trajectory",
+    "acceleration",
+    "constant",
+    "control_force",
+    "find_controller",
+    "find_scenario",
+    "joined",
+    "linear_momentum",
+    "load",
+    "load_scenario",
+    "mass_matrix",
+    "piecewise_linear",
+    "save_scenario",
+    "simulate_mujoco",
+    "simulate_ode",
+    "simulate_ode_held",
+    "simulate_ode_rk4",
+    "sliding_variable",
+    "step",
+    "total_energy",
+    "trapezoid",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name from its home on first use."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

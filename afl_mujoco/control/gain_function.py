@@ -1,0 +1,117 @@
+"""The gain function (G1): each gain as a smooth function of cart mass and half-length."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib import resources
+
+import numpy as np
+from numba.extending import register_jitable
+from numpy.typing import NDArray
+
+from afl_mujoco.control.gains import Gains
+from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.scenario.parameters import require_finite
+
+GAIN_NAMES = ("switching", "slope", "boundary_layer")
+
+
+@register_jitable
+def scheduled_gain(cart_mass, half_length, w):  # type: ignore[no-untyped-def]
+    """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1).
+
+    Parameters
+    ----------
+    cart_mass, half_length
+        M [kg] and l [m]; floats or arrays.
+    w
+        The coefficients (w1, ..., w5).
+    """
+    gain = w[0]
+    if w[1] != 0.0:
+        gain = gain + w[1] * cart_mass ** w[2]
+    if w[3] != 0.0:
+        gain = gain + w[3] * half_length ** w[4]
+    return gain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainFunction:
+    """Coefficients (w1, ..., w5) of (G1), one set for each gain.
+
+    Attributes
+    ----------
+    switching, slope, boundary_layer
+        Coefficients for K, lambda and Phi.
+    """
+
+    switching: tuple[float, ...]
+    slope: tuple[float, ...]
+    boundary_layer: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Validate every coefficient and store it as a float."""
+        for name in GAIN_NAMES:
+            w = tuple(require_finite(f"{name} coefficients", x) for x in getattr(self, name))
+            if len(w) != 5:
+                raise InvalidValueError(f"{name} coefficients", "must be five", len(w))
+            object.__setattr__(self, name, w)
+
+    @classmethod
+    def constant(cls, gains: Gains) -> GainFunction:
+        """Return the gain function that always gives `gains`.
+
+        Parameters
+        ----------
+        gains
+            The constant gains.
+        """
+        return cls(**{name: (getattr(gains, name), 0.0, 0.0, 0.0, 0.0) for name in GAIN_NAMES})
+
+    @classmethod
+    def published(cls) -> GainFunction:
+        """Return the paper's coefficients, Table 2.
+
+        Raises
+        ------
+        FileError
+            If the package's data file is missing or malformed.
+        """
+        file = resources.files("afl_mujoco.control") / "data" / "gain_function.json"
+        try:
+            table = json.loads(file.read_text(encoding="utf-8"))
+            return cls(**{name: tuple(table["coefficients"][name]) for name in GAIN_NAMES})
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise FileError(str(file), f"is not a gain function: {error!r}") from None
+
+    @property
+    def coefficients(self) -> NDArray[np.float64]:
+        """The coefficients as an array, shape (3, 5): rows K, lambda, Phi."""
+        return np.array([getattr(self, name) for name in GAIN_NAMES])
+
+    def relabelled(self) -> GainFunction:
+        """Return the other reading of the columns K and Phi (decision D2): the two exchanged."""
+        return GainFunction(
+            switching=self.boundary_layer, slope=self.slope, boundary_layer=self.switching
+        )
+
+    def gains(self, cart_mass: float, half_length: float) -> Gains:
+        """Return the gains for one plant, Eq. (G1).
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            M [kg] and l [m].
+
+        Raises
+        ------
+        InvalidValueError
+            If a gain comes out not positive.
+        """
+        return Gains(
+            **{
+                name: scheduled_gain(cart_mass, half_length, getattr(self, name))
+                for name in GAIN_NAMES
+            }
+        )

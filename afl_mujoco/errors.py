@@ -1,0 +1,71 @@
+"""Errors of the package: each names the thing, the rule it breaks and the value that breaks it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class AflMujocoError(Exception):
+    """A request that cannot be met, said in one line.
+
+    Parameters
+    ----------
+    thing
+        What is wrong, as the user would name it (``"pole_mass"``).
+    rule
+        The rule that it breaks (``"must be positive"``).
+    value
+        The offending value; left out of the message when it is ``None``.
+    """
+
+    def __init__(self, thing: str, rule: str, value: object = None) -> None:
+        self.thing = thing
+        self.rule = rule
+        self.value = value
+        got = "" if value is None else f", got {value}"
+        super().__init__(" ".join(f"{thing} {rule}{got}".split()))
+
+    def within(self, place: str) -> AflMujocoError:
+        """Return the same error with `place` put before the thing it names.
+
+        Parameters
+        ----------
+        place
+            Where the thing stands, for example ``"scenario.toml:"`` or ``"schedule."``.
+        """
+        return type(self)(f"{place}{self.thing}", self.rule, self.value)
+
+    def __reduce__(self) -> tuple[type[AflMujocoError], tuple[str, str, object]]:
+        """Pickle by the three parts, so that a worker process can raise it."""
+        return type(self), (self.thing, self.rule, self.value)
+
+
+class InvalidValueError(AflMujocoError, ValueError):
+    """A number or a setting outside what it may be."""
+
+
+class UnknownNameError(AflMujocoError, LookupError):
+    """A name that is not in its catalogue."""
+
+    @classmethod
+    def among(cls, thing: str, name: object, valid: Iterable[str]) -> UnknownNameError:
+        """Build the error for `name`, listing the `valid` names.
+
+        Parameters
+        ----------
+        thing
+            What the name names (``"controller"``).
+        name
+            The unknown name.
+        valid
+            The names that would have been accepted.
+        """
+        return cls(thing, f"must be one of {', '.join(valid)}", repr(name))
+
+
+class FileError(AflMujocoError):
+    """A file or folder that cannot be read, understood or written."""
+
+
+class LawDomainError(AflMujocoError, ValueError):
+    """The control law asked for at a pole angle outside ``|phi| < pi/2``, where it has no value."""

@@ -1,0 +1,1 @@
+"""What nature does: the analytic equations of motion of the paper."""

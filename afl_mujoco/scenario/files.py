@@ -1,0 +1,234 @@
+"""Scenario files: TOML in, the resolved scenario out."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
+from afl_mujoco.output import write_text
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import (
+    Schedule,
+    constant,
+    joined,
+    piecewise_linear,
+    step,
+    trapezoid,
+)
+
+Table = Mapping[str, Any]
+
+_SHAPES: dict[str, tuple[Callable[..., Schedule], tuple[str, ...]]] = {
+    "constant": (constant, ("value",)),
+    "step": (step, ("times", "values")),
+    "trapezoid": (trapezoid, ("times", "low", "high")),
+    "piecewise-linear": (piecewise_linear, ("times", "values")),
+    "joined": (joined, ("starts", "pieces")),
+}
+_DISTURBANCES: dict[str, tuple[Callable[..., ForcePulse | Impulse], tuple[str, ...]]] = {
+    "pulse": (ForcePulse, ("force", "start", "duration")),
+    "impulse": (Impulse, ("momentum", "time")),
+}
+_SCALARS = ("pole_mass", "gravity", "duration")
+_LISTS = ("times", "values", "starts", "pieces")
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario from a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file. `docs/notation.md` lists its keys; whatever it leaves out is nominal.
+
+    Returns
+    -------
+    Scenario
+        The same dataclass as those of `SCENARIOS`.
+
+    Raises
+    ------
+    AflMujocoError
+        If the file cannot be read or breaks a rule; the message names file, key and value.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise FileError(str(path), f"cannot be read: {reason.lower()}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(str(path), f"is not valid TOML: {error}") from None
+    try:
+        return scenario_from_table(table, default_name=path.stem)
+    except AflMujocoError as error:
+        raise error.within(f"{path}: ") from None
+
+
+def save_scenario(scenario: Scenario, path: str | Path) -> None:
+    """Write a scenario to a TOML file, every default written out.
+
+    Parameters
+    ----------
+    scenario
+        The scenario; `load_scenario` of the file equals it.
+    path
+        The file to write.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    write_text(Path(path), tomli_w.dumps(scenario_to_table(scenario)))
+
+
+def find_scenario(name: str) -> Scenario:
+    """Return a scenario of the catalogue, or the one in the TOML file of that name.
+
+    Parameters
+    ----------
+    name
+        A key of `SCENARIOS`, or a path that ends in ``.toml``.
+
+    Raises
+    ------
+    UnknownNameError
+        If `name` is neither.
+    """
+    if name in SCENARIOS:
+        return SCENARIOS[name]
+    if name.endswith(".toml"):
+        return load_scenario(name)
+    raise UnknownNameError.among("scenario", name, (*SCENARIOS, "a .toml file"))
+
+
+def scenario_from_table(table: Table, default_name: str) -> Scenario:
+    """Build a scenario from the table of a TOML file.
+
+    Parameters
+    ----------
+    table
+        The parsed file.
+    default_name
+        The name to give it if it has none.
+    """
+    _require_keys(table, ("name", *_SCALARS, "initial_state", "schedule", "disturbances"))
+    schedules = _table("schedule", table.get("schedule", {}))
+    try:
+        _require_keys(schedules, ("cart_mass", "half_length"))
+    except AflMujocoError as error:
+        raise error.within("schedule.") from None
+    fields: dict[str, Any] = {key: table[key] for key in _SCALARS if key in table}
+    for key, value in schedules.items():
+        try:
+            fields[key] = _schedule(value)
+        except AflMujocoError as error:
+            raise error.within(f"schedule.{key}.") from None
+    if "initial_state" in table:
+        fields["initial_state"] = _list("initial_state", table["initial_state"])
+    listed = _list("disturbances", table.get("disturbances", []))
+    fields["disturbances"] = tuple(_disturbance(i, entry) for i, entry in enumerate(listed))
+    name = table.get("name", default_name)
+    if not isinstance(name, str):
+        raise InvalidValueError("name", "must be text", repr(name))
+    return Scenario(name=name, **fields)
+
+
+def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
+    """Return the resolved scenario as the table of a TOML file, with every default written out.
+
+    Parameters
+    ----------
+    scenario
+        The scenario; ``scenario_from_table`` of the result equals it.
+    """
+    schedules = {"cart_mass": scenario.cart_mass, "half_length": scenario.half_length}
+    return {
+        "name": scenario.name,
+        **{key: getattr(scenario, key) for key in _SCALARS},
+        "initial_state": list(scenario.initial_state),
+        "schedule": {
+            key: {
+                "shape": "piecewise-linear",
+                "times": list(schedule.times),
+                "values": list(schedule.values),
+            }
+            for key, schedule in schedules.items()
+        },
+        "disturbances": [
+            {"shape": shape, **{key: getattr(disturbance, key) for key in keys}}
+            for disturbance in scenario.disturbances
+            for shape, (kind, keys) in _DISTURBANCES.items()
+            if type(disturbance) is kind
+        ],
+    }
+
+
+def _schedule(value: object) -> Schedule:
+    """Build a schedule from a number or from a table with a ``shape``."""
+    if not isinstance(value, Mapping):
+        return constant(value)  # type: ignore[arg-type]
+    build, keys = _shape(value, _SHAPES)
+    arguments = {key: _list(key, value[key]) if key in _LISTS else value[key] for key in keys}
+    if "pieces" in arguments:
+        arguments["pieces"] = [_piece(i, piece) for i, piece in enumerate(arguments["pieces"])]
+    return build(**arguments)
+
+
+def _piece(index: int, value: object) -> Schedule:
+    """Build one piece of a joined schedule."""
+    try:
+        return _schedule(value)
+    except AflMujocoError as error:
+        raise error.within(f"pieces[{index}].") from None
+
+
+def _disturbance(index: int, value: object) -> ForcePulse | Impulse:
+    """Build a disturbance from its table."""
+    try:
+        build, keys = _shape(_table("entry", value), _DISTURBANCES)
+        return build(**{key: value[key] for key in keys})  # type: ignore[index]
+    except AflMujocoError as error:
+        raise error.within(f"disturbances[{index}].") from None
+
+
+def _shape(table: Table, known: dict[str, tuple[Callable[..., Any], tuple[str, ...]]]) -> Any:
+    """Return builder and keys of the shape that `table` names, its keys checked."""
+    shape = table.get("shape")
+    if not isinstance(shape, str) or shape not in known:
+        raise UnknownNameError.among("shape", shape, known)
+    _, keys = known[shape]
+    _require_keys(table, ("shape", *keys))
+    for key in keys:
+        if key not in table:
+            raise InvalidValueError(key, f"must be given for shape {shape!r}")
+    return known[shape]
+
+
+def _require_keys(table: Table, known: tuple[str, ...]) -> None:
+    """Raise if `table` has a key that is not `known`."""
+    for key in table:
+        if key not in known:
+            raise InvalidValueError(key, f"is not a known key; known are {', '.join(known)}")
+
+
+def _list(thing: str, value: object) -> list[Any]:
+    """Return `value` if it is a list, or raise."""
+    if not isinstance(value, list):
+        raise InvalidValueError(thing, "must be a list", repr(value))
+    return value
+
+
+def _table(thing: str, value: object) -> Table:
+    """Return `value` if it is a table, or raise."""
+    if not isinstance(value, Mapping):
+        raise InvalidValueError(thing, "must be a table", repr(value))
+    return value

@@ -1,0 +1,92 @@
+"""Physical parameters of the cart-pole."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from afl_mujoco.errors import InvalidValueError
+
+
+def require_finite(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless it is a finite real number.
+
+    Parameters
+    ----------
+    thing
+        The name to use in the error.
+    value
+        What was given.
+
+    Raises
+    ------
+    InvalidValueError
+        If `value` is no number, or is NaN or infinite.
+    """
+    if isinstance(value, bool | str | bytes):
+        raise InvalidValueError(thing, "must be a number", repr(value))
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InvalidValueError(thing, "must be a number", repr(value)) from None
+    if not math.isfinite(number):
+        raise InvalidValueError(thing, "must be finite", number)
+    return number
+
+
+def require_positive(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless it is finite and above zero.
+
+    Parameters
+    ----------
+    thing
+        The name to use in the error.
+    value
+        What was given.
+
+    Raises
+    ------
+    InvalidValueError
+        If `value` is not a positive finite number.
+    """
+    number = require_finite(thing, value)
+    if number <= 0.0:
+        raise InvalidValueError(thing, "must be positive", number)
+    return number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CartPoleParameters:
+    """Parameters of a cart with a uniform rod hinged on it (decision D1).
+
+    Attributes
+    ----------
+    cart_mass
+        Mass M of the cart [kg].
+    pole_mass
+        Mass m of the pole [kg].
+    half_length
+        Distance l from the pivot to the pole's centre of mass [m]; the rod is 2 l long.
+    gravity
+        Gravitational acceleration g [m/s^2], pointing down.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value is not a positive finite number.
+    """
+
+    cart_mass: float = 1.0
+    pole_mass: float = 0.05
+    half_length: float = 0.5
+    gravity: float = 9.81
+
+    def __post_init__(self) -> None:
+        """Validate every field and store it as a float."""
+        for field in fields(self):
+            value = require_positive(field.name, getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
+
+
+NOMINAL = CartPoleParameters()
+"""The plant for which the paper gives its fixed gains: M = 1 kg, l = 0.5 m, m = 0.05 kg."""

@@ -1,0 +1,123 @@
+"""A scenario sampled on a time grid: what the simulators that march in steps are fed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import require_positive
+from afl_mujoco.scenario.scenario import Scenario
+
+SNAP = 1e-9  # share of a step under which a grid point and a breakpoint are the same instant
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steps:
+    """A march through the horizon whose steps never straddle a breakpoint.
+
+    Attributes
+    ----------
+    times
+        The steps' ends [s], shape (N + 1,).
+    cart_mass, half_length
+        M [kg] and l [m] at the start, the middle and the end of each step, the limits from inside
+        the step, shape (N, 3).
+    push
+        Disturbing force during each step [N], shape (N,).
+    impulse
+        Jump of the momentum along z at the start of each step [N s], shape (N,).
+    """
+
+    times: NDArray[np.float64]
+    cart_mass: NDArray[np.float64]
+    half_length: NDArray[np.float64]
+    push: NDArray[np.float64]
+    impulse: NDArray[np.float64]
+
+
+def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
+    """Return the multiples of `period` within the horizon together with every breakpoint.
+
+    Parameters
+    ----------
+    scenario
+        Gives horizon and breakpoints.
+    period
+        Spacing of the grid [s].
+
+    Returns
+    -------
+    ndarray
+        Increasing times from 0 to the horizon [s], shape (N + 1,).
+
+    Raises
+    ------
+    InvalidValueError
+        If `period` is not positive or longer than the horizon.
+    """
+    period = require_positive("timestep", period)
+    if period > scenario.duration:
+        raise InvalidValueError("timestep", f"must be within {scenario.duration} s", period)
+    special = np.array([*scenario.breakpoints, scenario.duration])
+    regular = period * np.arange(int(np.ceil(scenario.duration / period)) + 1)
+    nearest = np.abs(regular[:, None] - special[None, :]).min(axis=1)
+    inside = (nearest > SNAP * period) & (regular < scenario.duration)
+    return np.sort(np.concatenate([regular[inside], special]))
+
+
+def steps(scenario: Scenario, period: float) -> Steps:
+    """Cut the horizon into steps of at most `period` that end on every breakpoint.
+
+    Parameters
+    ----------
+    scenario
+        What to march through.
+    period
+        The longest step [s].
+    """
+    times = time_grid(scenario, period)
+    segments = scenario.segments
+    starts = np.array([segment.start for segment in segments])
+    index = np.searchsorted(starts, times[:-1], side="right") - 1
+    middles = 0.5 * (times[:-1] + times[1:])
+    elapsed = np.stack([times[:-1], middles, times[1:]], axis=1) - starts[index, None]
+    mass = np.array([segment.cart_mass for segment in segments])[index]
+    length = np.array([segment.half_length for segment in segments])[index]
+    impulse = np.zeros(len(index))
+    impulse[np.searchsorted(times, starts)] = [segment.impulse for segment in segments]
+    return Steps(
+        times=times,
+        cart_mass=mass[:, :1] + mass[:, 1:] * elapsed,
+        half_length=length[:, :1] + length[:, 1:] * elapsed,
+        push=np.array([segment.push for segment in segments])[index],
+        impulse=impulse,
+    )
+
+
+def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
+    """Return how many steps make up `length`, or raise unless it is a whole number.
+
+    Parameters
+    ----------
+    thing
+        Name of the length, for the error.
+    length
+        What is divided [s].
+    unit
+        Name of the step, for the error.
+    step
+        What divides it [s].
+
+    Raises
+    ------
+    InvalidValueError
+        If `step` does not divide `length`.
+    """
+    step, length = require_positive(unit, step), require_positive(thing, length)
+    count = round(length / step)
+    if count < 1 or abs(count * step - length) > SNAP * step * max(count, 1):
+        raise InvalidValueError(f"{unit} {step:g} s", f"must divide {thing} {length:g} s")
+    return count

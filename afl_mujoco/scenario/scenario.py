@@ -1,0 +1,187 @@
+"""A scenario: the plant, how its parameters change, what disturbs it, where it starts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.parameters import (
+    NOMINAL,
+    CartPoleParameters,
+    require_finite,
+    require_positive,
+)
+from afl_mujoco.scenario.schedules import Schedule, constant
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A stretch of time over which everything prescribed is smooth.
+
+    Attributes
+    ----------
+    start, end
+        The stretch [s].
+    cart_mass, half_length
+        Value at `start` and slope of M [kg, kg/s] and l [m, m/s].
+    push
+        Disturbing force on the cart [N].
+    impulse
+        Jump of the momentum along z at `start` [N s].
+    """
+
+    start: float
+    end: float
+    cart_mass: tuple[float, float]
+    half_length: tuple[float, float]
+    push: float
+    impulse: float
+
+    def parameters_at(self, time: float) -> tuple[float, float]:
+        """Return (M, l) at `time`, the limit from inside the segment at both ends.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
+        elapsed = time - self.start
+        (mass, mass_rate), (length, length_rate) = self.cart_mass, self.half_length
+        return mass + mass_rate * elapsed, length + length_rate * elapsed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """What is asked of a simulator: the truth, not what a controller believes of it.
+
+    Attributes
+    ----------
+    name
+        Name for reports and files.
+    cart_mass, half_length
+        Schedules of M [kg] and l [m].
+    pole_mass, gravity
+        m [kg] and g [m/s^2], constant.
+    disturbances
+        Force pulses and ideal impulses on the cart.
+    initial_state
+        (z, phi, z_dot, phi_dot) at t = 0 [m, rad, m/s, rad/s].
+    duration
+        Horizon T [s].
+
+    Raises
+    ------
+    InvalidValueError
+        If a value breaks its rule.
+    """
+
+    name: str
+    cart_mass: Schedule = field(default_factory=lambda: constant(NOMINAL.cart_mass))
+    half_length: Schedule = field(default_factory=lambda: constant(NOMINAL.half_length))
+    pole_mass: float = NOMINAL.pole_mass
+    gravity: float = NOMINAL.gravity
+    disturbances: tuple[ForcePulse | Impulse, ...] = ()
+    initial_state: tuple[float, float, float, float] = (0.0, -math.pi / 3, 0.0, 0.0)
+    duration: float = 20.0
+
+    def __post_init__(self) -> None:
+        """Validate every field and normalise its type."""
+        if not self.name or not self.name.isprintable() or "/" in self.name:
+            raise InvalidValueError(
+                "name", "must be printable, not empty and without '/'", repr(self.name)
+            )
+        for thing in ("cart_mass", "half_length"):
+            for value in getattr(self, thing).values:
+                require_positive(f"schedule.{thing}", value)
+        for thing in ("pole_mass", "gravity", "duration"):
+            object.__setattr__(self, thing, require_positive(thing, getattr(self, thing)))
+        state = tuple(require_finite("initial_state", x) for x in self.initial_state)
+        if len(state) != 4:
+            raise InvalidValueError("initial_state", "must hold four numbers", len(state))
+        object.__setattr__(self, "initial_state", state)
+        object.__setattr__(self, "disturbances", tuple(self.disturbances))
+        for disturbance in self.disturbances:
+            if max(disturbance.breakpoints) > self.duration:
+                raise InvalidValueError(
+                    "disturbance",
+                    f"must end within the duration {self.duration} s",
+                    max(disturbance.breakpoints),
+                )
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times [s] inside the horizon at which anything prescribed is not smooth."""
+        sources = (self.cart_mass, self.half_length, *self.disturbances)
+        return tuple(
+            sorted({t for source in sources for t in source.breakpoints if 0 < t < self.duration})
+        )
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """The horizon cut at every breakpoint, in order."""
+        cuts = (0.0, *self.breakpoints, self.duration)
+        return tuple(
+            Segment(
+                start=start,
+                end=end,
+                cart_mass=self.cart_mass.piece(start),
+                half_length=self.half_length.piece(start),
+                push=self.push_at(start),
+                impulse=self.impulse_within(start, end),
+            )
+            for start, end in zip(cuts, cuts[1:], strict=False)
+        )
+
+    def parameters_at(self, time: float) -> CartPoleParameters:
+        """Return the plant's parameters at `time`, after the jump if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
+        return CartPoleParameters(
+            cart_mass=self.cart_mass.at(time),
+            pole_mass=self.pole_mass,
+            half_length=self.half_length.at(time),
+            gravity=self.gravity,
+        )
+
+    def push_at(self, time: float) -> float:
+        """Return the disturbing force [N] at `time`, after the edge if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
+        return math.fsum(d.force_at(time) for d in self.disturbances if isinstance(d, ForcePulse))
+
+    def impulse_within(self, start: float, end: float) -> float:
+        """Return the momentum [N s] of the ideal impulses over ``start <= t < end``.
+
+        Parameters
+        ----------
+        start, end
+            The stretch of time [s].
+        """
+        return math.fsum(
+            d.momentum
+            for d in self.disturbances
+            if isinstance(d, Impulse) and start <= d.time < end
+        )
+
+    def pushes(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the disturbing force [N] at many times, shape (N,).
+
+        Parameters
+        ----------
+        times
+            Times [s], shape (N,).
+        """
+        return np.array([self.push_at(float(t)) for t in times])

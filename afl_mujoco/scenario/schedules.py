@@ -1,0 +1,261 @@
+"""Schedules: a physical parameter as a piecewise-linear function of time, jumps allowed."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import require_finite
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """A piecewise-linear function of time, constant before its first knot and after its last.
+
+    A time that stands twice is a jump; at the jump itself the schedule has the value after it.
+    Build one with `constant`, `step`, `trapezoid`, `piecewise_linear` or `joined`.
+
+    Parameters
+    ----------
+    times
+        Knots [s], increasing; a time given twice is a jump.
+    values
+        The value at each knot.
+
+    Raises
+    ------
+    InvalidValueError
+        If the knots are empty, not finite, of unequal number or out of order.
+    """
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+    _rates: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Validate the knots and derive the slope after each of them."""
+        times = tuple(require_finite("times", t) for t in self.times)
+        values = tuple(require_finite("values", v) for v in self.values)
+        if not times:
+            raise InvalidValueError("times", "must hold at least one time")
+        if len(times) != len(values):
+            raise InvalidValueError(
+                "values", f"must be as many as times ({len(times)})", len(values)
+            )
+        for before, after in zip(times, times[1:], strict=False):
+            if after < before:
+                raise InvalidValueError("times", "must increase", f"{after} after {before}")
+        for first, third in zip(times, times[2:], strict=False):
+            if first == third:
+                raise InvalidValueError("times", "may repeat a time once, for a jump", third)
+        rates = tuple(
+            (values[i + 1] - values[i]) / (times[i + 1] - times[i])
+            if times[i + 1] > times[i]
+            else 0.0
+            for i in range(len(times) - 1)
+        )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "_rates", (*rates, 0.0))
+
+    def at(self, time: float) -> float:
+        """Return the value at one time, after the jump if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
+        value, _ = self.piece(time)
+        return value
+
+    def before(self, time: float) -> float:
+        """Return the value at one time, before the jump if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
+        value, _ = self._line(bisect_left(self.times, time) - 1, time)
+        return value
+
+    def piece(self, time: float) -> tuple[float, float]:
+        """Return value and slope at `time`, valid from there to the next breakpoint.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+
+        Returns
+        -------
+        tuple of float
+            The value just after `time` and the slope [1/s] there.
+        """
+        return self._line(bisect_right(self.times, time) - 1, time)
+
+    def _line(self, index: int, time: float) -> tuple[float, float]:
+        """Return value and slope at `time` on the line that starts at knot `index`."""
+        if index < 0:
+            return self.values[0], 0.0
+        rate = self._rates[index]
+        return self.values[index] + rate * (time - self.times[index]), rate
+
+    def __call__(self, time: ArrayLike) -> NDArray[np.float64]:
+        """Return the values at many times, after the jump where there is one.
+
+        Parameters
+        ----------
+        time
+            Times [s], any shape.
+
+        Returns
+        -------
+        ndarray
+            Values, of the shape of `time`.
+        """
+        t = np.asarray(time, dtype=np.float64)
+        found = np.searchsorted(self.times, t, side="right") - 1
+        index = np.maximum(found, 0)
+        elapsed = np.where(found < 0, 0.0, t - np.asarray(self.times)[index])
+        result: NDArray[np.float64] = (
+            np.asarray(self.values)[index] + np.asarray(self._rates)[index] * elapsed
+        )
+        return result
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times [s] at which the schedule jumps or changes slope."""
+        slopes_before = (0.0, *self._rates[:-1])
+        return tuple(
+            dict.fromkeys(
+                t
+                for i, t in enumerate(self.times)
+                if t in (*self.times[:i], *self.times[i + 1 :])
+                or slopes_before[i] != self._rates[i]
+            )
+        )
+
+
+def constant(value: float) -> Schedule:
+    """Return the schedule that always has `value`.
+
+    Parameters
+    ----------
+    value
+        The value.
+    """
+    return Schedule((0.0,), (value,))
+
+
+def step(times: Sequence[float], values: Sequence[float]) -> Schedule:
+    """Return the staircase that jumps to ``values[i + 1]`` at ``times[i]``.
+
+    Parameters
+    ----------
+    times
+        Times of the jumps [s], shape (J,), increasing.
+    values
+        The levels, shape (J + 1,).
+
+    Raises
+    ------
+    InvalidValueError
+        If the numbers of times and levels do not fit, or the times do not increase.
+    """
+    if len(values) != len(times) + 1:
+        raise InvalidValueError(
+            "values", f"must be one more than the times ({len(times)})", len(values)
+        )
+    _require_increasing("times", times)
+    if not times:
+        return constant(values[0])
+    return Schedule(
+        tuple(t for t in times for _ in range(2)),
+        tuple(v for pair in zip(values, values[1:], strict=False) for v in pair),
+    )
+
+
+def trapezoid(times: Sequence[float], low: float, high: float) -> Schedule:
+    """Return the trapezoid that ramps from `low` to `high` and back.
+
+    Parameters
+    ----------
+    times
+        Start and end of the ramp up, start and end of the ramp down [s], shape (4,), increasing.
+    low, high
+        The two levels.
+
+    Raises
+    ------
+    InvalidValueError
+        If there are not four increasing times.
+    """
+    if len(times) != 4:
+        raise InvalidValueError("times", "must be four for a trapezoid", len(times))
+    _require_increasing("times", times)
+    return Schedule(tuple(times), (low, high, high, low))
+
+
+def piecewise_linear(times: Sequence[float], values: Sequence[float]) -> Schedule:
+    """Return the schedule that joins the knots of a table by straight lines.
+
+    Parameters
+    ----------
+    times
+        Knots [s], shape (K,), increasing; a time given twice is a jump.
+    values
+        The value at each knot, shape (K,).
+    """
+    return Schedule(tuple(times), tuple(values))
+
+
+def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
+    """Return the schedule that follows each piece from its start to the start of the next.
+
+    Each piece runs on its own clock, which reads zero at its start.
+
+    Parameters
+    ----------
+    starts
+        Start of each piece [s], shape (J,), increasing.
+    pieces
+        The pieces, shape (J,).
+
+    Raises
+    ------
+    InvalidValueError
+        If there is no piece, or starts and pieces do not fit.
+    """
+    if not pieces or len(starts) != len(pieces):
+        raise InvalidValueError(
+            "starts", f"must be as many as the pieces ({len(pieces)}), at least one", len(starts)
+        )
+    _require_increasing("starts", starts)
+    knots: list[tuple[float, float]] = []
+    for start, end, piece in zip(starts, [*starts[1:], np.inf], pieces, strict=True):
+        length = end - start
+        knots.append((start, piece.at(0.0)))
+        knots += [
+            (start + t, v)
+            for t, v in zip(piece.times, piece.values, strict=True)
+            if 0.0 < t < length
+        ]
+        if np.isfinite(end):
+            knots.append((end, piece.before(length)))
+    kept = [knot for i, knot in enumerate(knots) if i == 0 or knot != knots[i - 1]]
+    return Schedule(tuple(t for t, _ in kept), tuple(v for _, v in kept))
+
+
+def _require_increasing(thing: str, times: Sequence[float]) -> None:
+    """Raise unless the times are finite and strictly increasing."""
+    finite = [require_finite(thing, t) for t in times]
+    for before, after in zip(finite, finite[1:], strict=False):
+        if after <= before:
+            raise InvalidValueError(thing, "must increase", f"{after} after {before}")

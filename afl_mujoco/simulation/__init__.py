@@ -1,0 +1,1 @@
+"""What happens: (scenario, controller, settings) -> Trajectory, analytically and in MuJoCo."""

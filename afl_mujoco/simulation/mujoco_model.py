@@ -1,0 +1,298 @@
+"""The MuJoCo cart-pole, and the only writer of its MjModel.
+
+Compiled loops reach MuJoCo's structures through an array of addresses and its library through
+`numba.types.ExternalFunction`, so that no interpreter stands in their way.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from llvmlite import binding, ir
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive
+from afl_mujoco.simulation.graphics import choose_backend
+
+choose_backend()
+import mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
+
+CART_HALF_SIZE = (0.2, 0.15, 0.1)
+"""Half-size of the cart's box [m]: its inertia is that of a uniform box, which nothing here turns."""
+
+POLE_RADIUS = 0.02
+"""Radius of the pole [m]; it enters only the inertia about its own axis, which nothing here turns."""
+
+INTEGRATORS = {
+    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+}
+"""MuJoCo's integrators by their MJCF name."""
+
+
+def _load_library() -> None:
+    """Make MuJoCo's C functions visible to compiled code."""
+    folder = Path(mujoco.__file__).parent
+    for pattern in ("libmujoco*", "mujoco.dll"):
+        for library in sorted(folder.glob(pattern)):
+            binding.load_library_permanently(str(library))
+            return
+    raise FileError(str(folder), "holds no MuJoCo library")
+
+
+_load_library()
+_void_model_data = types.void(types.intp, types.intp)
+mj_forward = types.ExternalFunction("mj_forward", _void_model_data)
+mj_step = types.ExternalFunction("mj_step", _void_model_data)
+_mj_set_const = types.ExternalFunction("mj_setConst", _void_model_data)
+
+# Places in the array of addresses that compiled code is given.
+MODEL, DATA, SCRATCH = 0, 1, 2
+CART_MASS, CART_INERTIA, POLE_MASS, POLE_INERTIA, POLE_COM = 3, 4, 5, 6, 7
+GEOM_HALF_LENGTH, GEOM_CENTRE, TIP, GRAVITY = 8, 9, 10, 11
+Z, PHI, Z_DOT, PHI_DOT, CONTROL, PUSH, Z_DDOT, PHI_DDOT = 12, 13, 14, 15, 16, 17, 18, 19
+
+_DOUBLE = ir.DoubleType()
+
+
+@intrinsic
+def load(typingctx: Any, address: Any) -> Any:
+    """Compiled code only: return the double at `address`."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.load(builder.inttoptr(arguments[0], _DOUBLE.as_pointer()), typ=_DOUBLE)
+
+    return types.float64(types.int64), generate
+
+
+@intrinsic
+def store(typingctx: Any, address: Any, value: Any) -> Any:
+    """Compiled code only: write the double `value` to `address`."""
+
+    def generate(context, builder, signature, arguments):
+        builder.store(arguments[1], builder.inttoptr(arguments[0], _DOUBLE.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64), generate
+
+
+@kernel
+def write_parameters(at, cart_mass, pole_mass, half_length, gravity):
+    """Write every model field that depends on the parameters, then refresh the derived constants.
+
+    Parameters
+    ----------
+    at
+        `CartPoleModel.addresses`.
+    cart_mass, pole_mass, half_length, gravity
+        M, m [kg], l [m], g [m/s^2].
+    """
+    x2, y2, z2 = CART_HALF_SIZE[0] ** 2, CART_HALF_SIZE[1] ** 2, CART_HALF_SIZE[2] ** 2
+    store(at[CART_MASS], cart_mass)
+    store(at[CART_INERTIA], cart_mass * ((y2 + z2) / 3.0))
+    store(at[CART_INERTIA] + 8, cart_mass * ((x2 + z2) / 3.0))
+    store(at[CART_INERTIA] + 16, cart_mass * ((x2 + y2) / 3.0))
+    rod = pole_mass * half_length * half_length / 3.0
+    store(at[POLE_MASS], pole_mass)
+    store(at[POLE_INERTIA], rod)
+    store(at[POLE_INERTIA] + 8, rod)
+    store(at[POLE_INERTIA] + 16, pole_mass * (POLE_RADIUS * POLE_RADIUS / 2.0))
+    store(at[POLE_COM], half_length)
+    store(at[GEOM_HALF_LENGTH], half_length)
+    store(at[GEOM_CENTRE], half_length)
+    store(at[TIP], 2.0 * half_length)
+    store(at[GRAVITY], -gravity)
+    _mj_set_const(at[MODEL], at[SCRATCH])
+
+
+@kernel
+def write_state(at, z, phi, z_dot, phi_dot):
+    """Write the state into MjData."""
+    store(at[Z], z)
+    store(at[PHI], phi)
+    store(at[Z_DOT], z_dot)
+    store(at[PHI_DOT], phi_dot)
+
+
+@kernel
+def forward(at, z, phi, z_dot, phi_dot, force, push):
+    """Return MuJoCo's (z'', phi'') for a state, an actuator force and a disturbing force."""
+    write_state(at, z, phi, z_dot, phi_dot)
+    store(at[CONTROL], force)
+    store(at[PUSH], push)
+    mj_forward(at[MODEL], at[DATA])
+    return load(at[Z_DDOT]), load(at[PHI_DDOT])
+
+
+@kernel
+def strike(at, z, phi, z_dot, phi_dot, impulse):
+    """Return the jump of (z_dot, phi_dot) under an ideal impulse on the cart.
+
+    Accelerations are linear in the force, so the difference that the force `impulse` makes to them
+    is the inverse mass matrix times the impulse.
+    """
+    z_with, phi_with = forward(at, z, phi, z_dot, phi_dot, 0.0, impulse)
+    z_without, phi_without = forward(at, z, phi, z_dot, phi_dot, 0.0, 0.0)
+    return z_with - z_without, phi_with - phi_without
+
+
+def model_file(name: str) -> Path:
+    """Return the path of a file of `models/`, in an installed wheel or in the source tree.
+
+    Parameters
+    ----------
+    name
+        ``"cartpole.xml"`` or ``"scene.xml"``.
+    """
+    packaged = Path(str(resources.files("afl_mujoco") / "models" / name))
+    return packaged if packaged.exists() else packaged.parents[2] / "models" / name
+
+
+class CartPoleModel:
+    """A compiled MuJoCo cart-pole whose parameters can be changed while it runs.
+
+    Parameters
+    ----------
+    parameters
+        The plant to compile.
+    timestep
+        MuJoCo's timestep [s].
+    integrator
+        A key of `INTEGRATORS`.
+    file
+        The MJCF of `models/`: ``"cartpole.xml"``, or ``"scene.xml"`` for pictures.
+    edit
+        Called with the `mujoco.MjSpec` before it is compiled, to add what the paper leaves out.
+
+    Attributes
+    ----------
+    mj_model, mj_data
+        The compiled `mujoco.MjModel` and its `mujoco.MjData`.
+    addresses
+        Where compiled code finds them, shape (20,), int64.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule, or the MJCF cannot be read.
+    """
+
+    def __init__(
+        self,
+        parameters: CartPoleParameters,
+        *,
+        timestep: float = 1e-3,
+        integrator: str = "RK4",
+        file: str = "cartpole.xml",
+        edit: Callable[[mujoco.MjSpec], None] | None = None,
+    ) -> None:
+        if integrator not in INTEGRATORS:
+            raise UnknownNameError.among("integrator", integrator, INTEGRATORS)
+        path = model_file(file)
+        try:
+            spec = mujoco.MjSpec.from_file(str(path))
+        except ValueError as error:
+            raise FileError(str(path), f"is no MJCF: {error}") from None
+        spec.option.timestep = require_positive("timestep", timestep)
+        spec.option.integrator = INTEGRATORS[integrator]
+        _describe(spec, parameters)
+        if edit is not None:
+            edit(spec)
+        self.mj_model = spec.compile()
+        self.mj_data = mujoco.MjData(self.mj_model)
+        self._scratch = mujoco.MjData(self.mj_model)
+        self.addresses = _addresses(self.mj_model, self.mj_data, self._scratch)
+
+    def drive(self, data: mujoco.MjData) -> None:
+        """Make `data` the state that compiled code reads and writes.
+
+        Parameters
+        ----------
+        data
+            An MjData of this model, for example that of a dm_control Physics.
+        """
+        self.mj_data = data
+        self.addresses = _addresses(self.mj_model, data, self._scratch)
+
+    def set_parameters(self, parameters: CartPoleParameters) -> None:
+        """Change the plant: absolute values, derived constants refreshed, state kept.
+
+        Parameters
+        ----------
+        parameters
+            The new plant.
+        """
+        p = parameters
+        write_parameters(self.addresses, p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+
+
+def _describe(spec: mujoco.MjSpec, p: CartPoleParameters) -> None:
+    """Write the parameters into the description that is about to be compiled."""
+    x2, y2, z2 = (half * half for half in CART_HALF_SIZE)
+    rod = p.pole_mass * p.half_length * p.half_length / 3.0
+    cart, pole, geom = spec.body("cart"), spec.body("pole"), spec.geom("pole")
+    cart.mass = p.cart_mass
+    cart.inertia = [p.cart_mass * (sum_ / 3.0) for sum_ in (y2 + z2, x2 + z2, x2 + y2)]
+    pole.mass = p.pole_mass
+    pole.inertia = [rod, rod, p.pole_mass * (POLE_RADIUS * POLE_RADIUS / 2.0)]
+    pole.ipos = [0.0, 0.0, p.half_length]
+    spec.geom("cart").size = CART_HALF_SIZE
+    geom.size = [POLE_RADIUS, p.half_length, 0.0]
+    geom.pos = [0.0, 0.0, p.half_length]
+    spec.site("tip").pos = [0.0, 0.0, 2.0 * p.half_length]
+    spec.option.gravity = [0.0, 0.0, -p.gravity]
+
+
+def _addresses(
+    model: mujoco.MjModel, data: mujoco.MjData, scratch: mujoco.MjData
+) -> NDArray[np.int64]:
+    """Return the addresses of everything that compiled code reads and writes, shape (20,)."""
+
+    def element(array: NDArray[np.float64], *index: int) -> int:
+        if array.dtype != np.float64:
+            raise InvalidValueError("MuJoCo", "must be built in double precision", array.dtype)
+        offset = sum(int(i) * stride for i, stride in zip(index, array.strides, strict=True))
+        return int(array.ctypes.data) + offset
+
+    cart, pole = model.body("cart").id, model.body("pole").id
+    geom, tip = model.geom("pole").id, model.site("tip").id
+    slider, hinge = model.joint("slider"), model.joint("hinge")
+    z, phi = slider.qposadr[0], hinge.qposadr[0]
+    z_dof, phi_dof = slider.dofadr[0], hinge.dofadr[0]
+    return np.array(
+        [
+            model._address,
+            data._address,
+            scratch._address,
+            element(model.body_mass, cart),
+            element(model.body_inertia, cart, 0),
+            element(model.body_mass, pole),
+            element(model.body_inertia, pole, 0),
+            element(model.body_ipos, pole, 2),
+            element(model.geom_size, geom, 1),
+            element(model.geom_pos, geom, 2),
+            element(model.site_pos, tip, 2),
+            element(model.opt.gravity, 2),
+            element(data.qpos, z),
+            element(data.qpos, phi),
+            element(data.qvel, z_dof),
+            element(data.qvel, phi_dof),
+            element(data.ctrl, model.actuator("force").id),
+            element(data.qfrc_applied, z_dof),
+            element(data.qacc, z_dof),
+            element(data.qacc, phi_dof),
+        ],
+        dtype=np.int64,
+    )

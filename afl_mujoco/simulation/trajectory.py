@@ -1,0 +1,226 @@
+"""The result of a simulation: read-only arrays on a time grid, how it ended, where it came from."""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.output import atomic_file
+from afl_mujoco.scenario.files import scenario_to_table
+from afl_mujoco.scenario.scenario import Scenario
+
+FALL_ANGLE = 0.5 * math.pi - 1e-3
+"""A run ends as fallen when ``|phi|`` reaches this [rad]: the law is singular at pi/2."""
+
+STATE_LIMIT = 1e6
+"""A run ends as diverged when a state or a force [SI] exceeds this, or is not finite."""
+
+COMPLETED, FELL, DIVERGED = "completed", "fell", "diverged"
+OUTCOMES = (COMPLETED, FELL, DIVERGED)
+"""The ways a run can end, by the status code of the compiled marches."""
+
+_PACKAGES = ("afl_mujoco", "mujoco", "numpy", "scipy", "numba")
+_ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes
+    ----------
+    kind
+        One of `OUTCOMES`.
+    time
+        When it ended [s].
+    """
+
+    kind: str
+    time: float
+
+    def __str__(self) -> str:
+        """Say it as a report does."""
+        return self.kind if self.kind == COMPLETED else f"{self.kind} at t = {self.time:.6g} s"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trajectory:
+    """A simulated run.
+
+    Attributes
+    ----------
+    time
+        Instants [s], shape (N,), increasing.
+    state
+        (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (N, 4).
+    force
+        Force of the controller [N], shape (N,), from each instant on.
+    cart_mass, half_length
+        True M [kg] and l [m], shape (N,), after the jump where there is one.
+    outcome
+        How the run ended; one that fell or diverged stops before the horizon.
+    provenance
+        Scenario, controller, simulator, settings and versions, as plain data.
+    """
+
+    time: NDArray[np.float64]
+    state: NDArray[np.float64]
+    force: NDArray[np.float64]
+    cart_mass: NDArray[np.float64]
+    half_length: NDArray[np.float64]
+    outcome: Outcome
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the shapes and freeze the arrays."""
+        count = len(self.time)
+        for name in _ARRAYS:
+            array = np.array(getattr(self, name), dtype=np.float64)
+            shape = (count, 4) if name == "state" else (count,)
+            if array.shape != shape:
+                raise InvalidValueError(name, f"must have shape {shape}", array.shape)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @property
+    def simulator(self) -> str:
+        """Name of the simulator, as the report calls it."""
+        return str(self.provenance.get("simulator", "unknown"))
+
+    def save(self, path: str | Path) -> None:
+        """Write the run to an npz file, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            The file to write.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written.
+        """
+        meta = {
+            "outcome": [self.outcome.kind, self.outcome.time],
+            "provenance": dict(self.provenance),
+        }
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        with atomic_file(Path(path)) as temporary, temporary.open("wb") as stream:
+            np.savez_compressed(stream, **arrays, meta=np.array(json.dumps(meta)))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """Read a run that `save` wrote.
+
+        Parameters
+        ----------
+        path
+            The file to read.
+
+        Raises
+        ------
+        FileError
+            If it cannot be read or is no such file.
+        """
+        try:
+            with np.load(Path(path), allow_pickle=False) as file:
+                meta = json.loads(str(file["meta"]))
+                kind, time = meta["outcome"]
+                arrays = {name: file[name] for name in _ARRAYS}
+            return cls(**arrays, outcome=Outcome(kind, float(time)), provenance=meta["provenance"])
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise FileError(str(path), f"cannot be read: {reason.lower()}") from None
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise FileError(str(path), f"is not a saved trajectory: {error}") from None
+
+
+@kernel
+def status_of(state):  # type: ignore[no-untyped-def]
+    """Return how a march stands at `state`: an index into `OUTCOMES`, 0 while all is well."""
+    if not np.all(np.abs(state) < STATE_LIMIT):
+        return 2
+    return 1 if abs(state[1]) >= FALL_ANGLE else 0
+
+
+def law_along(
+    scenario: Scenario, controller: Controller, times: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what the law is given at each of the `times`, shape (N, 7).
+
+    Parameters
+    ----------
+    scenario
+        Gives the true parameters.
+    controller
+        Gives belief and gains.
+    times
+        Instants [s], shape (N,).
+    """
+    return controller.law_inputs(
+        scenario.cart_mass(times),
+        scenario.half_length(times),
+        scenario.pole_mass,
+        scenario.gravity,
+    )
+
+
+def assemble(
+    scenario: Scenario,
+    controller: Controller,
+    simulator: str,
+    settings: Mapping[str, Any],
+    times: NDArray[np.float64],
+    states: NDArray[np.float64],
+    outcome: Outcome,
+    forces: NDArray[np.float64] | None = None,
+) -> Trajectory:
+    """Put a simulator's result together.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    simulator
+        Name of the simulator.
+    settings
+        Its settings, for the provenance.
+    times
+        The grid [s], shape (N,).
+    states
+        The states reached, shape (K, 4), K <= N.
+    outcome
+        How the run ended.
+    forces
+        Forces [N], shape (K,); by default the law's at each state.
+    """
+    reached = times[: len(states)]
+    if forces is None:
+        forces = controller.forces(states, law_along(scenario, controller, reached))
+    return Trajectory(
+        time=reached,
+        state=states,
+        force=forces,
+        cart_mass=scenario.cart_mass(reached),
+        half_length=scenario.half_length(reached),
+        outcome=outcome,
+        provenance={
+            "simulator": simulator,
+            "settings": dict(settings),
+            "scenario": scenario_to_table(scenario),
+            "controller": controller.describe(),
+            "versions": {name: version(name) for name in _PACKAGES},
+        },
+    )

@@ -1,0 +1,1 @@
+"""Is it true: metrics, criteria, checks, and the campaign that runs them."""

@@ -1,0 +1,141 @@
+"""Control performance of a run (Tier C): integrals, peaks, settling, the paper's objective (O1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, law_along
+
+Metrics = dict[str, float | None]
+"""Figures by name; ``None`` where a run has no such figure (never settled, never completed)."""
+
+STATES = ("z", "phi", "z_dot", "phi_dot")
+BANDS = {"2pc": 0.02, "5pc": 0.05}
+"""Settling bands as a share of the peak of the state."""
+
+UNITS: Mapping[str, str] = {
+    "objective": "1",
+    "iae_z": "m s",
+    "iae_phi": "rad s",
+    "itae_z": "m s^2",
+    "itae_phi": "rad s^2",
+    "max_force": "N",
+    "force_squared": "N^2 s",
+    "force_variation": "N",
+    "saturated_share": "1",
+    **{f"peak_{x}": u for x, u in zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True)},
+    **{f"overshoot_{x}": u for x, u in zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True)},
+    **{f"settling_{b}_{x}": "s" for b in BANDS for x in STATES},
+    "end_time": "s",
+}
+"""Unit of every metric."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectiveScales:
+    """What each term of (O1) is divided by (decision D4).
+
+    Attributes
+    ----------
+    iae_z
+        Integral of abs(z) [m s].
+    iae_phi
+        Integral of abs(phi) [rad s].
+    max_force
+        Largest abs(F) [N].
+    """
+
+    iae_z: float
+    iae_phi: float
+    max_force: float
+
+
+def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
+    """Return every metric of a run but the objective, which needs `with_objective`.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    run
+        Its trajectory.
+    """
+    time, state, force = run.time, run.state, run.force
+    law = law_along(scenario, controller, time)
+    saturated = np.abs(controller.saturation_ratio(state, law)) >= 1.0
+    figures: Metrics = {
+        "iae_z": _integral(np.abs(state[:, 0]), time),
+        "iae_phi": _integral(np.abs(state[:, 1]), time),
+        "itae_z": _integral(time * np.abs(state[:, 0]), time),
+        "itae_phi": _integral(time * np.abs(state[:, 1]), time),
+        "max_force": float(np.abs(force).max()),
+        "force_squared": _integral(force**2, time),
+        "force_variation": float(np.abs(np.diff(force)).sum()),
+        "saturated_share": _integral(saturated.astype(float), time) / max(time[-1], 1e-300),
+        "end_time": run.outcome.time,
+    }
+    for column, name in enumerate(STATES):
+        figures[f"peak_{name}"] = float(np.abs(state[:, column]).max())
+        figures[f"overshoot_{name}"] = _overshoot(state[:, column])
+        for label, share in BANDS.items():
+            settled = run.outcome.kind == COMPLETED
+            figures[f"settling_{label}_{name}"] = (
+                _settling_time(time, state[:, column], share) if settled else None
+            )
+    if run.outcome.kind != COMPLETED:  # an integral over part of the horizon compares with nothing
+        figures |= dict.fromkeys(("iae_z", "iae_phi", "itae_z", "itae_phi", "force_squared"))
+    return figures
+
+
+def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
+    """Return the metrics with the objective (O1) before them.
+
+    Parameters
+    ----------
+    figures
+        From `metrics`.
+    scales
+        The normalising constants.
+    """
+    terms = [(figures[name], getattr(scales, name)) for name in ("iae_z", "iae_phi", "max_force")]
+    known = [value / scale for value, scale in terms if value is not None]
+    objective = sum(known) if len(known) == len(terms) else None
+    return {"objective": objective, **figures}
+
+
+def objective_scales(figures: Metrics) -> ObjectiveScales:
+    """Return the scales that make the objective of these metrics 3.
+
+    Parameters
+    ----------
+    figures
+        Metrics of the fixed gains on the nominal plant (decision D4).
+    """
+    return ObjectiveScales(
+        **{name: figures[name] for name in ("iae_z", "iae_phi", "max_force")}  # type: ignore[arg-type]
+    )
+
+
+def _integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
+    """Return the integral over time by the trapezoidal rule."""
+    return float(np.trapezoid(values, time))
+
+
+def _overshoot(x: NDArray[np.float64]) -> float:
+    """Return how far a state passes its target 0; from rest at 0, how far it strays from it."""
+    start = x[0]
+    return float(max(0.0, (-np.sign(start) * x).max())) if start else float(np.abs(x).max())
+
+
+def _settling_time(time: NDArray[np.float64], x: NDArray[np.float64], share: float) -> float | None:
+    """Return when the state enters the band around 0 for good; None if it ends outside."""
+    outside = np.flatnonzero(np.abs(x) > share * np.abs(x).max())
+    if not len(outside):
+        return 0.0
+    return float(time[outside[-1] + 1]) if outside[-1] + 1 < len(time) else None
