@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -134,7 +135,7 @@ class Scenario:
                 push=self.push_at(start),
                 impulse=self.impulse_within(start, end),
             )
-            for start, end in zip(cuts, cuts[1:], strict=False)
+            for start, end in itertools.pairwise(cuts)
         )
 
     def parameters_at(self, time: float) -> CartPoleParameters:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -47,7 +48,7 @@ class Schedule:
             raise InvalidValueError(
                 "values", f"must be as many as times ({len(times)})", len(values)
             )
-        for before, after in zip(times, times[1:], strict=False):
+        for before, after in itertools.pairwise(times):
             if after < before:
                 raise InvalidValueError("times", "must increase", f"{after} after {before}")
         for first, third in zip(times, times[2:], strict=False):
@@ -178,7 +179,7 @@ def step(times: Sequence[float], values: Sequence[float]) -> Schedule:
         return constant(values[0])
     return Schedule(
         tuple(t for t in times for _ in range(2)),
-        tuple(v for pair in zip(values, values[1:], strict=False) for v in pair),
+        tuple(v for pair in itertools.pairwise(values) for v in pair),
     )
 
 
@@ -256,6 +257,6 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
 def _require_increasing(thing: str, times: Sequence[float]) -> None:
     """Raise unless the times are finite and strictly increasing."""
     finite = [require_finite(thing, t) for t in times]
-    for before, after in zip(finite, finite[1:], strict=False):
+    for before, after in itertools.pairwise(finite):
         if after <= before:
             raise InvalidValueError(thing, "must increase", f"{after} after {before}")

@@ -31,7 +31,7 @@ Strike = Callable[[NDArray[np.float64], float, float, float], NDArray[np.float64
 RTOL = 1e-12
 ATOL = 1e-14
 MAX_STEP = 0.02
-"""Longest step [s]: it bounds the error of the dense output, which the error control does not see."""
+"""Longest step [s]: bounds the error of the dense output, which the error control does not see."""
 
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 

@@ -28,10 +28,10 @@ choose_backend()
 import mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
-"""Half-size of the cart's box [m]: its inertia is that of a uniform box, which nothing here turns."""
+"""Half-size of the cart's box [m]; its inertia is that of a uniform box, and nothing turns it."""
 
 POLE_RADIUS = 0.02
-"""Radius of the pole [m]; it enters only the inertia about its own axis, which nothing here turns."""
+"""Radius of the pole [m]; it enters only the inertia about its own axis, and nothing turns it."""
 
 INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,

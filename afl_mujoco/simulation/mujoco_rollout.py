@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -193,7 +194,7 @@ def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray
     """
     half = 0.5 * (starts[1] - starts[0])
     edges = np.concatenate([[-np.inf], starts[:-1]]) + 1e-9 * half
-    return np.array([scenario.impulse_within(a, b) for a, b in zip(edges, edges[1:], strict=False)])
+    return np.array([scenario.impulse_within(a, b) for a, b in itertools.pairwise(edges)])
 
 
 @kernel

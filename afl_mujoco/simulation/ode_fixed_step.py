@@ -1,7 +1,7 @@
-"""The analytic equations marched in fixed steps: the twins of MuJoCo's continuous and sampled modes.
+"""The analytic equations in fixed steps: the twins of MuJoCo's continuous and sampled modes.
 
-`simulate_ode_rk4` is the textbook RK4 of the closed loop. `simulate_ode_held` solves the closed loop
-whose control is held and whose parameters are frozen in each step, as a deployed controller has it.
+`simulate_ode_rk4` is the textbook RK4 of the closed loop. `simulate_ode_held` solves the closed
+loop whose control is held and whose parameters are frozen in each step, as when it is deployed.
 """
 
 # mypy: disable-error-code="no-untyped-def"

@@ -1,0 +1,258 @@
+"""The cart-pole as a dm_control environment: `load`, the task, and the law as an agent."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite, require_positive
+from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.graphics import choose_backend
+from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+
+choose_backend()
+from dm_control.rl import control  # noqa: E402  (it reads MUJOCO_GL when imported)
+from dm_env import TimeStep, specs  # noqa: E402
+
+from afl_mujoco.simulation.mujoco_physics import Physics  # noqa: E402
+
+PHI_MARGIN = math.pi / 3
+"""Lean [rad] at which the reward's upright term is 0.1: the start of the paper's runs."""
+
+Z_MARGIN = 2.0
+"""Distance [m] at which the reward's centred term is 0.1."""
+
+FORCE_MARGIN = 100.0
+"""Force [N] at which the reward's effort term is 0.1."""
+
+ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
+"""What `load` leaves to ``environment_kwargs``; the rest it has to decide itself."""
+
+
+def reward(z: float, phi: float, force: float) -> float:
+    """Return the reward of `Balance`, smooth and within (0, 1].
+
+    With ``near(x, margin) = 1 / (1 + 9 (x / margin)^2)``, which is 1 at 0 and 0.1 at the margin:
+    ``near(phi, PHI_MARGIN) * (1 + near(z, Z_MARGIN)) / 2 * (4 + near(force, FORCE_MARGIN)) / 5``.
+    A product, as in the suite's cart-pole: to balance counts most, to centre the cart at most
+    halves it, effort costs at most a fifth. The long tails leave a slope to follow far from the
+    goal. It is 1 only for a pole at rest upright over z = 0, without force.
+
+    Parameters
+    ----------
+    z, phi, force
+        Cart position [m], pole angle [rad], force of the action [N].
+    """
+    upright, centred = _near(phi, PHI_MARGIN), _near(z, Z_MARGIN)
+    return upright * (1.0 + centred) / 2.0 * (4.0 + _near(force, FORCE_MARGIN)) / 5.0
+
+
+def _near(x: float, margin: float) -> float:
+    """Return 1 at zero, 0.1 at the margin, with a long tail."""
+    return 1.0 / (1.0 + 9.0 * (x / margin) ** 2)
+
+
+class Balance(control.Task):  # type: ignore[misc]
+    """Balance the pole and bring the cart to z = 0; an episode ends when the pole falls.
+
+    The observation is ``position`` (z, phi) [m, rad], ``velocity`` (z_dot, phi_dot) [m/s, rad/s]
+    and ``parameters`` (M, l) [kg, m], each at the instant of the observation, after what jumps
+    there. The action is the force on the cart [N], clipped to the limit and held until the next.
+    The discount is 0 where ``|phi|`` reaches `FALL_ANGLE` or the state diverges.
+
+    Parameters
+    ----------
+    force_limit
+        Largest force [N], below `STATE_LIMIT`.
+    initial_noise
+        Half-width of the uniform perturbation of phi(0) [rad].
+    random
+        Seed or `numpy.random.RandomState` of that perturbation.
+    observe_parameters
+        Whether M and l are observed.
+    """
+
+    def __init__(
+        self,
+        *,
+        force_limit: float = 1000.0,
+        initial_noise: float = 0.0,
+        random: int | np.random.RandomState | None = None,
+        observe_parameters: bool = True,
+    ) -> None:
+        self._limit = require_positive("force_limit", force_limit)
+        if self._limit >= STATE_LIMIT:
+            raise InvalidValueError("force_limit", f"must be below {STATE_LIMIT:g} N", self._limit)
+        self._noise = require_finite("initial_noise", initial_noise)
+        if self._noise < 0.0:
+            raise InvalidValueError("initial_noise", "must not be negative", initial_noise)
+        self._random = _random_state(random)
+        self._observe_parameters = observe_parameters
+
+    @property
+    def random(self) -> np.random.RandomState:
+        """The source of the initial perturbations."""
+        return self._random
+
+    def initialize_episode(self, physics: Physics) -> None:
+        """Put the plant into the scenario's initial state, perturbed if so asked."""
+        z, phi, z_dot, phi_dot = physics.scenario.initial_state
+        if self._noise > 0.0:
+            phi += self._random.uniform(-self._noise, self._noise)
+        physics.begin((z, phi, z_dot, phi_dot))
+
+    def action_spec(self, physics: Physics) -> specs.BoundedArray:
+        """Return the bounds of the force [N]."""
+        return specs.BoundedArray((1,), np.float64, -self._limit, self._limit, name="force [N]")
+
+    def before_step(self, action: ArrayLike, physics: Physics) -> None:
+        """Hold the clipped action over the coming physics steps; refuse one that is not finite."""
+        values = np.asarray(action, dtype=np.float64)
+        if values.shape != (1,):
+            raise InvalidValueError("action", "must have shape (1,)", values.shape)
+        force = require_finite("action", values[0])
+        physics.data.ptr.ctrl[0] = min(max(force, -self._limit), self._limit)
+
+    def get_observation(self, physics: Physics) -> OrderedDict[str, NDArray[np.float64]]:
+        """Return position, velocity and, if so asked, parameters at this instant."""
+        observation = OrderedDict(position=physics.position(), velocity=physics.velocity())
+        if self._observe_parameters:
+            observation["parameters"] = physics.parameters()
+        return observation
+
+    def get_reward(self, physics: Physics) -> float:
+        """Return `reward` after the step, 0 if the state has diverged."""
+        if physics.diverged():
+            return 0.0
+        z, phi = physics.data.ptr.qpos
+        return reward(float(z), float(phi), float(physics.data.ptr.ctrl[0]))
+
+    def get_termination(self, physics: Physics) -> float | None:
+        """Return discount 0 if the pole has fallen or the state has diverged."""
+        fallen = abs(physics.data.ptr.qpos[1]) >= FALL_ANGLE
+        return 0.0 if fallen or physics.diverged() else None
+
+
+def _random_state(random: Any) -> np.random.RandomState:
+    """Return the random state that dm_control's suite would make of its argument `random`."""
+    if isinstance(random, np.random.RandomState):
+        return random
+    try:
+        return np.random.RandomState(random)
+    except (TypeError, ValueError):
+        rule = "must be a seed from 0 to 2**32 - 1, a numpy.random.RandomState or None"
+        raise InvalidValueError("random", rule, repr(random)) from None
+
+
+def load(
+    scenario: str | Path | Scenario = "nominal",
+    *,
+    timestep: float = 1e-3,
+    control_period: float | None = None,
+    integrator: str = "RK4",
+    force_limit: float = 1000.0,
+    initial_noise: float = 0.0,
+    random: int | np.random.RandomState | None = None,
+    observe_parameters: bool = True,
+    environment_kwargs: Mapping[str, Any] | None = None,
+) -> control.Environment:
+    """Return a scenario as a dm_control environment, as `dm_control.suite.load` does.
+
+    Parameters
+    ----------
+    scenario
+        A name of the catalogue, a TOML file or a `Scenario`.
+    timestep
+        Physics step [s], at each of which the plant changes.
+    control_period
+        How long an action is held [s], a multiple of `timestep` (default: one step).
+    integrator
+        MuJoCo's integrator, as of `simulate_mujoco`.
+    force_limit, initial_noise, random, observe_parameters
+        As of `Balance`.
+    environment_kwargs
+        ``flat_observation`` or ``time_limit`` [s], which is the scenario's duration by default;
+        beyond that the plant keeps its last parameters.
+
+    Returns
+    -------
+    dm_control.rl.control.Environment
+        The environment, its task a `Balance`, its physics a `Physics`.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = find_scenario(str(scenario))
+    period = timestep if control_period is None else control_period
+    hold = whole_steps("control_period", period, "timestep", timestep)
+    task = Balance(
+        force_limit=force_limit,
+        initial_noise=initial_noise,
+        random=random,
+        observe_parameters=observe_parameters,
+    )
+    if initial_noise > 0.0 and abs(scenario.initial_state[1]) + initial_noise >= FALL_ANGLE:
+        raise InvalidValueError(
+            "initial_noise", "must not let the pole start fallen", initial_noise
+        )
+    # Half a step early, lest round-off in the division by the period add a period.
+    settings = {"time_limit": scenario.duration - 0.5 * timestep, **(environment_kwargs or {})}
+    for key in settings:
+        if key not in ENVIRONMENT_KEYS:
+            raise UnknownNameError.among("environment_kwargs", key, ENVIRONMENT_KEYS)
+    if settings["time_limit"] != math.inf:
+        require_positive("time_limit", settings["time_limit"])
+    physics = Physics(scenario, timestep=timestep, integrator=integrator)
+    return control.Environment(physics, task, n_sub_steps=hold, legacy_step=False, **settings)
+
+
+def law_policy(
+    controller: Controller, scenario: Scenario
+) -> Callable[[TimeStep], NDArray[np.float64]]:
+    """Return the agent that runs a control law on the observation.
+
+    Through it an environment repeats `simulate_mujoco` in sampled mode, bit for bit.
+
+    Parameters
+    ----------
+    controller
+        The law.
+    scenario
+        Gives the constants m and g.
+
+    Returns
+    -------
+    callable
+        From a `dm_env.TimeStep` to an action. It raises `LawDomainError` at a pole angle where the
+        law has no value, and `InvalidValueError` if the observation lacks what the law needs.
+    """
+
+    def policy(time_step: TimeStep) -> NDArray[np.float64]:
+        seen = time_step.observation
+        for name in ("position", "velocity", "parameters"):
+            if name not in seen:
+                raise InvalidValueError("observation", f"must hold {name!r}", ", ".join(seen))
+        cart_mass, half_length = seen["parameters"].tolist()
+        truth = CartPoleParameters(
+            cart_mass=cart_mass,
+            pole_mass=scenario.pole_mass,
+            half_length=half_length,
+            gravity=scenario.gravity,
+        )
+        state = np.concatenate([seen["position"], seen["velocity"]])
+        return np.array([controller.force(state, truth)])
+
+    return policy

@@ -1,0 +1,247 @@
+"""The campaign: every scenario x controller x simulator, judged; the same bits from any workers."""
+
+from __future__ import annotations
+
+import multiprocessing
+import platform
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from afl_mujoco.control.controllers import CONTROLLERS, Controller
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.ode import simulate_ode
+from afl_mujoco.simulation.trajectory import law_along
+from afl_mujoco.validation.closed_loop_checks import (
+    Settings,
+    closed_loop_checks,
+    closed_loop_runs,
+)
+from afl_mujoco.validation.criteria import Check
+from afl_mujoco.validation.decisions import DECISIONS
+from afl_mujoco.validation.equation_checks import equation_checks
+from afl_mujoco.validation.metrics import (
+    Metrics,
+    ObjectiveScales,
+    metrics,
+    objective_scales,
+    with_objective,
+)
+
+REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
+"""Simulators whose metrics the report gives; the others are references of checks."""
+
+_PACKAGES = ("afl_mujoco", "mujoco", "dm_control", "numpy", "scipy", "numba")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """One simulated run of the report.
+
+    Attributes
+    ----------
+    scenario, controller, simulator
+        What was simulated, in what.
+    outcome
+        How it ended.
+    metrics
+        Its figures.
+    """
+
+    scenario: str
+    controller: str
+    simulator: str
+    outcome: str
+    metrics: Metrics
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the run as plain data."""
+        return {
+            "scenario": self.scenario,
+            "controller": self.controller,
+            "simulator": self.simulator,
+            "outcome": self.outcome,
+            "metrics": self.metrics,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """The result of a campaign.
+
+    Attributes
+    ----------
+    checks
+        Every judged figure.
+    runs
+        Every run's metrics.
+    """
+
+    checks: tuple[Check, ...]
+    runs: tuple[Run, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check holds, and there is one."""
+        return bool(self.checks) and all(check.passed for check in self.checks)
+
+    @property
+    def failed_checks(self) -> tuple[Check, ...]:
+        """The checks that do not hold."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as plain data, schema 1."""
+        versions = {name: version(name) for name in _PACKAGES}
+        return {
+            "schema": 1,
+            "verdict": "pass" if self.passed else "fail",
+            "versions": {**versions, "python": platform.python_version()},
+            "checks": [check.to_dict() for check in self.checks],
+            "runs": [run.to_dict() for run in self.runs],
+            "claims": [],
+            "decisions": dict(DECISIONS),
+        }
+
+
+Pair = tuple[Scenario, Controller, Settings]
+Judged = tuple[tuple[Check, ...], tuple[Run, ...]]
+
+
+def run_campaign(
+    scenarios: Sequence[Scenario],
+    controllers: Sequence[Controller],
+    settings: Settings,
+    *,
+    workers: int = 1,
+    progress: Callable[[str], None] = lambda done: None,
+) -> Report:
+    """Judge every scenario with every controller.
+
+    Parameters
+    ----------
+    scenarios, controllers
+        What to combine.
+    settings
+        Step sizes.
+    workers
+        Processes to share the work among; the result does not depend on it.
+    progress
+        Called with the name of each pair as it is done.
+
+    Returns
+    -------
+    Report
+        Checks and runs, in the order of the arguments.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule; nothing is run then.
+    """
+    if workers < 1:
+        raise InvalidValueError("workers", "must be at least 1", workers)
+    pairs = [(s, c, settings) for s in scenarios for c in controllers]
+    _require_runnable(pairs)
+    judged: list[Judged] = []
+    checks = list(equation_checks())
+    scales = nominal_scales(settings)
+    with _mapper(min(workers, len(pairs))) as mapper:
+        for (scenario, controller, _), result in zip(pairs, mapper(judge, pairs), strict=True):
+            judged.append(result)
+            progress(f"{scenario.name} / {controller.name}")
+    runs = [run for _, pair_runs in judged for run in pair_runs]
+    for pair_checks, _ in judged:
+        checks += pair_checks
+    return Report(checks=tuple(checks), runs=tuple(_with_objective(run, scales) for run in runs))
+
+
+def judge(pair: Pair) -> Judged:
+    """Run and judge one scenario with one controller.
+
+    Parameters
+    ----------
+    pair
+        Scenario, controller and settings.
+
+    Returns
+    -------
+    tuple
+        The checks, and the runs of `REPORTED` with their metrics.
+    """
+    scenario, controller, settings = pair
+    runs = closed_loop_runs(scenario, controller, settings)
+    reported = tuple(
+        Run(
+            scenario=scenario.name,
+            controller=controller.name,
+            simulator=name,
+            outcome=str(runs[name].outcome),
+            metrics=metrics(scenario, controller, runs[name]),
+        )
+        for name in REPORTED
+    )
+    return closed_loop_checks(scenario, controller, runs), reported
+
+
+def nominal_scales(settings: Settings) -> ObjectiveScales:
+    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
+
+    Parameters
+    ----------
+    settings
+        Gives the grid on which the integrals are taken.
+    """
+    scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
+    run = simulate_ode(scenario, controller, sample_period=settings.timestep)
+    return objective_scales(metrics(scenario, controller, run))
+
+
+def _with_objective(run: Run, scales: ObjectiveScales) -> Run:
+    """Return the run with its objective."""
+    return Run(
+        scenario=run.scenario,
+        controller=run.controller,
+        simulator=run.simulator,
+        outcome=run.outcome,
+        metrics=with_objective(run.metrics, scales),
+    )
+
+
+def _require_runnable(pairs: Iterable[Pair]) -> None:
+    """Raise before anything is run if a pair cannot be."""
+    for scenario, controller, settings in pairs:
+        whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
+        whole_steps("duration", scenario.duration, "timestep", settings.timestep)
+        law_along(scenario, controller, np.array([0.0, *scenario.breakpoints]))
+
+
+@contextmanager
+def _mapper(workers: int) -> Iterator[Callable[..., Iterable[Judged]]]:
+    """Give a `map` that keeps the order, over processes if there are several workers."""
+    if workers == 1:
+        yield map
+        return
+    executor = ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),  # Ctrl-C is the parent's to answer
+    )
+    try:
+        yield executor.map
+    except BaseException:
+        for process in list(executor._processes.values()):
+            process.terminate()
+        raise
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,141 @@
+"""Checks of the closed loop, MuJoCo against the analytic model: A5, B1, B2b and B3."""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.ode import simulate_ode
+from afl_mujoco.simulation.ode_fixed_step import rk4_step, simulate_ode_held, simulate_ode_rk4
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.validation.criteria import CRITERIA, Check
+
+WELL_CONDITIONED = 1.4
+"""Angle [rad] beyond which a run that falls is not compared: the law amplifies round-off there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Step sizes of a campaign.
+
+    Attributes
+    ----------
+    timestep
+        Physics step of MuJoCo [s].
+    control_period
+        How long sampled mode holds the control [s].
+    """
+
+    timestep: float = 1e-3
+    control_period: float = 1e-3
+
+
+def closed_loop_runs(
+    scenario: Scenario, controller: Controller, settings: Settings
+) -> dict[str, Trajectory]:
+    """Simulate a scenario in every simulator that the checks compare, by name.
+
+    Parameters
+    ----------
+    scenario, controller
+        What happens and what is commanded.
+    settings
+        Step sizes.
+    """
+    h, period = settings.timestep, settings.control_period
+    runs = (
+        simulate_ode(scenario, controller, sample_period=h),
+        simulate_mujoco(scenario, controller, "exact", timestep=h),
+        simulate_mujoco(scenario, controller, "continuous", timestep=h),
+        simulate_mujoco(scenario, controller, "sampled", timestep=h, control_period=period),
+        simulate_ode_rk4(scenario, controller, timestep=h),
+        simulate_ode_held(scenario, controller, timestep=h, control_period=period),
+    )
+    return {run.simulator: run for run in runs}
+
+
+def closed_loop_checks(
+    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory]
+) -> tuple[Check, ...]:
+    """Judge the runs of one scenario and controller.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    runs
+        From `closed_loop_runs`.
+    """
+    values = {
+        "A5": one_step_difference(scenario, runs["mujoco sampled"]),
+        "B1": state_difference(runs["mujoco exact"], runs["ode"]),
+        "B2b": state_difference(runs["mujoco continuous"], runs["ode RK4"]),
+        "B3": state_difference(runs["mujoco sampled"], runs["ode held"]),
+    }
+    return tuple(
+        CRITERIA[id].judge(value, scenario.name, controller.name) for id, value in values.items()
+    )
+
+
+def state_difference(one: Trajectory, other: Trajectory) -> float:
+    """Return the largest difference of any state at any instant that both runs report.
+
+    Runs that did not both end the same way differ infinitely. Of runs that both fell, the part
+    before `WELL_CONDITIONED` is compared.
+
+    Parameters
+    ----------
+    one, other
+        The runs.
+    """
+    if one.outcome.kind != other.outcome.kind:
+        return math.inf
+    count = min(len(one.time), len(other.time))
+    if one.outcome.kind == COMPLETED and len(one.time) != len(other.time):
+        return math.inf
+    if not np.allclose(one.time[:count], other.time[:count], rtol=0.0, atol=1e-9):
+        return math.inf
+    difference = np.abs(one.state[:count] - other.state[:count])
+    if one.outcome.kind != COMPLETED:
+        steep = np.abs(one.state[:count, 1]) > WELL_CONDITIONED
+        difference = difference[: int(np.argmax(steep)) if steep.any() else count]
+    return float(difference.max()) if difference.size else 0.0
+
+
+def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
+    """Return the largest difference between a MuJoCo step of a sampled run and a textbook RK4 step.
+
+    Parameters
+    ----------
+    scenario
+        What was simulated.
+    run
+        A run of sampled mode with MuJoCo's RK4.
+    """
+    timestep = float(run.provenance["settings"]["timestep"])
+    middles = run.time[:-1] + 0.5 * timestep
+    plants = np.empty((len(middles), 4))
+    plants[:, 0], plants[:, 1] = scenario.cart_mass(middles), scenario.pole_mass
+    plants[:, 2], plants[:, 3] = scenario.half_length(middles), scenario.gravity
+    forces = run.force[:-1] + scenario.pushes(middles)
+    return float(_one_step_difference(run.state, forces, plants, timestep))
+
+
+@kernel
+def _one_step_difference(states, forces, plants, timestep):
+    """Return the largest difference between each state and an RK4 step from the one before."""
+    worst = 0.0
+    for k in range(len(forces)):
+        after = rk4_step(states[k], forces[k], plants[k], timestep)
+        difference = np.abs(states[k + 1] - after).max()
+        if not difference <= worst:
+            worst = difference
+    return worst
