@@ -6,7 +6,7 @@ import contextlib
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -61,13 +61,14 @@ class Validate:
         from afl_mujoco.reporting.tables import print_report, write_report
         from afl_mujoco.scenario.catalogue import SCENARIOS
         from afl_mujoco.scenario.files import find_scenario
-        from afl_mujoco.validation.campaign import run_campaign
+        from afl_mujoco.validation.campaign import require_runnable, run_campaign
         from afl_mujoco.validation.closed_loop_checks import Settings
 
         scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
         controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period)
+        require_runnable(scenarios, controllers, settings, self.workers)
         folder = output_folder(self.out)
         with _progress(len(scenarios) * len(controllers)) as progress:
             report = run_campaign(
@@ -122,8 +123,8 @@ class Simulate:
             raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
-        folder = output_folder(self.out)
         runs = [self._simulate(scenario, controller, simulator) for simulator in simulators]
+        folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
         save_scenario(scenario, folder / f"{scenario.name}.toml")
@@ -185,7 +186,7 @@ def _parse(arguments: Sequence[str] | None) -> Validate | Simulate:
     try:
         with contextlib.redirect_stderr(complaint):
             command: Validate | Simulate = tyro.cli(
-                Validate | Simulate,  # type: ignore[arg-type]
+                Validate | Simulate,
                 prog=PROGRAM,
                 description="Compare a cart-pole controller in MuJoCo with its ideal equations.\n\n"
                 "Example: afl-mujoco validate step-step",
@@ -202,7 +203,7 @@ def _parse(arguments: Sequence[str] | None) -> Validate | Simulate:
 
 
 @contextlib.contextmanager
-def _progress(total: int):  # type: ignore[no-untyped-def]
+def _progress(total: int) -> Iterator[Callable[[str], None]]:
     """Give a callable that advances a bar on stderr; silent when that is no terminal."""
     from rich.console import Console
     from rich.progress import Progress

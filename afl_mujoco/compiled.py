@@ -46,7 +46,7 @@ class _UserProvided(_Stamped, caching.UserProvidedCacheLocator):
 
 
 class _CacheImplementation(caching.CompileResultCacheImpl):
-    _locator_classes = (_UserProvided, _InTree, _UserWide)
+    _locator_classes: list[Any] = [_UserProvided, _InTree, _UserWide]  # noqa: RUF012 (as the base class declares it)
 
 
 class _Cache(caching.FunctionCache):
@@ -66,6 +66,6 @@ def kernel(function: Callable[..., Any]) -> Any:
     Any
         The compiled function.
     """
-    dispatcher = njit(nogil=True, error_model="numpy")(function)
-    dispatcher._cache = _Cache(dispatcher.py_func)
+    dispatcher: Any = njit(nogil=True, error_model="numpy")(function)
+    dispatcher._cache = _Cache(dispatcher.py_func)  # type: ignore[no-untyped-call]
     return dispatcher

@@ -22,7 +22,7 @@ _alpha, _beta, _linearizing_force = fl.alpha, fl.beta, fl.linearizing_force
 
 
 @register_jitable
-def sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope):  # type: ignore[no-untyped-def]
+def sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope):
     """Return s of Eq. (L8) and a of Eq. (L9)."""
     x1 = _xi1(z, phi, half_length)
     x2 = _xi2(z_dot, phi, phi_dot, half_length)
@@ -33,7 +33,7 @@ def sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope):  # t
 
 
 @register_jitable
-def _force(  # type: ignore[no-untyped-def]
+def _force(
     z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity, switching, slope, layer
 ):
     """Return F of Eqs. (L1) and (L10)."""
@@ -44,7 +44,7 @@ def _force(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def force_kernel(  # type: ignore[no-untyped-def]
+def force_kernel(
     z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity, switching, slope, layer
 ):
     """Return the force [N] of the law, or NaN where it has no value (``|phi| >= pi/2``).
@@ -60,7 +60,7 @@ def force_kernel(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def force_given(state, law):  # type: ignore[no-untyped-def]
+def force_given(state, law):
     """Return the force at one state.
 
     Parameters
@@ -77,7 +77,7 @@ def force_given(state, law):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def forces_along(states, law):  # type: ignore[no-untyped-def]
+def forces_along(states, law):
     """Return the force at each of many states, shape (N,).
 
     Parameters

@@ -19,7 +19,7 @@ from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 
 
 @kernel
-def scheduled_force(z, phi, z_dot, phi_dot, believed, w):  # type: ignore[no-untyped-def]
+def scheduled_force(z, phi, z_dot, phi_dot, believed, w):
     """Return the force [N] of the law with the gains of (G1), or NaN where it has no value.
 
     Parameters
@@ -41,7 +41,7 @@ def scheduled_force(z, phi, z_dot, phi_dot, believed, w):  # type: ignore[no-unt
 
 
 @kernel
-def _gains_along(cart_mass, half_length, coefficients):  # type: ignore[no-untyped-def]
+def _gains_along(cart_mass, half_length, coefficients):
     """Return (K, lambda, Phi) of (G1) for each plant, shape (N, 3)."""
     gains = np.empty((len(cart_mass), 3))
     for i in range(len(cart_mass)):

@@ -1,12 +1,10 @@
 """Approximate feedback linearisation: the input map (L1) and the coordinates (L2)-(L7).
 
 Plain functions of floats or arrays that also compile. They are singular at ``|phi| = pi/2``;
-callers keep away from it. `phi`, `phi_dot` in rad and rad/s, `half_length` l in m, `gravity` g in m/s^2.
+callers keep away from it. Units: `phi` rad, `phi_dot` rad/s, `half_length` l m, `gravity` g m/s^2.
 """
 
 # One-letter and Greek names are the paper's; every function is one numbered equation.
-# mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 import numpy as np

@@ -18,7 +18,7 @@ GAIN_NAMES = ("switching", "slope", "boundary_layer")
 
 
 @register_jitable
-def scheduled_gain(cart_mass, half_length, w):  # type: ignore[no-untyped-def]
+def scheduled_gain(cart_mass, half_length, w):
     """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1).
 
     Parameters

@@ -3,8 +3,6 @@
 `coordinates` are the values (xi1, xi2, xi3, xi4) of (L2)-(L5). Floats or arrays; compiles.
 """
 
-# mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 import numpy as np

@@ -14,7 +14,7 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
 @register_jitable
-def determinant(phi, cart_mass, pole_mass):  # type: ignore[no-untyped-def]
+def determinant(phi, cart_mass, pole_mass):
     """Return D = 4/3 (M + m) - m cos^2(phi) [kg], the denominator of (P3) and (P4).
 
     Parameters
@@ -28,7 +28,7 @@ def determinant(phi, cart_mass, pole_mass):  # type: ignore[no-untyped-def]
 
 
 @register_jitable
-def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):  # type: ignore[no-untyped-def]
+def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
     """Return z'' [m/s^2], Eq. (P3).
 
     Parameters
@@ -48,7 +48,7 @@ def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gr
 
 
 @register_jitable
-def pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):  # type: ignore[no-untyped-def]
+def pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
     """Return phi'' [rad/s^2], Eq. (P4).
 
     Parameters

@@ -48,4 +48,5 @@ def linear_momentum(state: ArrayLike, parameters: CartPoleParameters) -> NDArray
         Momentum [kg m/s], shape (...).
     """
     s = np.asarray(state, dtype=np.float64)
-    return np.einsum("...j,...j", mass_matrix(s, parameters)[..., 0, :], s[..., 2:])
+    row = mass_matrix(s, parameters)[..., 0, :]
+    return np.asarray(np.einsum("...j,...j", row, s[..., 2:]))

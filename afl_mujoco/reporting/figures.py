@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -17,16 +20,17 @@ _STATE_PANELS = (
     ("pole angle φ [rad]", 1),
     ("pole rate φ′ [rad/s]", 3),
 )
-_STYLES = ({"lw": 2.4, "alpha": 0.45}, {"lw": 1.1, "ls": "--"}, {"lw": 1.0, "ls": ":"})
+_INPUT_LABELS = ("force F [N]", "cart mass M [kg]", "half-length l [m]")
+_STYLES: tuple[dict[str, Any], ...] = ({"lw": 2.4, "alpha": 0.45}, {"lw": 1.1, "ls": "--"})
 
 
 def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
-    """Draw z, z', phi, phi', F, M and l over time, the runs overlaid.
+    """Draw z, z', phi, phi', F, M and l over time, and how far two runs are apart.
 
     Parameters
     ----------
     runs
-        One run, or several of the same scenario.
+        One run, or two of the same scenario, which are overlaid.
     title
         Above the figure.
     """
@@ -34,28 +38,41 @@ def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 2, sharex=True).ravel()
     for run, style in zip(runs, _STYLES, strict=False):
-        for axis, (label, column) in zip(axes, _STATE_PANELS, strict=False):
-            axis.plot(run.time, run.state[:, column], label=run.simulator, **style)
-            axis.set_ylabel(label)
-        axes[4].plot(run.time, run.force, label=run.simulator, **style)
-        axes[5].plot(run.time, run.cart_mass, **style)
-        axes[6].plot(run.time, run.half_length, **style)
-    for axis, label in zip(
-        axes[4:7], ("force F [N]", "cart mass M [kg]", "half-length l [m]"), strict=True
-    ):
+        curves = [run.state[:, column] for _, column in _STATE_PANELS]
+        curves += [run.force, run.cart_mass, run.half_length]
+        for axis, curve in zip(axes, curves, strict=False):
+            axis.plot(run.time, curve, label=run.simulator, **style)
+    labels = [label for label, _ in _STATE_PANELS] + list(_INPUT_LABELS)
+    for axis, label in zip(axes, labels, strict=False):
         axis.set_ylabel(label)
-    for axis in axes[:7]:
+    for axis in axes[5:7]:
+        axis.set_ylim(bottom=0.0)
+    for axis in axes:
         axis.grid(alpha=0.3)
         axis.margins(x=0.01)
-        axis.tick_params(labelbottom=axis in axes[5:7])
-    for axis in axes[5:7]:
+    for axis in axes[6:]:
         axis.set_xlabel("time t [s]")
-        axis.set_ylim(bottom=0.0)
-    handles, labels = axes[0].get_legend_handles_labels()
-    axes[7].axis("off")
-    axes[7].legend(handles, labels, loc="center", frameon=False, fontsize="large")
+    axes[0].legend(frameon=False)
+    if len(runs) > 1:
+        _draw_difference(axes[7], runs[0], runs[1])
+    else:
+        axes[7].axis("off")
+        axes[5].tick_params(labelbottom=True)
+        axes[5].set_xlabel("time t [s]")
     figure.suptitle(title)
     return figure
+
+
+def _draw_difference(axis: Axes, one: Trajectory, other: Trajectory) -> None:
+    """Draw how far two runs are apart, at the instants that both report."""
+    time, here, there = np.intersect1d(one.time, other.time, return_indices=True)
+    difference = np.abs(one.state[here] - other.state[there])
+    for label, column in _STATE_PANELS:
+        symbol = label.split()[-2]
+        axis.semilogy(time, difference[:, column], lw=0.9, label=symbol)
+    axis.set_ylim(bottom=max(1e-17, axis.get_ylim()[0]))
+    axis.set_ylabel("|difference| [SI]")
+    axis.legend(ncols=4, frameon=False, fontsize="small")
 
 
 def save_figure(figure: Figure, path: Path) -> None:

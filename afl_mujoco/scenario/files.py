@@ -180,7 +180,8 @@ def _schedule(value: object) -> Schedule:
     arguments = {key: _list(key, value[key]) if key in _LISTS else value[key] for key in keys}
     if "pieces" in arguments:
         arguments["pieces"] = [_piece(i, piece) for i, piece in enumerate(arguments["pieces"])]
-    return build(**arguments)
+    schedule: Schedule = build(**arguments)
+    return schedule
 
 
 def _piece(index: int, value: object) -> Schedule:
@@ -194,8 +195,10 @@ def _piece(index: int, value: object) -> Schedule:
 def _disturbance(index: int, value: object) -> ForcePulse | Impulse:
     """Build a disturbance from its table."""
     try:
-        build, keys = _shape(_table("entry", value), _DISTURBANCES)
-        return build(**{key: value[key] for key in keys})  # type: ignore[index]
+        table = _table("entry", value)
+        build, keys = _shape(table, _DISTURBANCES)
+        disturbance: ForcePulse | Impulse = build(**{key: table[key] for key in keys})
+        return disturbance
     except AflMujocoError as error:
         raise error.within(f"disturbances[{index}].") from None
 

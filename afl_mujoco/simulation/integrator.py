@@ -7,6 +7,7 @@ what differs between two of its results is the right-hand side alone.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +94,7 @@ def integrate(
             state[2:] += strike(state, mass, length, segment.impulse)
         last = segment.end == scenario.duration
         inside = (times >= segment.start) & ((times < segment.end) | last)
-        solution = solve_ivp(
+        solution = solve_ivp(  # type: ignore[call-overload]
             _right_hand_side(derivative, segment),
             (segment.start, segment.end),
             state,
@@ -125,7 +126,7 @@ def _right_hand_side(
     return right_hand_side
 
 
-def _premature_end(solution, state: NDArray[np.float64], segment: Segment) -> Outcome:  # type: ignore[no-untyped-def]
+def _premature_end(solution: Any, state: NDArray[np.float64], segment: Segment) -> Outcome:
     """Say how a segment that did not reach its end ended."""
     fell, diverged = solution.t_events
     if len(fell):

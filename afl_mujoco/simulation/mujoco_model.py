@@ -4,8 +4,6 @@ Compiled loops reach MuJoCo's structures through an array of addresses and its l
 `numba.types.ExternalFunction`, so that no interpreter stands in their way.
 """
 
-# mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -67,9 +65,8 @@ Z, PHI, Z_DOT, PHI_DOT, CONTROL, PUSH, Z_DDOT, PHI_DDOT = 12, 13, 14, 15, 16, 17
 _DOUBLE = ir.DoubleType()
 
 
-@intrinsic
-def load(typingctx: Any, address: Any) -> Any:
-    """Compiled code only: return the double at `address`."""
+def _load(typingctx: Any, address: Any) -> Any:
+    """Return the double at `address`."""
 
     def generate(context, builder, signature, arguments):
         return builder.load(builder.inttoptr(arguments[0], _DOUBLE.as_pointer()), typ=_DOUBLE)
@@ -77,15 +74,21 @@ def load(typingctx: Any, address: Any) -> Any:
     return types.float64(types.int64), generate
 
 
-@intrinsic
-def store(typingctx: Any, address: Any, value: Any) -> Any:
-    """Compiled code only: write the double `value` to `address`."""
+def _store(typingctx: Any, address: Any, value: Any) -> Any:
+    """Write the double `value` to `address`."""
 
     def generate(context, builder, signature, arguments):
         builder.store(arguments[1], builder.inttoptr(arguments[0], _DOUBLE.as_pointer()))
         return context.get_dummy_value()
 
     return types.void(types.int64, types.float64), generate
+
+
+load: Any = intrinsic(_load)
+"""Compiled code only: ``load(address)`` is the double at `address`."""
+
+store: Any = intrinsic(_store)
+"""Compiled code only: ``store(address, value)`` writes the double `value` to `address`."""
 
 
 @kernel

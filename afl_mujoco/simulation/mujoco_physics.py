@@ -1,7 +1,5 @@
 """A dm_control Physics whose plant follows a scenario, physics step by physics step."""
 
-# mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -32,7 +30,7 @@ _M_MIDDLE, _L_MIDDLE, _PUSH, _IMPULSE, _M, _L = range(6)
 def _course(scenario: Scenario, timestep: float) -> NDArray[np.float64]:
     """Return what the plant meets at each instant, shape (N + 1, 6); the last row holds forever."""
     count = whole_steps("duration", scenario.duration, "timestep", timestep)
-    index = np.arange(count + 1)
+    index = np.arange(count + 1, dtype=np.float64)
     starts, middles = index * timestep, (index[:-1] + 0.5) * timestep
     course = np.zeros((count + 1, 6))
     course[:, _M] = scenario.cart_mass(starts)
@@ -115,7 +113,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.scenario = scenario
         self._course = _course(scenario, timestep)
         self._constants = (scenario.pole_mass, scenario.gravity)
-        self._settings = {"timestep": timestep, "integrator": integrator}
+        self._timestep, self._integrator = timestep, integrator
         self._model = mm.CartPoleModel(
             scenario.parameters_at(0.0), file="scene.xml", timestep=timestep, integrator=integrator
         )
@@ -127,7 +125,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     @property
     def _instant(self) -> int:
         """Number of steps since t = 0."""
-        return round(self.data.ptr.time / self._settings["timestep"])
+        return round(float(self.data.ptr.time) / self._timestep)
 
     def _now(self) -> NDArray[np.float64]:
         """Return the row of the course that starts now, shape (6,)."""
@@ -193,14 +191,15 @@ class Physics(DmPhysics):  # type: ignore[misc]
         reached = _advance(
             self._model.addresses, self._course, self._constants, self._instant, nstep
         )
-        self.data.ptr.time = reached * self._settings["timestep"]
+        self.data.ptr.time = reached * self._timestep
 
     def __getstate__(self) -> tuple[Any, ...]:
-        return self.scenario, self._settings, self.get_state(mujoco.mjtState.mjSTATE_INTEGRATION)
+        vector = self.get_state(mujoco.mjtState.mjSTATE_INTEGRATION)
+        return self.scenario, self._timestep, self._integrator, vector
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        scenario, settings, vector = state
-        self.__init__(scenario, **settings)  # type: ignore[misc]
+        scenario, timestep, integrator, vector = state
+        self.__init__(scenario, timestep=timestep, integrator=integrator)  # type: ignore[misc]
         self.set_state(vector, mujoco.mjtState.mjSTATE_INTEGRATION)
         self.forward()
 

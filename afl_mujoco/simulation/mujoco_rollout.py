@@ -1,7 +1,5 @@
 """The closed loop in MuJoCo: exact, continuous and sampled mode."""
 
-# mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 import itertools

@@ -1,7 +1,5 @@
 """The analytic reference: (P3), (P4) under the law, integrated to tight tolerance."""
 
-# mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 import numpy as np

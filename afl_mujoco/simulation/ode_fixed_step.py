@@ -4,8 +4,6 @@
 loop whose control is held and whose parameters are frozen in each step, as when it is deployed.
 """
 
-# mypy: disable-error-code="no-untyped-def"
-
 from __future__ import annotations
 
 import numpy as np

@@ -148,7 +148,7 @@ class Trajectory:
 
 
 @kernel
-def status_of(state):  # type: ignore[no-untyped-def]
+def status_of(state):
     """Return how a march stands at `state`: an index into `OUTCOMES`, 0 while all is well."""
     if not np.all(np.abs(state) < STATE_LIMIT):
         return 2

@@ -148,10 +148,8 @@ def run_campaign(
     AflMujocoError
         If a setting breaks its rule; nothing is run then.
     """
-    if workers < 1:
-        raise InvalidValueError("workers", "must be at least 1", workers)
+    require_runnable(scenarios, controllers, settings, workers)
     pairs = [(s, c, settings) for s in scenarios for c in controllers]
-    _require_runnable(pairs)
     judged: list[Judged] = []
     checks = list(equation_checks())
     scales = nominal_scales(settings)
@@ -217,12 +215,40 @@ def _with_objective(run: Run, scales: ObjectiveScales) -> Run:
     )
 
 
-def _require_runnable(pairs: Iterable[Pair]) -> None:
-    """Raise before anything is run if a pair cannot be."""
-    for scenario, controller, settings in pairs:
-        whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
+def require_runnable(
+    scenarios: Sequence[Scenario],
+    controllers: Sequence[Controller],
+    settings: Settings,
+    workers: int,
+) -> None:
+    """Raise if a campaign cannot be run as asked; arguments as of `run_campaign`.
+
+    Parameters
+    ----------
+    scenarios, controllers, settings, workers
+        What would be run.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule, or a name stands twice.
+    """
+    if workers < 1:
+        raise InvalidValueError("workers", "must be at least 1", workers)
+    for thing, names in (
+        ("scenario", [s.name for s in scenarios]),
+        ("controller", [c.name for c in controllers]),
+    ):
+        if not names:
+            raise InvalidValueError(f"{thing}s", "must hold at least one")
+        for name in names:
+            if names.count(name) > 1:
+                raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")
+    whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
+    for scenario in scenarios:
         whole_steps("duration", scenario.duration, "timestep", settings.timestep)
-        law_along(scenario, controller, np.array([0.0, *scenario.breakpoints]))
+        for controller in controllers:
+            law_along(scenario, controller, np.array([0.0, *scenario.breakpoints]))
 
 
 @contextmanager

@@ -1,0 +1,139 @@
+"""How much does the closed loop cost? Steps per second of five ways to step the cart-pole.
+
+Run: python benchmarks/bench_rollout.py [--steps 20000] [--repeats 15]
+
+All ways are timed in turn in each repeat, so that a slow moment of the machine slows them all; a
+ratio is the median over the repeats of the ratio within one repeat.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import statistics
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+import afl_mujoco as afl
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation import mujoco_rollout
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.task import law_policy
+
+TIMESTEP = 1e-3
+CONTROLLER = afl.CONTROLLERS["adaptive"]
+WAYS = (
+    "bare mj_step(m, d, nstep)",
+    "compiled loop, parameters constant",
+    "compiled loop, mutated every step",
+    "Python mj_step loop, no law",
+    "Environment.step with the law",
+)
+TARGETS = {  # (numerator, denominator, integrator): least ratio
+    (1, 0, "Euler"): 0.95,
+    (1, 0, "RK4"): 0.95,
+    (2, 0, "RK4"): 0.75,
+    (2, 4, "RK4"): 2.5,
+}
+
+
+def scenarios(steps: int) -> tuple[Scenario, Scenario]:
+    """Return a constant scenario and one whose M and l change at every step."""
+    duration = steps * TIMESTEP
+    ramp = afl.piecewise_linear((0.0, duration), (0.5, 1.0))
+    constant = afl.Scenario(name="constant", duration=duration)
+    return constant, dataclasses.replace(constant, name="ramp", cart_mass=ramp, half_length=ramp)
+
+
+def march(scenario: Scenario, integrator: str) -> Callable[[], object]:
+    """Return a call of the compiled loop alone, everything it needs prepared."""
+    captured: list[tuple[object, ...]] = []
+    original = mujoco_rollout._march_sampled
+
+    def capture(*arguments: object) -> object:
+        captured.append(arguments)
+        return original(*arguments)
+
+    mujoco_rollout._march_sampled = capture
+    try:
+        afl.simulate_mujoco(
+            scenario, CONTROLLER, "sampled", timestep=TIMESTEP, integrator=integrator
+        )
+    finally:
+        mujoco_rollout._march_sampled = original
+    model = CartPoleModel(scenario.parameters_at(0.0), timestep=TIMESTEP, integrator=integrator)
+    return lambda: original(model.addresses, *captured[0][1:]) and model
+
+
+def bare(scenario: Scenario, integrator: str, steps: int, *, loop: bool) -> Callable[[], object]:
+    """Return MuJoCo's own stepping, in C or in a Python loop."""
+    model = CartPoleModel(scenario.parameters_at(0.0), timestep=TIMESTEP, integrator=integrator)
+    m, d = model.mj_model, model.mj_data
+
+    def in_python() -> None:
+        for _ in range(steps):
+            mujoco.mj_step(m, d)
+
+    def reset_and(step: Callable[[], object]) -> Callable[[], object]:
+        def call() -> None:
+            mujoco.mj_resetData(m, d)
+            d.qpos[:] = 0.0, 0.1
+            step()
+
+        return call
+
+    return reset_and(in_python if loop else lambda: mujoco.mj_step(m, d, steps))
+
+
+def environment(scenario: Scenario, integrator: str, steps: int) -> Callable[[], object]:
+    """Return the dm_control loop of agent and environment, one substep a control step."""
+    env = afl.load(scenario, timestep=TIMESTEP, integrator=integrator)
+    policy = law_policy(CONTROLLER, scenario)
+    spec = env.action_spec()
+
+    def call() -> None:
+        step = env.reset()
+        for _ in range(steps):
+            step = env.step(np.clip(policy(step), spec.minimum, spec.maximum))
+
+    return call
+
+
+def main() -> None:
+    """Time every way and print steps per second and the ratios that have a target."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--repeats", type=int, default=15)
+    options = parser.parse_args()
+    constant, ramp = scenarios(options.steps)
+    short = options.steps // 10
+    for integrator in ("Euler", "RK4"):
+        calls = (
+            (bare(constant, integrator, options.steps, loop=False), options.steps),
+            (march(constant, integrator), options.steps),
+            (march(ramp, integrator), options.steps),
+            (bare(constant, integrator, options.steps, loop=True), options.steps),
+            (environment(ramp, integrator, short), short),
+        )
+        rates: list[list[float]] = [[] for _ in calls]
+        for _ in range(options.repeats):
+            for (call, count), rate in zip(calls, rates, strict=True):
+                start = time.perf_counter()
+                call()
+                rate.append(count / (time.perf_counter() - start))
+        print(f"\n{integrator}, {options.steps} steps, median of {options.repeats}")
+        for way, rate in zip(WAYS, rates, strict=True):
+            print(f"  {way:<38} {statistics.median(rate):>10,.0f} steps/s")
+        for (top, bottom, which), target in TARGETS.items():
+            if which == integrator:
+                ratio = statistics.median(
+                    a / b for a, b in zip(rates[top], rates[bottom], strict=True)
+                )
+                print(f"  {WAYS[top]} / {WAYS[bottom]}: {ratio:.2f} (target >= {target})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""The report's four forms say the same."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from rich.console import Console
+
+from afl_mujoco.reporting.tables import print_report, write_report
+from afl_mujoco.validation.campaign import Report, Run
+from afl_mujoco.validation.criteria import CRITERIA
+
+
+def make_report(b1: float) -> Report:
+    values = {"A5": 1e-16, "B1": b1, "B2b": 1e-15, "B3": 1e-10}
+    checks = tuple(CRITERIA[id].judge(v, "step-step", "fixed") for id, v in values.items())
+    run = Run(
+        scenario="step-step",
+        controller="fixed",
+        simulator="ode",
+        outcome="completed",
+        metrics={"objective": 2.5, "settling_2pc_z": None},
+    )
+    return Report(checks=(CRITERIA["A3"].judge(0), *checks), runs=(run,))
+
+
+@pytest.fixture(params=[(1e-12, "pass"), (float("nan"), "fail")], ids=["pass", "fail"])
+def case(request: pytest.FixtureRequest) -> tuple[Report, str]:
+    b1, verdict = request.param
+    return make_report(b1), verdict
+
+
+def test_report_json_follows_its_schema(case: tuple[Report, str], tmp_path: Path) -> None:
+    report, verdict = case
+    write_report(report, tmp_path)
+    data = json.loads((tmp_path / "report.json").read_text())
+    assert data["schema"] == 1
+    assert data["verdict"] == verdict
+    assert {"afl_mujoco", "mujoco", "python"} <= set(data["versions"])
+    assert set(data["checks"][0]) == {
+        "id", "scenario", "controller", "quantity", "unit", "value", "limit", "comparison",
+        "passed", "reason",
+    }  # fmt: skip
+    assert data["runs"][0]["metrics"]["settling_2pc_z"] is None
+    assert isinstance(data["claims"], list)
+
+
+def test_junit_has_a_case_for_each_check_and_a_failure_for_each_that_fails(
+    case: tuple[Report, str], tmp_path: Path
+) -> None:
+    report, verdict = case
+    write_report(report, tmp_path)
+    suite = ElementTree.parse(tmp_path / "junit.xml").getroot()
+    assert len(suite.findall("testcase")) == len(report.checks)
+    assert len(suite.findall("testcase/failure")) == (0 if verdict == "pass" else 1)
+    assert suite.attrib["failures"] == str(len(report.failed_checks))
+
+
+def test_markdown_tables_have_as_many_cells_in_every_row(
+    case: tuple[Report, str], tmp_path: Path
+) -> None:
+    write_report(case[0], tmp_path)
+    rows = [line.replace("\\|", "") for line in (tmp_path / "report.md").read_text().splitlines()]
+    grid = [row.count("|") for row in rows if row.startswith("| step-step") or "OF" in row]
+    assert len(set(grid)) == 1
+    checks = [row.count("|") for row in rows if row.startswith(("| A", "| B", "| check"))]
+    assert set(checks) == {7}
+
+
+def test_the_terminal_ends_with_the_verdict(case: tuple[Report, str]) -> None:
+    report, verdict = case
+    stream = io.StringIO()
+    print_report(report, Console(file=stream, width=132))
+    last = stream.getvalue().rstrip().splitlines()[-1]
+    assert last == ("PASS: all 5 checks hold" if verdict == "pass" else "FAIL: 1 of 5 checks")
+
+
+def test_a_report_is_written_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "write_text", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(make_report(0.0), tmp_path)
+    assert list(tmp_path.iterdir()) == []

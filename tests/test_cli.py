@@ -1,0 +1,223 @@
+"""The real command line: exit codes, one clear line, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import afl_mujoco as afl
+
+SHORT = """
+name = "short"
+duration = 0.5
+[schedule]
+cart_mass = {shape = "step", times = [0.2], values = [0.5, 1.0]}
+half_length = 0.4
+[[disturbances]]
+shape = "pulse"
+force = -5.0
+start = 0.3
+duration = 0.05
+"""
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "afl_mujoco", *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A working folder that holds one good scenario file."""
+    (tmp_path / "short.toml").write_text(SHORT)
+    return tmp_path
+
+
+def with_line(old: str, new: str) -> str:
+    assert old in SHORT
+    return SHORT.replace(old, new)
+
+
+BAD_FILES = {
+    "unknown key": (
+        with_line("half_length", "half_lenght"),
+        "schedule.half_lenght is not a known key; known are cart_mass, half_length",
+    ),
+    "negative mass": (
+        with_line("[0.5, 1.0]", "[0.5, -1.0]"),
+        "schedule.cart_mass must be positive, got -1.0",
+    ),
+    "times that do not increase": (
+        with_line("[0.2], values = [0.5, 1.0]", "[0.3, 0.2], values = [1, 2, 3]"),
+        "schedule.cart_mass.times must increase, got 0.2 after 0.3",
+    ),
+    "NaN": (with_line("0.4", "nan"), "schedule.half_length.values must be finite, got nan"),
+    "text for a number": (
+        with_line("force = -5.0", 'force = "strong"'),
+        "disturbances[0].force must be a number, got 'strong'",
+    ),
+    "no TOML": ("duration = = 1", "is not valid TOML:"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES, ids=str)
+@pytest.mark.parametrize("command", ["validate", "simulate"])
+def test_a_bad_scenario_file_is_one_line_that_names_file_key_and_value(
+    folder: Path, command: str, case: str
+) -> None:
+    text, message = BAD_FILES[case]
+    (folder / "bad.toml").write_text(text)
+    rejects(folder, f"bad.toml: {message}".replace(": is not", " is not"), command, "bad.toml")
+
+
+BAD_ARGUMENTS = {
+    "missing file": (
+        ["validate", "missing.toml"],
+        "missing.toml cannot be read: no such file or directory",
+    ),
+    "unknown scenario": (["validate", "step"], "scenario must be one of nominal, step-step, "),
+    "unknown controller": (
+        ["validate", "short.toml", "--controllers", "pid"],
+        "controller must be one of fixed, adaptive, fixed-nominal, adaptive-nominal, got 'pid'",
+    ),
+    "unknown gain labels": (
+        ["validate", "short.toml", "--gain-labels", "table3"],
+        "gain labels must be one of table2, table1, got 'table3'",
+    ),
+    "timestep that does not divide the control period": (
+        ["validate", "short.toml", "--timestep", "0.003", "--control-period", "0.01"],
+        "timestep 0.003 s must divide control_period 0.01 s",
+    ),
+    "negative timestep": (
+        ["validate", "short.toml", "--timestep", "-0.001"],
+        "timestep must be positive, got -0.001",
+    ),
+    "timestep that is no number": (
+        ["validate", "--timestep", "fast"],
+        "could not convert string to float: 'fast'",
+    ),
+    "no workers": (
+        ["validate", "short.toml", "--workers", "0"],
+        "workers must be at least 1, got 0",
+    ),
+    "scenario given twice": (
+        ["validate", "nominal", "nominal"],
+        "scenario names must differ, got 'nominal' twice",
+    ),
+    "unknown option": (["validate", "--fast"], "Unrecognized options: --fast"),
+    "unknown command": (["validat"], "Unrecognized options: validat"),
+    "no command": ([], "Expected one of {validate, simulate}"),
+    "unknown simulator": (
+        ["simulate", "short.toml", "--simulator", "drake"],
+        "simulator must be one of ode, exact, continuous, sampled, got 'drake'",
+    ),
+    "unknown integrator": (
+        ["simulate", "short.toml", "--integrator", "RK5"],
+        "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'",
+    ),
+    "output folder that is a file": (
+        ["validate", "short.toml", "--out", "short.toml"],
+        "output folder short.toml cannot be written: file exists",
+    ),
+    "output folder below a file": (
+        ["simulate", "short.toml", "--out", "short.toml/x"],
+        "output folder short.toml/x cannot be written: not a directory",
+    ),
+    "output folder that cannot be made": (
+        ["validate", "short.toml", "--out", "/proc/afl"],
+        "output folder /proc/afl cannot be written: no such file or directory",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ARGUMENTS, ids=str)
+def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(
+    folder: Path, case: str
+) -> None:
+    arguments, message = BAD_ARGUMENTS[case]
+    rejects(folder, message, *arguments)
+
+
+def rejects(folder: Path, message: str, *arguments: str) -> None:
+    before = sorted(p.name for p in folder.iterdir())
+    result = run(*arguments, cwd=folder)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert len(result.stderr.splitlines()) == 1
+    assert message in result.stderr
+    assert sorted(p.name for p in folder.iterdir()) == before
+
+
+def test_validate_writes_a_report_that_passes(folder: Path) -> None:
+    result = run("validate", "short.toml", "--workers", "1", "--out", "out", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.rstrip().splitlines()[-1] == "PASS: all 10 checks hold"
+    assert result.stderr == ""
+    report = json.loads((folder / "out" / "report.json").read_text())
+    assert report["verdict"] == "pass"
+    written = {p.name for p in (folder / "out").iterdir()}
+    assert written == {"report.json", "report.md", "junit.xml"}
+
+
+def test_validate_exits_with_1_when_a_check_fails(folder: Path) -> None:
+    coarse = ["--timestep", "0.01", "--workers", "1"]  # RK4 at 10 ms misses B3 by far
+    result = run("validate", "short.toml", *coarse, "--out", "out", cwd=folder)
+    assert result.returncode == 1
+    assert result.stdout.rstrip().splitlines()[-1].startswith("FAIL: ")
+    assert json.loads((folder / "out" / "report.json").read_text())["verdict"] == "fail"
+
+
+def test_simulate_writes_run_figure_and_resolved_scenario(folder: Path) -> None:
+    result = run("simulate", "short.toml", "--compare", "--out", "out", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert "objective" in result.stdout
+    stem = folder / "out" / "short-adaptive-sampled"
+    trajectory = afl.Trajectory.load(stem.with_suffix(".npz"))
+    again = afl.simulate_mujoco(
+        afl.load_scenario(folder / "out" / "short.toml"), afl.CONTROLLERS["adaptive"], "sampled"
+    )
+    assert (trajectory.state == again.state).all()
+    assert stem.with_suffix(".png").stat().st_size > 10_000
+    assert len(list((folder / "out").iterdir())) == 3
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, workers: str) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "afl_mujoco", "validate", "--workers", workers, "--out", "out"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not (folder / "out").exists():  # it is made when everything is imported and checked
+        time.sleep(0.05)
+        assert process.poll() is None
+    time.sleep(1.0)
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "afl-mujoco: interrupted\n"
+    assert output == ""
+    assert list((folder / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("command", [[], ["validate"], ["simulate"]], ids=str)
+def test_help_shows_an_example(folder: Path, command: list[str]) -> None:
+    result = run(*command, "--help", cwd=folder)
+    assert result.returncode == 0
+    assert "Example: afl-mujoco" in result.stdout
