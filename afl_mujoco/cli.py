@@ -54,17 +54,20 @@ class Validate:
 
     def run(self) -> int:
         """Run the campaign, write and print its report."""
+        from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.scenario.files import find_scenario
+
+        # What is quick to check comes before what is slow to import.
+        scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
+
         from rich.console import Console
 
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.tables import print_report, write_report
-        from afl_mujoco.scenario.catalogue import SCENARIOS
-        from afl_mujoco.scenario.files import find_scenario
         from afl_mujoco.validation.campaign import require_runnable, run_campaign
         from afl_mujoco.validation.closed_loop_checks import Settings
 
-        scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
         controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period)
@@ -108,19 +111,21 @@ class Simulate:
 
     def run(self) -> int:
         """Simulate, write the files, print the metrics."""
+        from afl_mujoco.scenario.files import find_scenario, save_scenario
+
+        scenario = find_scenario(self.scenario)
+        if self.simulator not in SIMULATORS:
+            raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
+
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.figures import draw_runs, save_figure
         from afl_mujoco.reporting.tables import print_metrics
-        from afl_mujoco.scenario.files import find_scenario, save_scenario
         from afl_mujoco.validation.campaign import nominal_scales
         from afl_mujoco.validation.closed_loop_checks import Settings
         from afl_mujoco.validation.metrics import metrics, with_objective
 
-        scenario = find_scenario(self.scenario)
         controller = find_controller(self.controller, self.gain_labels)
-        if self.simulator not in SIMULATORS:
-            raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
         runs = [self._simulate(scenario, controller, simulator) for simulator in simulators]

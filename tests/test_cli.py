@@ -164,7 +164,7 @@ def rejects(folder: Path, message: str, *arguments: str) -> None:
 def test_validate_writes_a_report_that_passes(folder: Path) -> None:
     result = run("validate", "short.toml", "--workers", "1", "--out", "out", cwd=folder)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.rstrip().splitlines()[-1] == "PASS: all 10 checks hold"
+    assert result.stdout.rstrip().splitlines()[-1] == "PASS: all 12 checks hold"
     assert result.stderr == ""
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "pass"

@@ -76,14 +76,20 @@ def _advance(at, course, constants, first, count):
     """
     pole_mass, gravity = constants
     last = len(course) - 1
+    written = (np.nan, np.nan)
     for k in range(first, first + count):
         if not _within_limits(at):
             return k
         row = course[min(k, last)]
-        mm.write_parameters(at, row[_M_MIDDLE], pole_mass, row[_L_MIDDLE], gravity)
+        wanted = (row[_M_MIDDLE], row[_L_MIDDLE])
+        if wanted != written:
+            mm.write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
+            written = wanted
         mm.store(at[mm.PUSH], row[_PUSH])
         mm.mj_step(at[mm.MODEL], at[mm.DATA])
-        _arrive(at, course[min(k + 1, last)], constants)
+        if course[min(k + 1, last), _IMPULSE] != 0.0:
+            _arrive(at, course[min(k + 1, last)], constants)
+            written = (np.nan, np.nan)
     if _within_limits(at):
         row = course[min(first + count, last)]
         mm.write_parameters(at, row[_M], pole_mass, row[_L], gravity)

@@ -1,4 +1,4 @@
-"""Checks of the closed loop, MuJoCo against the analytic model: A5, B1, B2b and B3."""
+"""Checks of the closed loop, MuJoCo against the analytic model: A5, B1, B2, B2b and B3."""
 
 from __future__ import annotations
 
@@ -79,6 +79,7 @@ def closed_loop_checks(
     values = {
         "A5": one_step_difference(scenario, runs["mujoco sampled"]),
         "B1": state_difference(runs["mujoco exact"], runs["ode"]),
+        "B2": state_difference(runs["mujoco continuous"], runs["ode"]),
         "B2b": state_difference(runs["mujoco continuous"], runs["ode RK4"]),
         "B3": state_difference(runs["mujoco sampled"], runs["ode held"]),
     }

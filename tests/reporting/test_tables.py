@@ -16,7 +16,7 @@ from afl_mujoco.validation.criteria import CRITERIA
 
 
 def make_report(b1: float) -> Report:
-    values = {"A5": 1e-16, "B1": b1, "B2b": 1e-15, "B3": 1e-10}
+    values = {"A5": 1e-16, "B1": b1, "B2": 1e-6, "B2b": 1e-15, "B3": 1e-10}
     checks = tuple(CRITERIA[id].judge(v, "step-step", "fixed") for id, v in values.items())
     run = Run(
         scenario="step-step",
@@ -76,7 +76,7 @@ def test_the_terminal_ends_with_the_verdict(case: tuple[Report, str]) -> None:
     stream = io.StringIO()
     print_report(report, Console(file=stream, width=132))
     last = stream.getvalue().rstrip().splitlines()[-1]
-    assert last == ("PASS: all 5 checks hold" if verdict == "pass" else "FAIL: 1 of 5 checks")
+    assert last == ("PASS: all 6 checks hold" if verdict == "pass" else "FAIL: 1 of 6 checks")
 
 
 def test_a_report_is_written_whole_or_not_at_all(

@@ -1,0 +1,77 @@
+# Every target does its own set-up: .venv is created from requirements.lock on first use and again when the lock,
+# pyproject.toml or the repository's location changes.
+
+BIN := .venv/bin
+READY := .venv/.ready
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.DEFAULT_GOAL := help
+.PHONY: help setup validate test check lock clean distclean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
+
+setup: $(READY) ## create .venv (every other target does so by itself)
+
+validate: $(READY) ## compare MuJoCo with the analytic model on every case; pass options as ARGS="..."
+	@$(BIN)/afl-mujoco validate $(ARGS)
+
+test: $(READY) ## run the tests; narrow them with ARGS="tests/plant -k energy"
+	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(ARGS)
+
+check: $(READY) ## format, lint, types, import contracts, architecture
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-logo
+	@$(BIN)/pytest -q tests/architecture
+
+clean: ## remove caches, build products and everything in renders/
+	@rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache MUJOCO_LOG.TXT
+	@find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
+	@find renders -mindepth 1 -maxdepth 1 -not -name README.md -exec rm -rf {} +
+
+distclean: clean ## clean, and remove .venv too
+	@rm -rf .venv
+
+lock: PYTHON ?= python3.11# the oldest: what it can run, the newer can
+lock: ## resolve the newest versions that pyproject.toml allows into requirements.lock
+	$(require_python)
+	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
+	$(python) -m venv "$$fresh"; \
+	"$$fresh/bin/python" -m pip install --quiet --upgrade pip setuptools; \
+	"$$fresh/bin/python" -m pip install --quiet --group dev --editable .; \
+	{ grep '^#' requirements.lock; "$$fresh/bin/python" -m pip freeze --all --exclude-editable --exclude pip; } > "$$fresh/lock"; \
+	cp "$$fresh/lock" requirements.lock
+
+# The stamp is written last and holds the repository's path: an interrupted set-up or a moved repository starts over.
+ifneq ($(shell cat $(READY) 2>/dev/null),$(CURDIR))
+.PHONY: $(READY)
+endif
+
+$(READY): requirements.lock pyproject.toml
+	$(require_python)
+	@echo "set-up: creating .venv with $$($(python) --version) (first run only, 1-2 minutes)"
+	@rm -rf .venv
+	@$(python) -m venv .venv
+	@$(PIP_INSTALL) --no-deps --requirement requirements.lock
+	@$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
+	@report=$$($(BIN)/python -m pip check) || { echo "$$report" >&2; exit 1; }
+	@echo "$(CURDIR)" > $@
+
+# The first candidate that runs (a shim may not), is 3.11 or 3.12 and can create environments; else "!" and what was found.
+FIND_PYTHON = \
+  for candidate in $(or $(PYTHON),python3.12 python3.11 python3 python); do \
+    path=$$(command -v $$candidate) || { [ -z "$(PYTHON)" ] || found="$$found, $$candidate (not there)"; continue; }; \
+    version=$$("$$path" -c 'import sys; print("%d.%d.%d" % sys.version_info[:3])' 2>/dev/null) || version="(does not run)"; \
+    case "$$version" in 3.11.*|3.12.*) \
+      if "$$path" -c 'import venv, ensurepip' 2>/dev/null; then echo "$$path"; exit; fi; \
+      version="$$version (without venv and ensurepip)";; \
+    esac; \
+    found="$$found, $$candidate $$version"; \
+  done; \
+  found="$${found\#, }"; \
+  echo "! afl_mujoco needs Python 3.11 or 3.12, found: $${found:-none}; install one or run make PYTHON=/path/to/python3.12"
+
+python = $(eval python := $(shell found=; $(FIND_PYTHON)))$(python)
+require_python = $(if $(filter !,$(python)),$(error $(wordlist 2,99,$(python))))

@@ -1,0 +1,72 @@
+"""Fixtures that more than one folder uses."""
+
+import numpy as np
+import pytest
+
+from afl_mujoco import CONTROLLERS, CartPoleParameters, Scenario, constant, piecewise_linear, step
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+
+SEED = 20260
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(SEED)
+
+
+@pytest.fixture
+def odd_parameters():
+    """A plant that differs from the MJCF's numbers in every field."""
+    return CartPoleParameters(cart_mass=1.37, pole_mass=0.083, half_length=0.29, gravity=9.65)
+
+
+@pytest.fixture
+def odd_scenario():
+    """A plant, schedules and disturbances that share no number and no breakpoint with the defaults.
+
+    Every breakpoint lies off the 1, 2 and 5 ms grids.
+    """
+    return Scenario(
+        name="odd",
+        cart_mass=step((0.1507, 0.4003), (0.7, 1.6, 1.1)),
+        half_length=piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
+        pole_mass=0.083,
+        gravity=9.65,
+        disturbances=(
+            ForcePulse(force=-7.0, start=0.2511, duration=0.0333),
+            Impulse(momentum=0.21, time=0.5207),
+        ),
+        initial_state=(0.11, -0.62, 0.05, 0.4),
+        duration=0.8,
+    )
+
+
+@pytest.fixture
+def smooth_scenario():
+    """An odd plant that neither changes nor is disturbed."""
+    return Scenario(
+        name="smooth",
+        cart_mass=constant(1.37),
+        half_length=constant(0.29),
+        pole_mass=0.083,
+        gravity=9.65,
+        initial_state=(0.11, -0.62, 0.05, 0.4),
+        duration=0.8,
+    )
+
+
+@pytest.fixture(params=["fixed", "adaptive"])
+def controller(request):
+    return CONTROLLERS[request.param]
+
+
+@pytest.fixture
+def adaptive():
+    return CONTROLLERS["adaptive"]
+
+
+@pytest.fixture
+def random_states(rng):
+    """States all over the law's domain, shape (200, 4)."""
+    low, high = np.array([-3.0, -1.4, -5.0, -6.0]), np.array([3.0, 1.4, 5.0, 6.0])
+    return rng.uniform(low, high, size=(200, 4))

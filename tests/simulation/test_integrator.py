@@ -1,0 +1,123 @@
+"""The reference integrator restarts at every breakpoint and records how a run ends."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from afl_mujoco import Scenario, piecewise_linear, step
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.sampling import time_grid
+from afl_mujoco.simulation.integrator import integrate
+from afl_mujoco.simulation.trajectory import FALL_ANGLE
+
+TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of order 1
+
+
+def _particle(state, mass, length, push):
+    """A mass on a rail, without a pole: linear, solved by hand."""
+    return state[2], state[3], push / mass, 0.0
+
+
+def _kick(state, mass, length, impulse):
+    return np.array([impulse / mass, 0.0])
+
+
+def _run(scenario, derivative=_particle, strike=_kick, period=0.25):
+    times = time_grid(scenario, period)
+    states, outcome = integrate(scenario, derivative, strike, times)
+    return times, states, outcome
+
+
+REST = Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
+
+
+def test_a_pulse_of_10_ms_on_a_rested_system_is_not_missed():
+    pulse = ForcePulse(force=100.0, start=10.0003, duration=0.01)
+    times, states, outcome = _run(replace(REST, disturbances=(pulse,)))
+    assert str(outcome) == "completed"
+    assert len(states) == len(times)
+    # M = 1 kg: 1 m/s after the pulse, and 5 mm gained within it
+    assert states[-1, 2] == pytest.approx(1.0, rel=TIGHT)
+    assert states[-1, 0] == pytest.approx(0.005 + 20.0 - 10.0103, rel=TIGHT)
+    assert (states[times <= 10.0003] == 0.0).all()
+
+
+def test_an_impulse_jumps_the_velocity_at_its_instant_with_the_mass_after_the_jump():
+    hit = Impulse(momentum=3.0, time=5.0)
+    scenario = replace(REST, cart_mass=step((5.0,), (1.0, 2.0)), disturbances=(hit,))
+    times, states, _ = _run(scenario)
+    assert (states[times < 5.0] == 0.0).all()
+    assert states[-1, 2] == pytest.approx(1.5, rel=TIGHT)
+    assert states[-1, 0] == pytest.approx(1.5 * 15.0, rel=TIGHT)
+
+
+def test_an_impulse_at_the_start_strikes():
+    hit = Impulse(momentum=3.0, time=0.0)
+    _, states, _ = _run(replace(REST, disturbances=(hit,)))
+    assert states[-1, 0] == pytest.approx(60.0, rel=TIGHT)
+
+
+def test_parameters_follow_the_schedule_within_a_segment():
+    # z'' = M(t) = 1 + t: z = t^2/2 + t^3/6
+    scenario = replace(REST, cart_mass=piecewise_linear((0.0, 2.0), (1.0, 3.0)), duration=2.0)
+    _, states, _ = _run(scenario, lambda s, mass, length, push: (s[2], s[3], mass, 0.0))
+    assert states[-1, 0] == pytest.approx(2.0 + 8.0 / 6.0, rel=TIGHT)
+
+
+def test_every_reported_instant_appears_once():
+    pulse = ForcePulse(force=1.0, start=0.5, duration=0.25)
+    scenario = replace(REST, disturbances=(pulse,), duration=1.0)
+    times, states, _ = _run(scenario, period=0.1)
+    assert len(states) == len(times) == 12  # eleven grid points and the edge at 0.75
+
+
+def test_a_fall_ends_the_run_when_it_happens():
+    scenario = replace(REST, initial_state=(0, 0, 0, 2.0))
+    times, states, outcome = _run(scenario)
+    assert outcome.kind == "fell"
+    assert outcome.time == pytest.approx(FALL_ANGLE / 2.0, rel=TIGHT)
+    assert len(states) == (times <= outcome.time).sum()
+    assert np.isfinite(states).all()
+
+
+def test_a_run_that_starts_fallen_reports_its_first_state():
+    _, states, outcome = _run(replace(REST, initial_state=(0, 1.6, 0, 0)))
+    assert str(outcome) == "fell at t = 0 s"
+    np.testing.assert_array_equal(states, [[0, 1.6, 0, 0]])
+
+
+def test_a_divergence_ends_the_run_without_a_nan():
+    scenario = replace(REST, initial_state=(1.0, 0, 0, 0))
+    times, states, outcome = _run(scenario, lambda s, *_: (3.0 * s[0], 0.0, 0.0, 0.0))
+    assert outcome.kind == "diverged"
+    assert outcome.time == pytest.approx(math.log(1e6) / 3.0, rel=1e-9)  # STATE_LIMIT
+    assert len(states) == (times <= outcome.time).sum()
+    assert np.isfinite(states).all()
+
+
+def test_a_right_hand_side_without_a_value_on_the_way_ends_the_run():
+    # d phi / dt = 1, no value beyond phi = 1
+    def wall(state, *_):
+        return (0.0, 1.0, 0.0, 0.0) if state[1] < 1.0 else (math.nan,) * 4
+
+    _, states, outcome = _run(REST, wall)
+    assert outcome.kind != "completed"
+    assert outcome.time == pytest.approx(1.0, abs=0.25)  # to the last reported instant
+    assert np.isfinite(states).all()
+
+
+def test_a_right_hand_side_without_a_value_at_the_start_ends_the_run():
+    calls = 0
+
+    def nothing(state, *_):
+        nonlocal calls
+        calls += 1
+        if calls > 10_000:  # else the integrator would go on forever
+            pytest.fail("the integrator does not end")
+        return (math.nan,) * 4
+
+    _, _, outcome = _run(REST, nothing)
+    assert outcome.kind != "completed"
+    assert outcome.time == 0.0

@@ -1,0 +1,176 @@
+"""A mutated model equals a freshly compiled one bit for bit, and an MJCF written independently."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from afl_mujoco import CartPoleModel, CartPoleParameters
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+
+NAMES = ("cart_mass", "pole_mass", "half_length", "gravity")
+
+
+def _friction_limits_and_contact(spec):
+    """Add what the paper leaves out: a rail with friction and ends, and a floor for the pole."""
+    slider = spec.joint("slider")
+    slider.frictionloss = 0.7
+    slider.range = [-0.4, 0.4]
+    slider.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    spec.joint("hinge").frictionloss = 0.01
+    pole = spec.geom("pole")
+    pole.contype = pole.conaffinity = 1
+    floor = spec.worldbody.add_geom()
+    floor.name = "ground"
+    floor.type = mujoco.mjtGeom.mjGEOM_PLANE
+    floor.size = [5, 5, 0.1]
+    floor.pos = [0, 0, -0.1]
+    floor.contype = floor.conaffinity = 1
+
+
+EDITS = {"plain": None, "friction, limits and contact": _friction_limits_and_contact}
+
+
+@pytest.fixture
+def plants(rng):
+    """Random plants over the box of verification.md, A1."""
+    rows = rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), size=(12, 4)).tolist()
+    return [CartPoleParameters(**dict(zip(NAMES, row, strict=True))) for row in rows]
+
+
+def _arrays(model):
+    return {
+        name: value
+        for name in dir(model)
+        if not name.startswith("_") and isinstance(value := getattr(model, name), np.ndarray)
+    }
+
+
+def _accelerations(model, states, forces):
+    data = mujoco.MjData(model)
+    result = []
+    for state, force in zip(states, forces, strict=True):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = state[:2], state[2:], force
+        mujoco.mj_forward(model, data)
+        result.append([*data.qacc, data.ncon, data.nefc])
+    return np.array(result)
+
+
+@pytest.mark.parametrize("file", ["cartpole.xml", "scene.xml"])
+@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
+def test_a_mutated_model_equals_a_freshly_compiled_one_in_every_array(file, edit, plants):
+    mutated = CartPoleModel(plants[0], file=file, edit=edit)
+    for p in plants[1:]:
+        mutated.set_parameters(p)
+        fresh = _arrays(CartPoleModel(p, file=file, edit=edit).mj_model)
+        changed = _arrays(mutated.mj_model)
+        assert len(fresh) > 200
+        unequal = [n for n in fresh if fresh[n].tobytes() != changed[n].tobytes()]
+        assert unequal == []
+        assert mutated.mj_model.opt.gravity.tolist() == [0.0, 0.0, -p.gravity]
+
+
+def _by_hand(p):
+    """The same plant as an MJCF of this test's own, with friction, limits and contact."""
+    rod, about_itself = p.pole_mass * p.half_length**2 / 3, p.pole_mass * 0.02**2 / 2
+    return f"""
+    <mujoco>
+      <compiler angle="radian" inertiafromgeom="false"/>
+      <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/>
+      <worldbody>
+        <body>
+          <joint name="slider" type="slide" axis="1 0 0"
+                 frictionloss="0.7" limited="true" range="-0.4 0.4"/>
+          <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
+          <body>
+            <joint type="hinge" axis="0 -1 0" frictionloss="0.01"/>
+            <inertial pos="0 0 {p.half_length!r}" mass="{p.pole_mass!r}"
+                      diaginertia="{rod!r} {rod!r} {about_itself!r}"/>
+            <geom type="capsule" size="0.02 {p.half_length!r}" pos="0 0 {p.half_length!r}"/>
+          </body>
+        </body>
+        <geom type="plane" size="5 5 0.1" pos="0 0 -0.1"/>
+      </worldbody>
+      <actuator><motor joint="slider"/></actuator>
+    </mujoco>"""
+
+
+def test_a_mutated_model_moves_like_an_mjcf_written_by_hand(plants, rng):
+    low, high = (-0.5, -2.5, -3.0, -5.0), (0.5, 2.5, 3.0, 5.0)
+    states, forces = rng.uniform(low, high, size=(100, 4)), rng.uniform(-20, 20, 100)
+    mutated = CartPoleModel(plants[0], edit=_friction_limits_and_contact)
+    for p in plants[1:6]:
+        mutated.set_parameters(p)
+        by_hand = mujoco.MjModel.from_xml_string(_by_hand(p))
+        expected = _accelerations(by_hand, states, forces)
+        assert (expected[:, 2] > 0).any()  # contacts happen
+        assert (expected[:, 2] == 0).any()
+        actual = _accelerations(mutated.mj_model, states, forces)
+        np.testing.assert_array_equal(actual[:, 2:], expected[:, 2:])
+        # only the arrangement of bodies and constraints differs: roundings, amplified by the solver
+        np.testing.assert_allclose(actual[:, :2], expected[:, :2], rtol=1e-9, atol=1e-9)
+
+
+def test_the_compiled_plant_has_the_numbers_it_was_given(odd_parameters):
+    p = odd_parameters
+    m = CartPoleModel(p).mj_model
+    cart, pole = m.body("cart"), m.body("pole")
+    assert (cart.mass[0], pole.mass[0]) == (p.cart_mass, p.pole_mass)
+    assert m.opt.gravity.tolist() == [0.0, 0.0, -p.gravity]
+    # a uniform rod of length 2 l: m (2 l)^2 / 12 about its centre
+    rod = p.pole_mass * (2 * p.half_length) ** 2 / 12
+    np.testing.assert_allclose(pole.inertia[:2], rod, rtol=1e-15)
+    assert pole.ipos.tolist() == [0.0, 0.0, p.half_length]
+    assert m.site("tip").pos.tolist() == [0.0, 0.0, 2 * p.half_length]
+    assert m.geom("pole").size[1] == m.geom("pole").pos[2] == p.half_length
+
+
+def test_the_rod_of_the_paper_has_a_known_inertia():
+    pole = CartPoleModel(CartPoleParameters()).mj_model.body("pole")
+    assert pole.inertia[1] == pytest.approx(0.05 / 12, rel=1e-15)  # 50 g, 1 m
+
+
+def test_a_change_of_plant_keeps_the_state(odd_parameters):
+    model = CartPoleModel(CartPoleParameters())
+    data = model.mj_data
+    data.qpos[:], data.qvel[:], data.ctrl[:], data.time = (0.3, -0.4), (0.5, 0.6), 7.0, 1.25
+    model.set_parameters(odd_parameters)
+    assert data.qpos.tolist() == [0.3, -0.4]
+    assert data.qvel.tolist() == [0.5, 0.6]
+    assert (data.ctrl[0], data.time) == (7.0, 1.25)
+
+
+def test_a_change_and_back_is_no_change(odd_parameters):
+    model = CartPoleModel(CartPoleParameters())
+    before = {n: a.tobytes() for n, a in _arrays(model.mj_model).items()}
+    model.set_parameters(odd_parameters)
+    assert {n: a.tobytes() for n, a in _arrays(model.mj_model).items()} != before
+    model.set_parameters(CartPoleParameters())
+    assert {n: a.tobytes() for n, a in _arrays(model.mj_model).items()} == before
+
+
+def test_the_sensors_read_the_state(odd_parameters):
+    model = CartPoleModel(odd_parameters)
+    data = model.mj_data
+    data.qpos[:], data.qvel[:] = (0.3, -0.4), (0.5, 0.6)
+    mujoco.mj_forward(model.mj_model, data)
+    read = [data.sensor(n).data[0] for n in ("z", "phi", "z_dot", "phi_dot")]
+    assert read == [0.3, -0.4, 0.5, 0.6]
+    l2 = 2 * odd_parameters.half_length
+    tip = [0.3 - l2 * np.sin(-0.4), 0.0, l2 * np.cos(-0.4)]  # positive phi leans toward -z
+    np.testing.assert_allclose(data.sensor("tip").data, tip, atol=1e-15)
+
+
+def test_settings_reach_the_model(odd_parameters):
+    m = CartPoleModel(odd_parameters, timestep=0.0025, integrator="implicitfast").mj_model
+    assert m.opt.timestep == 0.0025
+    assert m.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def test_bad_settings_are_refused(odd_parameters):
+    with pytest.raises(UnknownNameError) as caught:
+        CartPoleModel(odd_parameters, integrator="RK5")
+    expected = "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'"
+    assert str(caught.value) == expected
+    with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
+        CartPoleModel(odd_parameters, timestep=0.0)

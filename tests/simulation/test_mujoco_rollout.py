@@ -1,0 +1,240 @@
+"""MuJoCo's closed loop against the analytic one: model form, twins in fixed steps, ends of runs."""
+
+import signal
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from afl_mujoco import (
+    CONTROLLERS,
+    CartPoleModel,
+    CartPoleParameters,
+    Scenario,
+    acceleration,
+    constant,
+    simulate_mujoco,
+    simulate_ode,
+    simulate_ode_held,
+    simulate_ode_rk4,
+    step,
+)
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.plant.dynamics import velocity_jump
+from afl_mujoco.scenario.disturbances import Impulse
+from afl_mujoco.simulation.mujoco_model import forward, strike
+from afl_mujoco.simulation.mujoco_rollout import impulses_by_step
+
+# The limits of verification.md.
+A1, B1, B2B, B3 = 1e-11, 1e-9, 1e-10, 1e-8
+
+MODES = ("exact", "continuous", "sampled")
+TIPPING = Scenario(
+    name="tipping",
+    cart_mass=constant(20.0),
+    half_length=constant(0.05),
+    pole_mass=3.0,
+    duration=2.0,
+)
+
+
+@contextmanager
+def at_most(seconds):
+    """Fail instead of hanging."""
+
+    def give_up(*_):
+        pytest.fail(f"still running after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _plants(rng, count):
+    """Yield a model and its parameters at random places of the box of A1."""
+    model = CartPoleModel(CartPoleParameters())
+    names = ("cart_mass", "pole_mass", "half_length", "gravity")
+    for row in rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), (count, 4)).tolist():
+        p = CartPoleParameters(**dict(zip(names, row, strict=True)))
+        model.set_parameters(p)
+        yield model, p
+
+
+def test_mujoco_s_accelerations_are_those_of_the_plant(rng):
+    for model, p in _plants(rng, 300):
+        state = rng.uniform((-5, -3.1, -5, -10), (5, 3.1, 5, 10))
+        force, push = rng.uniform(-200, 200), rng.uniform(-50, 50)
+        expected = acceleration(state, force + push, p)
+        actual = np.array(forward(model.addresses, *state, force, push))
+        assert np.abs(actual - expected).max() <= A1 * (1 + np.abs(expected).max())
+
+
+def test_an_impulse_jumps_the_velocities_as_the_mass_matrix_says(rng):
+    for model, p in _plants(rng, 50):
+        state = rng.uniform((-5, -1.5, -5, -10), (5, 1.5, 5, 10))
+        jump = strike(model.addresses, *state, 0.37)
+        expected = velocity_jump(state, 0.37, p)
+        np.testing.assert_allclose(jump, expected, rtol=0, atol=A1 * np.abs(expected).max() * 10)
+
+
+def _difference(one, other):
+    """Return the largest difference of two runs on the same grid."""
+    assert str(one.outcome) == str(other.outcome) == "completed"
+    np.testing.assert_allclose(one.time, other.time, rtol=0, atol=1e-14)
+    return np.abs(one.state - other.state).max()
+
+
+def test_b1_exact_mode_leaves_only_model_form(odd_scenario, controller):
+    exact = simulate_mujoco(odd_scenario, controller, mode="exact")
+    assert _difference(exact, simulate_ode(odd_scenario, controller)) <= B1
+
+
+@pytest.mark.parametrize("timestep", [1e-3, 7e-3], ids=str)
+def test_b2b_continuous_mode_is_a_textbook_rk4(odd_scenario, controller, timestep):
+    run = simulate_mujoco(odd_scenario, controller, mode="continuous", timestep=timestep)
+    assert _difference(run, simulate_ode_rk4(odd_scenario, controller, timestep=timestep)) <= B2B
+    assert set(odd_scenario.breakpoints) <= set(run.time.tolist())
+
+
+@pytest.mark.parametrize("hold", [1, 5], ids=["every step", "every fifth step"])
+def test_b3_sampled_mode_is_the_held_loop(odd_scenario, controller, hold):
+    run = simulate_mujoco(
+        odd_scenario, controller, mode="sampled", timestep=1e-3, control_period=hold * 1e-3
+    )
+    held = simulate_ode_held(odd_scenario, controller, timestep=1e-3, control_period=hold * 1e-3)
+    assert _difference(run, held) <= B3
+    held_for = run.force[:-1].reshape(-1, hold)
+    assert (held_for == held_for[:, :1]).all()
+
+
+def test_b3_holds_with_jumps_in_the_very_middle_of_steps(odd_scenario, adaptive):
+    times = tuple(0.0505 + 0.05 * k for k in range(12))  # rounding may put each on either side
+    masses = tuple(1.0 + 0.1 * (-1) ** k for k in range(13))
+    scenario = replace(odd_scenario, cart_mass=step(times, masses), disturbances=())
+    run = simulate_mujoco(scenario, adaptive, mode="sampled")
+    assert _difference(run, simulate_ode_held(scenario, adaptive)) <= B3
+
+
+def test_both_sides_see_the_disturbances(odd_scenario, adaptive):
+    calm = replace(odd_scenario, disturbances=())
+    for mode in MODES:
+        struck = simulate_mujoco(odd_scenario, adaptive, mode=mode).state[-1]
+        assert np.abs(struck - simulate_mujoco(calm, adaptive, mode=mode).state[-1]).max() > 1e-2
+
+
+@pytest.mark.parametrize(
+    ("time", "struck"),
+    [(0.0, 0), (0.1, 1), (0.2, 2), (0.2001, 3), (0.3, 3), (0.1 + 0.2, 3)],
+    ids=str,
+)
+def test_an_impulse_strikes_at_the_first_step_from_its_time_on(time, struck):
+    scenario = Scenario(name="x", disturbances=(Impulse(momentum=2.0, time=time),), duration=0.5)
+    hits = impulses_by_step(scenario, 0.1 * np.arange(6))
+    assert hits.tolist() == [2.0 if k == struck else 0.0 for k in range(5)]
+
+
+def test_an_impulse_during_the_last_step_is_not_lost(smooth_scenario, adaptive):
+    hit = Impulse(momentum=1.0, time=0.7995)
+    scenario = replace(smooth_scenario, disturbances=(hit,))
+    struck = simulate_mujoco(scenario, adaptive, mode="sampled")
+    calm = simulate_mujoco(smooth_scenario, adaptive, mode="sampled")
+    assert abs(struck.state[-1, 2] - calm.state[-1, 2]) > 0.1
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_repeated_run_has_the_same_bits(mode, odd_scenario, adaptive):
+    first, second = (simulate_mujoco(odd_scenario, adaptive, mode=mode) for _ in range(2))
+    for name in ("time", "state", "force", "cart_mass", "half_length"):
+        assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
+def test_the_other_integrators_are_of_order_one(integrator, smooth_scenario, adaptive):
+    errors = []
+    for h in (2e-3, 1e-3, 5e-4):
+        run = simulate_mujoco(
+            smooth_scenario, adaptive, "sampled",
+            timestep=h, control_period=2e-3, integrator=integrator,
+        )  # fmt: skip
+        held = simulate_ode_held(smooth_scenario, adaptive, timestep=h, control_period=2e-3)
+        errors.append(np.abs(run.state[-1] - held.state[-1]).max())
+    assert 0.9 <= np.polyfit(np.log((2e-3, 1e-3, 5e-4)), np.log(errors), 1)[0] <= 1.1  # A4
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_fall_ends_alike_on_both_sides_and_writes_no_log(mode, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    believer = CONTROLLERS["fixed-nominal"]
+    reference = simulate_ode(TIPPING, believer)
+    with at_most(30):
+        run = simulate_mujoco(TIPPING, believer, mode=mode)
+    assert np.isfinite(run.state).all()
+    assert run.time[-1] <= run.outcome.time
+    assert list(tmp_path.iterdir()) == []  # no MUJOCO_LOG.TXT
+    assert run.outcome.kind == reference.outcome.kind == "fell"
+    assert run.outcome.time == pytest.approx(reference.outcome.time, abs=5e-3)  # a few steps
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_run_that_starts_fallen_holds_its_first_instant(mode, smooth_scenario, adaptive):
+    run = simulate_mujoco(replace(smooth_scenario, initial_state=(0, -1.6, 0, 0)), adaptive, mode)
+    assert str(run.outcome) == "fell at t = 0 s"
+    assert run.state.tolist() == [[0, -1.6, 0, 0]]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_force_beyond_all_bounds_at_the_start_ends_the_run(mode, smooth_scenario, adaptive):
+    edge = replace(smooth_scenario, initial_state=(0, 1.569, 0, 10.0))
+    with at_most(20):
+        run = simulate_mujoco(edge, adaptive, mode=mode)
+    assert run.outcome.kind != "completed"
+    assert np.isfinite(run.state).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        pytest.param(
+            {"mode": "sampled", "timestep": 0.003, "control_period": 0.01},
+            InvalidValueError,
+            "timestep 0.003 s must divide control_period 0.01 s",
+            id="control period",
+        ),
+        pytest.param(
+            {"mode": "sampled", "timestep": 0.003},
+            InvalidValueError,
+            "timestep 0.003 s must divide duration 0.8 s",
+            id="duration",
+        ),
+        pytest.param(
+            {"mode": "fast"},
+            UnknownNameError,
+            "mode must be one of exact, continuous, sampled, got 'fast'",
+            id="mode",
+        ),
+        *(
+            pytest.param(
+                {"mode": mode, "integrator": "RK5"},
+                UnknownNameError,
+                "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'",
+                id=f"integrator, {mode}",
+            )
+            for mode in MODES
+        ),
+        pytest.param(
+            {"mode": "continuous", "timestep": -1e-3},
+            InvalidValueError,
+            "timestep must be positive, got -0.001",
+            id="negative",
+        ),
+    ],
+)
+def test_bad_settings_are_refused(settings, error, message, smooth_scenario, adaptive):
+    with pytest.raises(error) as caught:
+        simulate_mujoco(smooth_scenario, adaptive, **settings)
+    assert str(caught.value) == message

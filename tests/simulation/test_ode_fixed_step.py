@@ -1,0 +1,108 @@
+"""The fixed-step marches: order of accuracy, and the held loop against a second integrator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from afl_mujoco import CONTROLLERS, acceleration, simulate_ode, simulate_ode_held, simulate_ode_rk4
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.plant.dynamics import velocity_jump
+from afl_mujoco.scenario.disturbances import Impulse
+
+STEP_SIZES = (4e-3, 2e-3, 1e-3, 5e-4)
+HELD_STEP = 2e-3
+
+
+@pytest.mark.parametrize("kind", ["smooth_scenario", "odd_scenario"])
+def test_rk4_is_of_order_four_jumps_and_pulses_included(kind, request, controller):
+    scenario = request.getfixturevalue(kind)
+    exact = simulate_ode(scenario, controller, sample_period=scenario.duration).state[-1]
+    errors = [
+        np.abs(simulate_ode_rk4(scenario, controller, timestep=h).state[-1] - exact).max()
+        for h in STEP_SIZES
+    ]
+    slope = np.polyfit(np.log(STEP_SIZES), np.log(errors), 1)[0]
+    assert 3.7 <= slope <= 4.3, errors
+
+
+def _held_by_dop853(scenario, controller, timestep, hold):
+    """Integrate each held step on its own, by another method than the code's."""
+    count = round(scenario.duration / timestep)
+    state, force = np.array(scenario.initial_state), 0.0
+    states, forces = [], []
+    for k in range(count):
+        p = scenario.parameters_at((k + 0.5) * timestep)
+        now, before = k * timestep, (k - 1) * timestep
+        struck = sum(
+            d.momentum
+            for d in scenario.disturbances
+            if isinstance(d, Impulse) and before < d.time - 1e-12 <= now
+        )
+        state[2:] += velocity_jump(state, struck, p)
+        if k % hold == 0:
+            force = controller.force(state, scenario.parameters_at(now))
+        states.append(state)
+        forces.append(force)
+        total = force + scenario.push_at((k + 0.5) * timestep)
+        state = solve_ivp(
+            lambda t, y, total=total, p=p: [y[2], y[3], *acceleration(y, total, p)],
+            (0.0, timestep), state, method="DOP853", rtol=1e-12, atol=1e-14,
+        ).y[:, -1]  # fmt: skip
+    return np.array([*states, state]), np.array(forces)
+
+
+@pytest.mark.parametrize("hold", [1, 4], ids=["every step", "every fourth step"])
+def test_the_held_loop_agrees_with_another_integrator(odd_scenario, adaptive, hold):
+    run = simulate_ode_held(
+        odd_scenario, adaptive, timestep=HELD_STEP, control_period=hold * HELD_STEP
+    )
+    states, forces = _held_by_dop853(odd_scenario, adaptive, HELD_STEP, hold)
+    # eight RK4 steps a step leave (rate * h / 8)^5 a step, below 1e-10 here
+    np.testing.assert_allclose(run.state, states, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.force[:-1], forces, rtol=0, atol=1e-6)  # 1e3 N/m of gain
+
+
+def test_the_held_loop_tends_to_the_continuous_one_in_the_first_order(smooth_scenario, adaptive):
+    exact = simulate_ode(smooth_scenario, adaptive, sample_period=0.8).state[-1]
+    sizes = (4e-3, 2e-3, 1e-3, 5e-4)
+    errors = [
+        np.abs(simulate_ode_held(smooth_scenario, adaptive, timestep=h).state[-1] - exact).max()
+        for h in sizes
+    ]
+    assert 0.9 <= np.polyfit(np.log(sizes), np.log(errors), 1)[0] <= 1.1  # B4
+
+
+@pytest.mark.parametrize("march", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
+def test_an_impulse_in_the_last_step_is_no_crash(march, smooth_scenario, adaptive):
+    hit = Impulse(momentum=1.0, time=0.7995)
+    run = march(replace(smooth_scenario, disturbances=(hit,)), adaptive, timestep=1e-3)
+    assert str(run.outcome) == "completed"
+
+
+@pytest.mark.parametrize("march", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
+def test_a_run_that_starts_fallen_says_so(march, smooth_scenario, adaptive):
+    run = march(replace(smooth_scenario, initial_state=(0, -1.6, 0, 0)), adaptive)
+    assert str(run.outcome) == "fell at t = 0 s"
+    assert run.state.tolist() == [[0, -1.6, 0, 0]]
+
+
+@pytest.mark.parametrize("march", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
+def test_a_runaway_ends_without_a_nan(march, smooth_scenario):
+    scenario = replace(smooth_scenario, initial_state=(0, 0, 0, 9e5), duration=0.1)
+    run = march(scenario, CONTROLLERS["fixed"])
+    assert run.outcome.kind != "completed"
+    assert np.isfinite(run.state).all()
+
+
+def test_steps_that_do_not_fit_are_refused(smooth_scenario, adaptive):
+    with pytest.raises(InvalidValueError) as caught:
+        simulate_ode_held(smooth_scenario, adaptive, timestep=0.003, control_period=0.01)
+    assert str(caught.value) == "timestep 0.003 s must divide control_period 0.01 s"
+    with pytest.raises(InvalidValueError, match=r"^timestep 0.003 s must divide duration 0.8 s$"):
+        simulate_ode_held(smooth_scenario, adaptive, timestep=0.003)
+    with pytest.raises(AflMujocoError, match="^control_period must be positive"):
+        simulate_ode_held(smooth_scenario, adaptive, control_period=0.0)
+    with pytest.raises(AflMujocoError, match="^substeps must be"):
+        simulate_ode_held(smooth_scenario, adaptive, substeps=0)

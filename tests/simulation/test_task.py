@@ -1,0 +1,424 @@
+"""The dm_control environment: the plant, the contract, the pictures."""
+
+from __future__ import annotations
+
+import copy
+import math
+import os
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.simulation.graphics import choose_backend
+from afl_mujoco.simulation.task import Balance, law_policy, reward
+from afl_mujoco.simulation.trajectory import FALL_ANGLE
+
+BACKEND = choose_backend()
+from absl.testing import absltest  # noqa: E402
+from dm_control.rl import control  # noqa: E402
+from dm_control.viewer import runtime  # noqa: E402
+from dm_env import test_utils  # noqa: E402
+
+TIMESTEP = 1e-3
+
+
+def _short(name: str, duration: float, **changes) -> afl.Scenario:
+    """Return a scenario of the catalogue cut to `duration` [s], its late pulse left out."""
+    return replace(afl.SCENARIOS[name], **({"disturbances": ()} | changes), duration=duration)
+
+
+CASES = {
+    "jumps": _short("step-step", 4.0),
+    "ramps": _short("trapezoid-trapezoid", 3.0),
+    "pulse": _short(
+        "step-trapezoid",
+        2.0,
+        disturbances=(afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),),
+    ),
+    "impulses": _short(
+        "step-step",
+        2.0,
+        disturbances=(
+            afl.Impulse(momentum=0.4, time=0.0),
+            afl.Impulse(momentum=-1.0, time=1.0),  # together with a jump of M and l
+            afl.Impulse(momentum=0.3, time=1.2345),  # between two instants
+        ),
+    ),
+    "off-grid breakpoints": replace(
+        _short("nominal", 2.0),
+        cart_mass=afl.step((0.3337,), (1.0, 2.0)),
+        half_length=afl.piecewise_linear((0.1003, 0.9999), (0.5, 0.2)),
+        pole_mass=0.07,
+        gravity=3.7,
+    ),
+}
+
+
+def _states(environment, policy) -> np.ndarray:
+    """Return the states that an agent observes in one episode, shape (N, 4)."""
+    step = environment.reset()
+    seen = [np.concatenate([step.observation["position"], step.observation["velocity"]])]
+    while not step.last():
+        step = environment.step(policy(step))
+        seen.append(np.concatenate([step.observation["position"], step.observation["velocity"]]))
+    return np.array(seen)
+
+
+def _compare(scenario, controller, hold, integrator) -> None:
+    """Check that agent and compiled loop agree in every bit of every observed state."""
+    settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP, "integrator": integrator}
+    reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
+    environment = afl.load(scenario, **settings)
+    states = _states(environment, law_policy(controller, scenario))
+    np.testing.assert_array_equal(states, reference.state[::hold])
+    assert reference.outcome.kind == "completed"
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "Euler"])
+@pytest.mark.parametrize("hold", [1, 10])
+@pytest.mark.parametrize("name", ["fixed", "adaptive"])
+@pytest.mark.parametrize("case", CASES)
+def test_the_law_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(case, name, hold, integrator):
+    _compare(CASES[case], afl.CONTROLLERS[name], hold, integrator)
+
+
+def test_the_law_that_believes_the_nominal_plant_repeats_its_rollout_too():
+    _compare(CASES["jumps"], afl.CONTROLLERS["adaptive-nominal"], 1, "implicitfast")
+
+
+def test_a_run_of_the_paper_is_repeated_to_its_end_at_20_s():
+    _compare(afl.SCENARIOS["trapezoid-step-impulse"], afl.CONTROLLERS["adaptive"], 10, "RK4")
+
+
+def test_a_second_episode_repeats_the_first():
+    scenario = CASES["impulses"]
+    environment = afl.load(scenario, control_period=0.01)
+    policy = law_policy(afl.CONTROLLERS["fixed"], scenario)
+    np.testing.assert_array_equal(_states(environment, policy), _states(environment, policy))
+
+
+def test_the_parameters_observed_are_those_after_the_jump_at_that_instant():
+    scenario = _short("step-step", 2.0, initial_state=(0, 0, 0, 0))
+    environment = afl.load(scenario, control_period=0.1)
+    step, seen = environment.reset(), []
+    while not step.last():
+        seen.append(step.observation["parameters"].tolist())
+        step = environment.step([0.0])
+    assert seen[9:11] == [[0.5, 0.2], [1.0, 0.5]]  # the schedules jump at 1 s
+    assert environment.physics.time() == environment.physics.data.time
+
+
+def test_the_plant_changes_at_every_physics_step_and_the_model_shows_the_present_one():
+    scenario = replace(
+        _short("nominal", 1.0), half_length=afl.piecewise_linear((0.0, 1.0), (0.2, 1.0))
+    )
+    physics = afl.load(scenario).physics
+    for steps in (1, 3, 250):
+        physics.step(steps)
+        mass, length = physics.parameters()
+        assert length == scenario.half_length.at(physics.time())
+        assert physics.named.model.geom_size["pole", 1] == length
+        assert physics.named.model.body_mass["cart"] == mass
+        tip = physics.named.data.sensordata["tip"]
+        phi = physics.position()[1]
+        assert tip[2] == pytest.approx(2.0 * length * math.cos(phi), abs=1e-14)  # round-off
+
+
+def test_beyond_the_horizon_the_plant_keeps_its_last_parameters():
+    pulse = afl.ForcePulse(force=1.0, start=0.4, duration=0.1)
+    scenario = _short("step-step", 0.5, disturbances=(pulse,), initial_state=(0, 0, 0, 0))
+    physics = afl.load(scenario, environment_kwargs={"time_limit": math.inf}).physics
+    physics.step(500)
+    velocity = physics.velocity()
+    physics.data.qpos[:] = physics.data.qvel[:] = 0.0
+    physics.step(700)
+    assert physics.parameters().tolist() == [0.5, 0.2]
+    assert physics.time() == pytest.approx(1.2, abs=1e-12)
+    assert velocity[0] > 0.0
+    assert physics.velocity()[0] == 0.0  # the pulse is over and the pole rests upright
+
+
+def test_a_picture_taken_between_two_steps_leaves_the_simulation_alone():
+    physics, other = (afl.load(CASES["jumps"]).physics for _ in range(2))
+    for _ in range(50):
+        physics.step(7)
+        other.step(7)
+        other.forward()  # all that drawing a picture needs
+        other.forward()
+    np.testing.assert_array_equal(physics.get_state(), other.get_state())
+
+
+@pytest.mark.parametrize(
+    "duplicate",
+    [lambda p: p.copy(), copy.deepcopy, lambda p: pickle.loads(pickle.dumps(p))],
+    ids=["copy", "deepcopy", "pickle"],
+)
+def test_a_copy_of_the_physics_goes_on_alone_from_the_same_instant(duplicate):
+    physics = afl.load(CASES["ramps"], integrator="Euler").physics
+    physics.set_control([2.5])
+    physics.step(1234)
+    twin = duplicate(physics)
+    assert twin.model.ptr is not physics.model.ptr
+    assert twin.time() == physics.time()
+    twin.step(500)
+    physics.step(500)
+    np.testing.assert_array_equal(twin.get_state(), physics.get_state())
+    np.testing.assert_array_equal(twin.model.body_inertia, physics.model.body_inertia)
+
+
+def test_what_would_tear_model_and_scenario_apart_is_refused():
+    physics = afl.load(CASES["ramps"]).physics
+    with pytest.raises(InvalidValueError, match=r"^share_model must be false"):
+        physics.copy(share_model=True)
+    with pytest.raises(InvalidValueError, match=r"^model cannot be replaced"):
+        physics.reload_from_xml_string("<mujoco/>")
+    with pytest.raises(InvalidValueError, match=r"^control must be below 1e.06 N, got nan N"):
+        physics.set_control([math.nan])
+        physics.step()
+
+
+def test_the_initial_perturbation_is_seeded_bounded_and_only_of_the_angle():
+    starts = [
+        afl.load(initial_noise=0.1, random=seed).reset().observation
+        for seed in (1, 1, 2, np.random.RandomState(1))
+    ]
+    phi = [start["position"][1] for start in starts]
+    assert phi[0] == phi[1] == phi[3] != phi[2]
+    assert all(abs(angle + math.pi / 3) < 0.1 for angle in phi)
+    assert all(start["position"][0] == 0.0 for start in starts)
+    environment = afl.load(initial_noise=0.1, random=1)
+    angles = {environment.reset().observation["position"][1] for _ in range(5)}
+    assert len(angles) == 5  # another one in each episode
+    assert afl.load().reset().observation["position"][1] == -math.pi / 3
+
+
+def test_an_episode_ends_where_the_pole_falls_with_discount_zero():
+    environment = afl.load(control_period=0.01)
+    step = environment.reset()
+    while not step.last():
+        step = environment.step([0.0])
+    assert abs(step.observation["position"][1]) >= FALL_ANGLE
+    assert step.discount == 0.0
+    assert environment.physics.time() < 1.0
+    assert environment.step([0.0]).first()
+
+
+def test_an_episode_ends_where_the_state_diverges_with_reward_zero():
+    light = replace(_short("nominal", 1.0), cart_mass=afl.constant(1e-3), pole_mass=1e-5)
+    environment = afl.load(light, force_limit=9e5, control_period=0.1)
+    step = environment.reset()
+    while not step.last():
+        step = environment.step([9e5])
+    assert environment.physics.diverged()
+    assert (step.reward, step.discount) == (0.0, 0.0)
+    before = environment.physics.get_state()
+    environment.physics.step()
+    np.testing.assert_array_equal(environment.physics.get_state(), before)
+
+
+@pytest.mark.parametrize("period", [0.001, 0.007, 0.01, 0.1, 0.3])
+def test_an_episode_lasts_the_duration_rounded_up_to_whole_periods(period):
+    scenario = _short("nominal", 0.3, initial_state=(0, 0, 0, 0))
+    environment = afl.load(scenario, control_period=period)
+    step, count = environment.reset(), 0
+    while not step.last():
+        step, count = environment.step([0.0]), count + 1
+    assert count == math.ceil(round(0.3 / period, 9))
+    assert step.discount == 1.0
+
+
+def test_actions_are_clipped_to_the_spec_and_the_papers_runs_stay_inside_it():
+    environment = afl.load(force_limit=5.0)
+    environment.reset()
+    environment.step([7.0])
+    assert environment.physics.control().tolist() == [5.0]
+    run = afl.simulate_mujoco(afl.SCENARIOS["nominal"], afl.CONTROLLERS["adaptive"], "sampled")
+    spec = afl.load().action_spec()
+    assert np.abs(run.force).max() < 0.1 * spec.maximum
+    assert spec.shape == (1,)
+    assert spec.dtype == np.float64
+
+
+@pytest.mark.parametrize("action", [[math.nan], [math.inf], [1.0, 2.0], 1.0], ids=str)
+def test_an_action_that_is_no_force_is_refused(action):
+    environment = afl.load()
+    environment.reset()
+    with pytest.raises(InvalidValueError, match=r"^action must"):
+        environment.step(action)
+
+
+def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
+    z, phi, force = np.meshgrid(
+        np.linspace(-10, 10, 41), np.linspace(-2, 2, 41), np.linspace(-1e3, 1e3, 41)
+    )
+    values = reward(z, phi, force)
+    assert values.min() > 0.0
+    assert values.max() == reward(0.0, 0.0, 0.0) == 1.0
+    assert np.unravel_index(values.argmax(), values.shape) == (20, 20, 20)
+    slope = np.diff(reward(0.0, np.linspace(-1e-3, 1e-3, 201), 0.0)) / 1e-5
+    curvature = 2.0 * 9.0 / (math.pi / 3) ** 2  # of 1 / (1 + 9 (phi / margin)^2) at 0
+    assert np.abs(np.diff(slope)).max() < 1.01 * curvature * 1e-5  # no corner at the goal
+    assert reward(0.0, math.pi / 3, 0.0) == pytest.approx(0.1)
+    assert reward(2.0, 0.0, 0.0) == pytest.approx(0.55)
+    assert reward(0.0, 0.0, 100.0) == pytest.approx(0.82)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"scenario": "nowhere"}, "scenario must be one of nominal"),
+        ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
+        ({"timestep": 3e-3}, "timestep 0.003 s must divide duration 20 s"),
+        ({"timestep": -1.0}, "timestep must be positive, got -1"),
+        ({"timestep": math.nan}, "timestep must be finite, got nan"),
+        ({"control_period": 0.0}, "control_period must be positive, got 0"),
+        ({"integrator": "RK5"}, "integrator must be one of RK4"),
+        ({"force_limit": 0.0}, "force_limit must be positive, got 0"),
+        ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
+        ({"initial_noise": -0.1}, "initial_noise must not be negative, got -0.1"),
+        ({"initial_noise": 0.6}, "initial_noise must not let the pole start fallen, got 0.6"),
+        ({"random": "seed"}, "random must be a seed"),
+        ({"random": -1}, "random must be a seed"),
+        ({"environment_kwargs": {"n_sub_steps": 2}}, "environment_kwargs must be one of flat_obs"),
+        ({"environment_kwargs": {"time_limit": -1}}, "time_limit must be positive, got -1"),
+    ],
+    ids=str,
+)
+def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, message):
+    with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
+        afl.load(**settings)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_scenario_file_loads_like_a_name(tmp_path):
+    afl.save_scenario(CASES["pulse"], tmp_path / "mine.toml")
+    assert afl.load(tmp_path / "mine.toml").physics.scenario == CASES["pulse"]
+
+
+def test_without_observed_parameters_the_law_says_what_it_misses():
+    environment = afl.load(observe_parameters=False)
+    policy = law_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS["nominal"])
+    step = environment.reset()
+    assert list(step.observation) == ["position", "velocity"]
+    with pytest.raises(InvalidValueError, match=r"^observation must hold 'parameters'"):
+        policy(step)
+
+
+def test_observations_can_be_flat():
+    environment = afl.load(environment_kwargs={"flat_observation": True})
+    observation = environment.reset().observation["observations"]
+    assert observation.tolist() == [0.0, -math.pi / 3, 0.0, 0.0, 1.0, 0.5]
+
+
+def test_the_environment_is_what_the_suite_returns():
+    environment = afl.load("step-step", control_period=0.02, random=3)
+    assert isinstance(environment, control.Environment)
+    assert isinstance(environment.task, Balance)
+    assert environment.control_timestep() == pytest.approx(0.02)
+    assert environment.physics.timestep() == TIMESTEP
+    assert not environment.physics.legacy_step
+    assert isinstance(environment.task.random, np.random.RandomState)
+
+
+def test_the_viewers_loop_runs_pauses_and_restarts_it():
+    scenario = CASES["jumps"]
+    environment = afl.load(scenario, control_period=0.01)
+    loop = runtime.Runtime(environment, law_policy(afl.CONTROLLERS["adaptive"], scenario))
+    errors = []
+    loop.on_error += errors.append
+    for _ in range(30):
+        loop.tick(0.05, paused=False)
+    assert 1.0 < loop.get_time() <= 1.5  # a viewer ahead of its clock waits for it
+    loop.tick(0.05, paused=True)
+    loop.single_step()
+    loop.restart()
+    loop.tick(0.0, paused=True)
+    assert loop.get_time() == 0.0
+    assert environment.physics.parameters().tolist() == [0.5, 0.2]
+    assert errors == []
+
+
+class TestContract(test_utils.EnvironmentTestMixin, absltest.TestCase):
+    """The contract of `dm_env.Environment`, past the end of an episode."""
+
+    def make_object_under_test(self):
+        return afl.load("step-step-impulse", control_period=0.02, initial_noise=0.1, random=1)
+
+    def make_action_sequence(self):
+        for _ in range(100):
+            yield self.make_action()
+
+
+class TestContractOfAPerfectBalance(TestContract):
+    """The same where the time limit ends the episode."""
+
+    def make_object_under_test(self):
+        scenario = _short("nominal", 0.5, initial_state=(0, 0, 0, 0))
+        return afl.load(scenario, control_period=0.01, observe_parameters=False)
+
+    def make_action(self):
+        return np.zeros(1)
+
+
+def _require_graphics() -> None:
+    """Skip without a headless OpenGL library, or fail where one is demanded."""
+    if BACKEND == "disable":
+        reason = "no EGL or OSMesa library is installed, so MuJoCo cannot draw off screen"
+        if os.environ.get("AFL_MUJOCO_REQUIRE_GL"):
+            pytest.fail(f"AFL_MUJOCO_REQUIRE_GL is set, but {reason}")
+        pytest.skip(reason)
+
+
+def _pole_pixels(picture: np.ndarray) -> np.ndarray:
+    """Return where a picture shows the pole: it alone is orange. Shape (N, 2), (row, column)."""
+    red, _, blue = picture.astype(int).transpose(2, 0, 1)
+    return np.argwhere(red - blue > 60)  # cart, floor and sky are bluish or grey
+
+
+@pytest.mark.parametrize("half_length", [0.2, 0.5, 1.0])
+def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(half_length):
+    _require_graphics()
+    scenario = replace(_short("nominal", 1.0), half_length=afl.constant(half_length))
+    physics = afl.load(scenario).physics
+    extents = []
+    for z in (0.0, 7.0):
+        physics.begin((z, -math.pi / 3, 0.0, 0.0))
+        seen = _pole_pixels(physics.render(240, 320, camera_id="side"))
+        assert seen.min() > 0
+        assert (seen.max(axis=0) < (239, 319)).all()
+        extents.append(np.ptp(seen, axis=0))
+    assert np.abs(extents[0] - extents[1]).max() <= 1  # the camera follows; edges round to a pixel
+
+
+def test_a_picture_shows_the_length_of_its_instant():
+    _require_graphics()
+    scenario = replace(
+        _short("nominal", 1.0, initial_state=(0, 0, 0, 0)),
+        half_length=afl.step((0.5,), (0.3, 0.9)),
+    )
+    environment = afl.load(scenario, control_period=0.1)
+    environment.reset()
+    heights = []
+    for _ in range(6):
+        picture = environment.physics.render(240, 320, camera_id="side")
+        heights.append(np.ptp(_pole_pixels(picture)[:, 0]))
+        environment.step([0.0])
+    assert len(set(heights[:5])) == 1
+    assert heights[5] > 2.0 * heights[0]
+
+
+def test_pictures_leave_the_simulation_alone():
+    _require_graphics()
+    scenario = CASES["impulses"]
+    environment, watched = (afl.load(scenario, control_period=0.05) for _ in range(2))
+    policy = law_policy(afl.CONTROLLERS["adaptive"], scenario)
+
+    def look_then_act(step):
+        watched.physics.render(60, 80, camera_id="side")
+        return policy(step)
+
+    np.testing.assert_array_equal(_states(watched, look_then_act), _states(environment, policy))

@@ -1,0 +1,182 @@
+"""A trajectory is read-only, checks its shapes, and survives its file bit for bit."""
+
+import gc
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from afl_mujoco import Outcome, Trajectory, simulate_ode_rk4
+from afl_mujoco.errors import FileError, InvalidValueError
+
+ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
+
+
+def _made(**changes):
+    fields = {
+        "time": np.linspace(0, 1, 3),
+        "state": np.arange(12.0).reshape(3, 4),
+        "force": np.zeros(3),
+        "cart_mass": np.ones(3),
+        "half_length": np.ones(3),
+        "outcome": Outcome("completed", 1.0),
+    }
+    return Trajectory(**{**fields, **changes})
+
+
+@pytest.fixture
+def saved(tmp_path, smooth_scenario, adaptive):
+    run = simulate_ode_rk4(smooth_scenario, adaptive, timestep=0.01)
+    run.save(tmp_path / "run.npz")
+    return run, tmp_path / "run.npz"
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_an_array_cannot_be_written_to_nor_replaced(name):
+    run = _made()
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(run, name)[0] = 7.0
+    with pytest.raises(AttributeError):
+        setattr(run, name, np.zeros(3))
+
+
+def test_a_trajectory_does_not_share_the_caller_s_memory():
+    force = np.zeros(3)
+    run = _made(force=force)
+    force[0] = 7.0
+    assert run.force[0] == 0.0
+
+
+@pytest.mark.parametrize("name", ARRAYS[1:])
+def test_an_array_of_another_length_is_refused_by_name(name):
+    with pytest.raises(InvalidValueError, match=rf"^{name} must have shape \(3,( 4)?\), got \(2,"):
+        _made(**{name: np.zeros((2, 4) if name == "state" else 2)})
+
+
+def test_a_run_comes_back_from_its_file_bit_for_bit_with_its_provenance(saved):
+    run, path = saved
+    back = Trajectory.load(path)
+    for name in ARRAYS:
+        assert getattr(back, name).tobytes() == getattr(run, name).tobytes()
+        assert not getattr(back, name).flags.writeable
+    assert back.outcome == run.outcome
+    assert back.provenance == run.provenance
+    assert back.simulator == "ode RK4"
+
+
+def test_the_provenance_says_what_was_run(saved):
+    provenance = saved[0].provenance
+    assert provenance["scenario"]["name"] == "smooth"
+    assert provenance["controller"]["name"] == "adaptive"
+    assert provenance["settings"] == {"timestep": 0.01}
+    assert set(provenance["versions"]) >= {"afl_mujoco", "mujoco", "numpy", "scipy"}
+
+
+def test_not_finite_numbers_survive_the_file(tmp_path):
+    run = _made(force=np.array([math.nan, math.inf, -0.0]))
+    run.save(tmp_path / "run.npz")
+    assert Trajectory.load(tmp_path / "run.npz").force.tobytes() == run.force.tobytes()
+
+
+def _missing(path, whole):
+    path.unlink()
+
+
+def _folder(path, whole):
+    path.unlink()
+    path.mkdir()
+
+
+def _pickled(path, whole):
+    path.write_bytes(pickle.dumps({"time": [0.0]}))
+
+
+def _object_array(path, whole):
+    fields = {name: np.array([object()]) for name in ARRAYS}
+    np.savez(path, **fields, meta=np.array("{}"))
+
+
+def _half(path, whole):
+    path.write_bytes(whole[: len(whole) // 2])
+
+
+def _single_array(path, whole):
+    with path.open("wb") as stream:
+        np.save(stream, np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        pytest.param(_missing, "cannot be read: no such file or directory", id="missing"),
+        pytest.param(_folder, "cannot be read: is a directory", id="folder"),
+        pytest.param(lambda p, w: p.write_bytes(b""), "is not a saved trajectory", id="empty"),
+        pytest.param(
+            lambda p, w: p.write_bytes(bytes(range(256))), "is not a saved trajectory", id="garbage"
+        ),
+        pytest.param(_pickled, "is not a saved trajectory", id="pickle"),
+        pytest.param(_object_array, "is not a saved trajectory", id="pickled array inside"),
+        pytest.param(_half, "is not a saved trajectory", id="cut off"),
+        pytest.param(_single_array, "is not a saved trajectory", id="npy"),
+        pytest.param(
+            lambda p, w: np.savez(p, time=np.zeros(3)), "is not a saved trajectory", id="other npz"
+        ),
+    ],
+)
+def test_a_file_that_holds_no_trajectory_is_said_so(spoil, message, saved):
+    _, path = saved
+    spoil(path, path.read_bytes() if path.is_file() else b"")
+    with pytest.raises(FileError) as caught:
+        Trajectory.load(path)
+    said = str(caught.value)
+    assert said.startswith(f"{path} {message}")
+    assert "\n" not in said
+    del caught
+    gc.collect()  # a file left open is a warning, hence an error, here and not in a later test
+
+
+def test_a_file_with_one_wrong_byte_is_refused_or_read_but_never_crashes(saved):
+    _, path = saved
+    whole = path.read_bytes()
+    refused = 0
+    for place in range(0, len(whole), 61):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        try:
+            Trajectory.load(path)
+        except FileError:
+            refused += 1
+    assert refused > 10
+
+
+def test_a_save_that_fails_leaves_nothing_behind_and_the_old_file_whole(saved, monkeypatch):
+    run, path = saved
+    before = path.read_bytes()
+
+    def full_disk(stream, **arrays):
+        stream.write(b"half a file")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", full_disk)
+    with pytest.raises(FileError, match="cannot be written: no space left on device"):
+        run.save(path)
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_save_into_a_missing_folder_is_an_error(tmp_path):
+    with pytest.raises(FileError, match="cannot be written: no such file or directory$"):
+        _made().save(tmp_path / "missing" / "run.npz")
+
+
+@pytest.mark.parametrize(
+    ("outcome", "text"),
+    [
+        (Outcome("completed", 20.0), "completed"),
+        (Outcome("fell", 1.25), "fell at t = 1.25 s"),
+        (Outcome("diverged", 3.0), "diverged at t = 3 s"),
+    ],
+    ids=["completed", "fell", "diverged"],
+)
+def test_an_outcome_says_how_and_when(outcome, text):
+    assert str(outcome) == text
