@@ -1,4 +1,4 @@
-"""The decorator of every compiled function."""
+"""The decorator of every compiled function, and how compiled code reaches memory by address."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
 from numba.core import caching
+from numba.extending import intrinsic
 
 
 @functools.cache
@@ -69,3 +71,32 @@ def kernel(function: Callable[..., Any]) -> Any:
     dispatcher: Any = njit(nogil=True, error_model="numpy")(function)
     dispatcher._cache = _Cache(dispatcher.py_func)  # type: ignore[no-untyped-call]
     return dispatcher
+
+
+_DOUBLE = ir.DoubleType()
+
+
+def _load(typingctx: Any, address: Any) -> Any:
+    """Return the double at `address`."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.load(builder.inttoptr(arguments[0], _DOUBLE.as_pointer()), typ=_DOUBLE)
+
+    return types.float64(types.int64), generate
+
+
+def _store(typingctx: Any, address: Any, value: Any) -> Any:
+    """Write the double `value` to `address`."""
+
+    def generate(context, builder, signature, arguments):
+        builder.store(arguments[1], builder.inttoptr(arguments[0], _DOUBLE.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64), generate
+
+
+load: Any = intrinsic(_load)
+"""Compiled code only: ``load(address)`` is the double at `address`."""
+
+store: Any = intrinsic(_store)
+"""Compiled code only: ``store(address, value)`` writes the double `value` to `address`."""

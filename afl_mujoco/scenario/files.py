@@ -62,8 +62,8 @@ def load_scenario(path: str | Path) -> Scenario:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise FileError(str(path), f"cannot be read: {reason.lower()}") from None
+        reason = error.strerror.lower() if isinstance(error, OSError) else "not UTF-8 text"
+        raise FileError(str(path), f"cannot be read: {reason}") from None
     except tomllib.TOMLDecodeError as error:
         raise FileError(str(path), f"is not valid TOML: {error}") from None
     try:
@@ -194,8 +194,8 @@ def _piece(index: int, value: object) -> Schedule:
 
 def _disturbance(index: int, value: object) -> ForcePulse | Impulse:
     """Build a disturbance from its table."""
+    table = _table(f"disturbances[{index}]", value)
     try:
-        table = _table("entry", value)
         build, keys = _shape(table, _DISTURBANCES)
         disturbance: ForcePulse | Impulse = build(**{key: table[key] for key in keys})
         return disturbance

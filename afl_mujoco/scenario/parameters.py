@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from afl_mujoco.errors import InvalidValueError
 
 
@@ -23,12 +25,14 @@ def require_finite(thing: str, value: object) -> float:
     InvalidValueError
         If `value` is no number, or is NaN or infinite.
     """
-    if isinstance(value, bool | str | bytes):
+    if isinstance(value, bool | np.bool_ | str | bytes):
         raise InvalidValueError(thing, "must be a number", repr(value))
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise InvalidValueError(thing, "must be a number", repr(value)) from None
+    except OverflowError:
+        raise InvalidValueError(thing, "must be finite", "a number beyond all floats") from None
     if not math.isfinite(number):
         raise InvalidValueError(thing, "must be finite", number)
     return number

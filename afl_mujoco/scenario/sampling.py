@@ -65,6 +65,7 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
     regular = period * np.arange(int(np.ceil(scenario.duration / period)) + 1)
     nearest = np.abs(regular[:, None] - special[None, :]).min(axis=1)
     inside = (nearest > SNAP * period) & (regular < scenario.duration)
+    inside[0] = True
     return np.sort(np.concatenate([regular[inside], special]))
 
 

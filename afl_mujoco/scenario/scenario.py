@@ -107,12 +107,11 @@ class Scenario:
         object.__setattr__(self, "initial_state", state)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))
         for disturbance in self.disturbances:
-            if max(disturbance.breakpoints) > self.duration:
-                raise InvalidValueError(
-                    "disturbance",
-                    f"must end within the duration {self.duration} s",
-                    max(disturbance.breakpoints),
-                )
+            end = max(disturbance.breakpoints)
+            struck_at_end = isinstance(disturbance, Impulse) and end == self.duration
+            if end > self.duration or struck_at_end:
+                rule = f"must end within the duration {self.duration} s"
+                raise InvalidValueError("disturbance", rule, end)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

@@ -152,7 +152,7 @@ def constant(value: float) -> Schedule:
     value
         The value.
     """
-    return Schedule((0.0,), (value,))
+    return Schedule((0.0,), (require_finite("value", value),))
 
 
 def step(times: Sequence[float], values: Sequence[float]) -> Schedule:
@@ -201,6 +201,7 @@ def trapezoid(times: Sequence[float], low: float, high: float) -> Schedule:
     if len(times) != 4:
         raise InvalidValueError("times", "must be four for a trapezoid", len(times))
     _require_increasing("times", times)
+    low, high = require_finite("low", low), require_finite("high", high)
     return Schedule(tuple(times), (low, high, high, low))
 
 
@@ -241,15 +242,12 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
     _require_increasing("starts", starts)
     knots: list[tuple[float, float]] = []
     for start, end, piece in zip(starts, [*starts[1:], np.inf], pieces, strict=True):
-        length = end - start
+        inner = [(t, v) for t, v in zip(piece.times, piece.values, strict=True) if t > 0.0]
         knots.append((start, piece.at(0.0)))
-        knots += [
-            (start + t, v)
-            for t, v in zip(piece.times, piece.values, strict=True)
-            if 0.0 < t < length
-        ]
+        knots += [(start + t, v) for t, v in inner if start + t < end]
         if np.isfinite(end):
-            knots.append((end, piece.before(length)))
+            cut_off = [t for t, _ in inner if start + t >= end]
+            knots.append((end, piece.before(min([end - start, *cut_off]))))
     kept = [knot for i, knot in enumerate(knots) if i == 0 or knot != knots[i - 1]]
     return Schedule(tuple(t for t, _ in kept), tuple(v for _, v in kept))
 

@@ -9,18 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from llvmlite import binding, ir
+from llvmlite import binding
 from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
+from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive
-from afl_mujoco.simulation.graphics import choose_backend
 
 choose_backend()
 import mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
@@ -61,34 +59,6 @@ MODEL, DATA, SCRATCH = 0, 1, 2
 CART_MASS, CART_INERTIA, POLE_MASS, POLE_INERTIA, POLE_COM = 3, 4, 5, 6, 7
 GEOM_HALF_LENGTH, GEOM_CENTRE, TIP, GRAVITY = 8, 9, 10, 11
 Z, PHI, Z_DOT, PHI_DOT, CONTROL, PUSH, Z_DDOT, PHI_DDOT = 12, 13, 14, 15, 16, 17, 18, 19
-
-_DOUBLE = ir.DoubleType()
-
-
-def _load(typingctx: Any, address: Any) -> Any:
-    """Return the double at `address`."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.load(builder.inttoptr(arguments[0], _DOUBLE.as_pointer()), typ=_DOUBLE)
-
-    return types.float64(types.int64), generate
-
-
-def _store(typingctx: Any, address: Any, value: Any) -> Any:
-    """Write the double `value` to `address`."""
-
-    def generate(context, builder, signature, arguments):
-        builder.store(arguments[1], builder.inttoptr(arguments[0], _DOUBLE.as_pointer()))
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.float64), generate
-
-
-load: Any = intrinsic(_load)
-"""Compiled code only: ``load(address)`` is the double at `address`."""
-
-store: Any = intrinsic(_store)
-"""Compiled code only: ``store(address, value)`` writes the double `value` to `address`."""
 
 
 @kernel

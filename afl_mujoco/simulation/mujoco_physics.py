@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
-from afl_mujoco.simulation.graphics import choose_backend
 from afl_mujoco.simulation.mujoco_rollout import impulses_by_step
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
 
@@ -48,23 +48,23 @@ def _arrive(at, row, constants):
     """Apply the ideal impulse of an instant, with the parameters of the step that starts there."""
     pole_mass, gravity = constants
     if row[_IMPULSE] != 0.0:
-        force = mm.load(at[mm.CONTROL])
+        force = load(at[mm.CONTROL])
         mm.write_parameters(at, row[_M_MIDDLE], pole_mass, row[_L_MIDDLE], gravity)
-        z, phi = mm.load(at[mm.Z]), mm.load(at[mm.PHI])
-        z_dot, phi_dot = mm.load(at[mm.Z_DOT]), mm.load(at[mm.PHI_DOT])
+        z, phi = load(at[mm.Z]), load(at[mm.PHI])
+        z_dot, phi_dot = load(at[mm.Z_DOT]), load(at[mm.PHI_DOT])
         jump = mm.strike(at, z, phi, z_dot, phi_dot, row[_IMPULSE])
         mm.write_state(at, z, phi, z_dot + jump[0], phi_dot + jump[1])
-        mm.store(at[mm.CONTROL], force)
+        store(at[mm.CONTROL], force)
 
 
 @kernel
 def _within_limits(at):
     """Return whether the state has not diverged."""
     return (
-        abs(mm.load(at[mm.Z])) < STATE_LIMIT
-        and abs(mm.load(at[mm.PHI])) < STATE_LIMIT
-        and abs(mm.load(at[mm.Z_DOT])) < STATE_LIMIT
-        and abs(mm.load(at[mm.PHI_DOT])) < STATE_LIMIT
+        abs(load(at[mm.Z])) < STATE_LIMIT
+        and abs(load(at[mm.PHI])) < STATE_LIMIT
+        and abs(load(at[mm.Z_DOT])) < STATE_LIMIT
+        and abs(load(at[mm.PHI_DOT])) < STATE_LIMIT
     )
 
 
@@ -85,7 +85,7 @@ def _advance(at, course, constants, first, count):
         if wanted != written:
             mm.write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
             written = wanted
-        mm.store(at[mm.PUSH], row[_PUSH])
+        store(at[mm.PUSH], row[_PUSH])
         mm.mj_step(at[mm.MODEL], at[mm.DATA])
         if course[min(k + 1, last), _IMPULSE] != 0.0:
             _arrive(at, course[min(k + 1, last)], constants)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.control.afl import force_given
 from afl_mujoco.control.controllers import Controller, scheduled_force
 from afl_mujoco.errors import UnknownNameError
@@ -26,9 +26,7 @@ from afl_mujoco.simulation.mujoco_model import (
     CartPoleModel,
     Z,
     forward,
-    load,
     mj_step,
-    store,
     strike,
     write_parameters,
     write_state,

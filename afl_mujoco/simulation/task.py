@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controllers import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite, require_positive
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.graphics import choose_backend
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 choose_backend()

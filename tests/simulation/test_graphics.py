@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from afl_mujoco.simulation.graphics import choose_backend
+from afl_mujoco.graphics import choose_backend
 
 
 @pytest.fixture

@@ -85,9 +85,11 @@ def test_a_run_that_starts_fallen_holds_its_first_instant(smooth_scenario, adapt
 
 
 def test_bad_settings_are_refused(smooth_scenario, adaptive):
-    with pytest.raises(UnknownNameError, match="^method must be one of DOP853, Radau, RK45, LSODA"):
+    with pytest.raises(
+        UnknownNameError, match=r"^method must be one of DOP853, Radau, RK45, LSODA"
+    ):
         simulate_ode(smooth_scenario, adaptive, method="Euler")
     with pytest.raises(InvalidValueError, match=r"^timestep must be within 0.8 s, got 1.0$"):
         simulate_ode(smooth_scenario, adaptive, sample_period=1.0)
-    with pytest.raises(AflMujocoError, match="^rtol must be"):
+    with pytest.raises(AflMujocoError, match=r"^rtol must be"):
         simulate_ode(smooth_scenario, adaptive, rtol=-1.0)

@@ -102,7 +102,7 @@ def test_steps_that_do_not_fit_are_refused(smooth_scenario, adaptive):
     assert str(caught.value) == "timestep 0.003 s must divide control_period 0.01 s"
     with pytest.raises(InvalidValueError, match=r"^timestep 0.003 s must divide duration 0.8 s$"):
         simulate_ode_held(smooth_scenario, adaptive, timestep=0.003)
-    with pytest.raises(AflMujocoError, match="^control_period must be positive"):
+    with pytest.raises(AflMujocoError, match=r"^control_period must be positive"):
         simulate_ode_held(smooth_scenario, adaptive, control_period=0.0)
-    with pytest.raises(AflMujocoError, match="^substeps must be"):
+    with pytest.raises(AflMujocoError, match=r"^substeps must be"):
         simulate_ode_held(smooth_scenario, adaptive, substeps=0)

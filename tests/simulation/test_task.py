@@ -13,7 +13,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.simulation.graphics import choose_backend
+from afl_mujoco.graphics import choose_backend
 from afl_mujoco.simulation.task import Balance, law_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 

@@ -42,7 +42,9 @@ def test_the_report_has_each_check_of_each_pair_and_the_equation_checks_once(
 ) -> None:
     places = [(c.id, c.controller) for c in report.checks]
     assert places == [("A1", "any"), ("A3", "any")] + [
-        (id, controller) for controller in ("fixed", "adaptive") for id in ("A5", "B1", "B2", "B2b", "B3")
+        (id, controller)
+        for controller in ("fixed", "adaptive")
+        for id in ("A5", "B1", "B2", "B2b", "B3")
     ]
     assert [(r.controller, r.simulator) for r in report.runs] == [
         (controller, simulator) for controller in ("fixed", "adaptive") for simulator in REPORTED

@@ -1,0 +1,229 @@
+"""The rules of the house that no linter knows."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import pytest
+
+import afl_mujoco
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "afl_mujoco"
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+FOLDERS = sorted({source.parent for source in SOURCES})
+
+MAX_FILE_LINES = 300
+MAX_FUNCTION_LINES = 40
+MAX_MODULES = 8  # seven ask for a second look; simulation/ has had its own
+
+
+def relative(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def body_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines of a function's body, its docstring not counted."""
+    first = 1 if ast.get_docstring(function) is not None else 0
+    if len(function.body) == first:
+        return 0
+    start = function.body[first - 1].end_lineno + 1 if first else function.body[0].lineno
+    return function.end_lineno - start + 1
+
+
+# Sizes and names
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=relative)
+def test_a_source_file_stays_readable_in_one_sitting(source: Path) -> None:
+    assert len(source.read_text().splitlines()) <= MAX_FILE_LINES
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=relative)
+def test_a_function_body_fits_on_a_screen(source: Path) -> None:
+    long = {
+        node.name: body_lines(node)
+        for node in ast.walk(ast.parse(source.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and body_lines(node) > MAX_FUNCTION_LINES
+    }
+    assert long == {}
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=relative)
+def test_a_module_is_named_for_what_it_holds(source: Path) -> None:
+    assert {source.stem, source.parent.name}.isdisjoint({"utils", "helpers", "common", "base"})
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=relative)
+def test_a_folder_can_be_taken_in_at_a_glance(folder: Path) -> None:
+    modules = [path.name for path in folder.glob("*.py") if path.name != "__init__.py"]
+    assert len(modules) <= MAX_MODULES, modules
+
+
+# The public face
+
+
+@pytest.mark.parametrize("name", afl_mujoco.__all__)
+def test_a_public_name_exists_and_is_documented(name: str) -> None:
+    value = getattr(afl_mujoco, name)
+    if inspect.isclass(value) or callable(value):
+        generated = f"{name}("  # what a dataclass without a docstring gets
+        assert value.__doc__ and not value.__doc__.startswith(generated)
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    heavy = {"dm_control", "matplotlib", "mujoco", "numba", "scipy"}
+    program = "import sys, afl_mujoco; print(*sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert heavy.isdisjoint(run.stdout.split())
+
+
+# One writer of MjModel
+
+MODEL_FIELDS = {field for field in dir(mujoco.MjModel) if "_" in field[1:-1]} | {
+    *("opt", "vis", "stat"),
+    *("qpos0", "qpos_spring"),
+}
+WRITER = PACKAGE / "simulation" / "mujoco_model.py"
+
+
+def model_writes(code: str) -> Iterator[str]:
+    """Assignments to `….field`, `….field[…]` and `….opt.….field`, in whichever statement."""
+    for node in ast.walk(ast.parse(code)):
+        if not isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
+            continue
+        target = node
+        while isinstance(target, ast.Attribute | ast.Subscript):
+            if isinstance(target, ast.Attribute) and target.attr in MODEL_FIELDS:
+                yield f"line {target.lineno}: {ast.unparse(node)}"
+                break
+            target = target.value
+
+
+@pytest.mark.parametrize("source", [source for source in SOURCES if source != WRITER], ids=relative)
+def test_nobody_but_mujoco_model_writes_to_a_model(source: Path) -> None:
+    assert list(model_writes(source.read_text())) == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "model.body_mass[1] = 2.0",
+        "model.body_inertia[1, :] *= 2.0",
+        "self.mj_model.geom_size = size",
+        "model.opt.gravity[2] = -9.7",
+        "model.opt.timestep, b = 1e-3, 2",
+        "physics.named.model.site_pos['tip', 'z'] = 1.0",
+    ],
+)
+def test_a_write_to_a_model_is_noticed(line: str) -> None:
+    assert list(model_writes(line)) != []
+
+
+# What is committed is valid everywhere
+
+INDEX = re.compile(  # each split in two, lest this file match itself
+    "|".join(
+        "".join(halves)
+        for halves in [
+            ("pypi", r"\.org"),
+            ("python", "hosted"),
+            ("index", "-url"),
+            ("find", "-links"),
+            ("trusted", "-host"),
+            ("/simple", "/"),
+            ("file:", "//"),
+        ]
+    )
+)
+
+
+def committed_texts() -> Iterator[Path]:
+    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    run = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True)
+    if run.returncode:
+        pytest.skip("not a git checkout")
+    for name in run.stdout.split("\0"):
+        path = ROOT / name
+        if path.is_file() and b"\0" not in path.read_bytes():
+            yield path
+
+
+def test_no_committed_file_names_a_package_index() -> None:
+    named = [relative(path) for path in committed_texts() if INDEX.search(path.read_text())]
+    assert named == []
+
+
+def test_the_lock_pins_names_to_versions_and_says_nothing_else() -> None:
+    pin = re.compile(r"[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+( ; python_version .+)?")
+    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    odd = [line for line in lines if not line.startswith("#") and not pin.fullmatch(line)]
+    assert odd == []
+
+
+# The import contracts hold, and would notice
+
+FLOORS = "A package imports only from the floors below it"
+ENGINE = "The engine side cannot reach the equations that it is checked against"
+ANALYTIC = "The analytic side does not know the engine"
+BELIEF = "A control law has its own model of the plant"
+
+
+def broken_contracts(folder: Path) -> set[str]:
+    """Names of the import contracts that the package in `folder` breaks."""
+    run = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"],
+        cwd=folder,
+        env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"},
+        capture_output=True,
+        text=True,
+    )
+    broken = set(re.findall(r"^(.+) BROKEN", run.stdout, re.MULTILINE))
+    assert run.returncode == bool(broken), run.stdout + run.stderr
+    return broken
+
+
+@pytest.fixture
+def package_copy(tmp_path: Path) -> Path:
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(PACKAGE, tmp_path / "afl_mujoco", ignore=ignore)
+    return tmp_path
+
+
+def test_the_import_contracts_hold(package_copy: Path) -> None:
+    assert broken_contracts(package_copy) == set()
+
+
+@pytest.mark.parametrize(
+    ("module", "planted", "contract"),
+    [
+        pytest.param("plant/__init__", "import afl_mujoco.control", FLOORS, id="floors"),
+        pytest.param(
+            "simulation/mujoco_model", "import afl_mujoco.simulation.ode", ENGINE, id="engine"
+        ),
+        pytest.param(
+            "simulation/trajectory", "import afl_mujoco.plant", ENGINE, id="engine-indirectly"
+        ),
+        pytest.param("plant/__init__", "import mujoco", ANALYTIC, id="analytic"),
+        pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
+    ],
+)
+def test_a_planted_import_breaks_its_contract(
+    package_copy: Path, module: str, planted: str, contract: str
+) -> None:
+    source = package_copy / "afl_mujoco" / f"{module}.py"
+    source.write_text(f"{source.read_text()}\n{planted}\n")
+    assert broken_contracts(package_copy) == {contract}

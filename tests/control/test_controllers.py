@@ -1,0 +1,167 @@
+"""Gains, the gain function (G1), and what each controller believes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from afl_mujoco import (
+    CONTROLLERS,
+    FIXED_GAINS,
+    CartPoleParameters,
+    Controller,
+    GainFunction,
+    Gains,
+    control_force,
+    find_controller,
+)
+from afl_mujoco.control.controllers import scheduled_force
+from afl_mujoco.errors import InvalidValueError, LawDomainError, UnknownNameError
+
+# Table 2 of the paper, typed in by hand.
+TABLE_2 = {
+    "switching": (110.0305, -0.0920, 1.5786, -1.6003e-5, -3.9393),
+    "slope": (5.3627, -6.2571, -0.0328, 1.8963, -0.2129),
+    "boundary_layer": (95.1876, 3.4663, 1.1792, 0.3508, -1.6115),
+}
+# (G1) at M = 1, l = 1 is w1 + w2 + w4: sums done by hand.
+AT_ONE = {"switching": 109.938483997, "slope": 1.0019, "boundary_layer": 99.0047}
+NAMES = ("switching", "slope", "boundary_layer")
+
+
+def test_the_fixed_gains_are_the_paper_s_constants():
+    assert Gains(switching=109.9651, slope=1.2849, boundary_layer=100.0004) == FIXED_GAINS
+
+
+def test_the_published_gain_function_is_table_2():
+    published = GainFunction.published()
+    assert {name: getattr(published, name) for name in NAMES} == TABLE_2
+    np.testing.assert_array_equal(published.coefficients, list(TABLE_2.values()))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_gain_function_at_one_kilogram_and_one_metre_is_a_plain_sum(name):
+    gains = GainFunction.published().gains(1.0, 1.0)
+    assert getattr(gains, name) == pytest.approx(AT_ONE[name], rel=1e-12)
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.7, 2.0], ids=str)
+@pytest.mark.parametrize("half_length", [0.05, 0.3, 1.0], ids=str)
+@pytest.mark.parametrize("name", NAMES)
+def test_the_gain_function_is_g1(name, mass, half_length):
+    w1, w2, w3, w4, w5 = TABLE_2[name]
+    expected = w1 + w2 * math.exp(w3 * math.log(mass)) + w4 * math.exp(w5 * math.log(half_length))
+    gains = GainFunction.published().gains(mass, half_length)
+    assert getattr(gains, name) == pytest.approx(expected, rel=1e-12)  # rounding of a power
+
+
+def test_the_gain_function_is_near_the_fixed_gains_at_the_nominal_plant():
+    gains = GainFunction.published().gains(1.0, 0.5)
+    # a few of the paper's own RMSE: 0.7862, 0.1550, 6.6458
+    assert gains.switching == pytest.approx(FIXED_GAINS.switching, abs=0.8)
+    assert gains.slope == pytest.approx(FIXED_GAINS.slope, abs=0.16)
+    assert gains.boundary_layer == pytest.approx(FIXED_GAINS.boundary_layer, abs=6.7)
+
+
+@pytest.mark.parametrize("base", ["fixed", "adaptive"])
+def test_the_other_reading_of_table_1_exchanges_k_and_phi_only(base):
+    usual, other = find_controller(base), find_controller(base, "table1")
+    assert other.name == f"{base}-table1"
+    assert other.gain_function.switching == usual.gain_function.boundary_layer
+    assert other.gain_function.boundary_layer == usual.gain_function.switching
+    assert other.gain_function.slope == usual.gain_function.slope
+    assert other.belief == usual.belief
+
+
+@pytest.mark.parametrize("name", ["fixed", "adaptive"])
+def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
+    state = (0.2, -0.5, 0.1, 0.3)
+    controller = CONTROLLERS[f"{name}-nominal"]
+    seen = CONTROLLERS[name].force(state, CartPoleParameters())
+    assert controller.force(state, odd_parameters) == seen
+    assert CONTROLLERS[name].force(state, odd_parameters) != seen
+    law = controller.law_inputs([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
+    np.testing.assert_array_equal(law[0], law[1])
+    assert law[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
+
+
+def test_a_true_belief_passes_everything_on(adaptive):
+    law = adaptive.law_inputs([[0.5, 2.0]], [[0.2, 1.0]], 0.3, 5.0)
+    assert law.shape == (1, 2, 7)
+    assert law[0, 1, :4].tolist() == [2.0, 0.3, 1.0, 5.0]
+    gains = adaptive.gain_function.gains(0.5, 0.2)
+    expected = [gains.switching, gains.slope, gains.boundary_layer]
+    np.testing.assert_allclose(law[0, 0, 4:], expected, rtol=1e-14)  # two pow functions
+
+
+def test_the_scheduled_force_is_the_law_with_the_gain_function_s_gains(
+    random_states, odd_parameters, controller
+):
+    p = odd_parameters
+    gains = controller.gain_function.gains(p.cart_mass, p.half_length)
+    believed = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    w = controller.gain_function.coefficients
+    compiled = [scheduled_force(*s, believed, w) for s in random_states.tolist()]
+    plain = control_force(random_states, p, gains)
+    # rounding, relative to the terms of the force, which are up to some 1e3 N here
+    np.testing.assert_allclose(compiled, plain, rtol=1e-13, atol=1e-10)
+
+
+def test_every_way_to_the_force_gives_the_same_bits(random_states, odd_parameters, controller):
+    p = odd_parameters
+    count = len(random_states)
+    law = controller.law_inputs(
+        np.full(count, p.cart_mass), np.full(count, p.half_length), p.pole_mass, p.gravity
+    )
+    one_by_one = [controller.force(state, p) for state in random_states]
+    np.testing.assert_array_equal(controller.forces(random_states, law), one_by_one)
+
+
+def test_a_controller_has_no_force_outside_the_law_s_domain(adaptive, odd_parameters):
+    with pytest.raises(LawDomainError, match=r"got 1.6 rad$"):
+        adaptive.force((0.0, 1.6, 0.0, 0.0), odd_parameters)
+
+
+def test_a_gain_function_that_turns_negative_is_refused_before_a_run():
+    falling = GainFunction(
+        switching=(110, 0, 0, 0, 0), slope=(1.0, -1.0, 1.0, 0, 0), boundary_layer=(99, 0, 0, 0, 0)
+    )
+    controller = Controller(name="falling", gain_function=falling)
+    with pytest.raises(InvalidValueError) as caught:
+        controller.law_inputs([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
+    assert str(caught.value) == (
+        "slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1"
+    )
+    with pytest.raises(InvalidValueError, match=r"^slope must be positive, got -1.0$"):
+        falling.gains(2.0, 0.3)
+
+
+def test_a_gain_function_needs_five_finite_coefficients():
+    good = {name: (1, 0, 0, 0, 0) for name in NAMES}
+    with pytest.raises(InvalidValueError, match=r"^slope coefficients must be five, got 4$"):
+        GainFunction(**{**good, "slope": (1, 2, 3, 4)})
+    with pytest.raises(InvalidValueError, match=r"^slope coefficients must be finite, got nan$"):
+        GainFunction(**{**good, "slope": (1, 2, 3, 4, math.nan)})
+
+
+def test_unknown_names_are_answered_with_the_valid_ones():
+    with pytest.raises(UnknownNameError) as caught:
+        find_controller("adaptiv")
+    names = "fixed, adaptive, fixed-nominal, adaptive-nominal"
+    assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'"
+    with pytest.raises(UnknownNameError, match=r"^gain labels must be one of table2, table1, got "):
+        find_controller("fixed", "table3")
+
+
+def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_parameters):
+    from afl_mujoco import sliding_variable
+
+    p = odd_parameters
+    gains = adaptive.gain_function.gains(p.cart_mass, p.half_length)
+    law = adaptive.law_inputs(
+        np.full(200, p.cart_mass), np.full(200, p.half_length), p.pole_mass, p.gravity
+    )
+    expected = sliding_variable(random_states, p, gains) / gains.boundary_layer
+    np.testing.assert_allclose(
+        adaptive.saturation_ratio(random_states, law), expected, rtol=1e-12, atol=1e-12
+    )

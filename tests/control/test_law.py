@@ -1,0 +1,131 @@
+"""The law (L8)-(L10): formula, symmetry, domain; one value from compiled and NumPy code."""
+
+import math
+
+import numpy as np
+import pytest
+
+from afl_mujoco import Gains, control_force, sliding_variable
+from afl_mujoco.control import feedback_linearization as fl
+from afl_mujoco.control.afl import force_given, force_kernel, forces_along
+from afl_mujoco.control.sliding_mode import commanded_acceleration, saturation
+from afl_mujoco.errors import InvalidValueError, LawDomainError
+
+GAINS = Gains(switching=87.0, slope=1.7, boundary_layer=63.0)
+OUTSIDE = [0.5 * math.pi, -0.5 * math.pi, 1.6, -3.0, math.nan, math.inf]
+
+
+def _coordinates(states, p):
+    z, phi, z_dot, phi_dot = states.T
+    half, g = p.half_length, p.gravity
+    return (
+        fl.xi1(z, phi, half),
+        fl.xi2(z_dot, phi, phi_dot, half),
+        fl.xi3(phi, phi_dot, half, g),
+        fl.xi4(phi, phi_dot, half, g),
+        fl.alpha(phi, phi_dot, half, g),
+        fl.beta(phi, phi_dot, half, g),
+    )
+
+
+def test_the_sliding_variable_is_l8(random_states, odd_parameters):
+    x1, x2, x3, x4, _, _ = _coordinates(random_states, odd_parameters)
+    lam = GAINS.slope
+    terms = np.array([x4, 3 * lam * x3, 3 * lam**2 * x2, lam**3 * x1])
+    actual = sliding_variable(random_states, odd_parameters, GAINS)
+    np.testing.assert_array_less(
+        np.abs(actual - terms.sum(axis=0)),
+        1e-14 * np.abs(terms).sum(axis=0),  # rounding
+    )
+
+
+def test_the_force_is_l9_and_l10_put_into_l1(random_states, odd_parameters):
+    p, lam = odd_parameters, GAINS.slope
+    _, x2, x3, x4, alpha, beta = _coordinates(random_states, p)
+    s = sliding_variable(random_states, p, GAINS)
+    drift = alpha + 3 * lam * x4 + 3 * lam**2 * x3 + lam**3 * x2
+    u = -drift / beta + GAINS.switching * np.clip(s / GAINS.boundary_layer, -1, 1)
+    _, phi, _, phi_dot = random_states.T
+    expected = fl.linearizing_force(
+        u, phi, phi_dot, p.cart_mass, p.pole_mass, p.half_length, p.gravity
+    )
+    # the largest term of u is of order 1e4 here
+    actual = control_force(random_states, p, GAINS)
+    np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_the_states_reach_both_sides_of_the_saturation(random_states, odd_parameters):
+    ratio = np.abs(sliding_variable(random_states, odd_parameters, GAINS)) / GAINS.boundary_layer
+    assert (ratio > 1).any()
+    assert (ratio < 1).any()
+
+
+def test_saturation_clips_at_one():
+    x = np.array([-7.0, -1.0, -0.3, 0.0, 0.3, 1.0, 7.0])
+    np.testing.assert_array_equal(saturation(x), np.clip(x, -1, 1))
+
+
+@pytest.mark.parametrize("surface", [-500.0, -3.0, 3.0, 500.0], ids=str)
+def test_the_surface_attracts(surface):
+    b, drift = -20.0, 13.0
+    u = commanded_acceleration(surface, drift, b, GAINS.switching, GAINS.boundary_layer)
+    rate = drift + b * u  # s' = a + b u
+    assert rate * surface < 0.0
+    assert rate == pytest.approx(b * 87.0 * np.clip(surface / 63.0, -1, 1), rel=1e-13)
+
+
+def test_the_law_is_odd_under_a_mirror(random_states, odd_parameters):
+    there = control_force(random_states, odd_parameters, GAINS)
+    back = control_force(-random_states, odd_parameters, GAINS)
+    np.testing.assert_allclose(back, -there, rtol=1e-12, atol=1e-11)
+
+
+def test_upright_at_rest_at_the_origin_needs_no_force(odd_parameters):
+    assert control_force(np.zeros(4), odd_parameters, GAINS) == 0.0
+
+
+@pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
+def test_the_law_is_finite_up_to_the_edge_of_its_domain(side, odd_parameters):
+    gap = 10.0 ** -np.arange(1, 9)
+    states = np.zeros((len(gap), 4))
+    states[:, 1] = side * (0.5 * math.pi - gap)
+    assert np.isfinite(control_force(states, odd_parameters, GAINS)).all()
+
+
+@pytest.mark.parametrize("phi", OUTSIDE, ids=str)
+@pytest.mark.parametrize("function", [control_force, sliding_variable])
+def test_outside_its_domain_the_law_is_an_error_that_names_the_angle(function, phi, odd_parameters):
+    states = np.array([[0.0, 0.1, 0.0, 0.0], [0.0, phi, 0.0, 0.0]])
+    with pytest.raises(LawDomainError) as caught:
+        function(states, odd_parameters, GAINS)
+    expected = f"pole angle phi must lie inside (-pi/2, pi/2), got {phi:g} rad"
+    assert str(caught.value) == expected
+
+
+@pytest.mark.parametrize("phi", OUTSIDE, ids=str)
+def test_compiled_code_answers_nan_outside_the_domain(phi):
+    assert math.isnan(force_kernel(0.0, phi, 0.0, 0.0, 1.0, 0.05, 0.5, 9.81, 100.0, 1.0, 100.0))
+
+
+def test_compiled_and_numpy_law_agree(random_states, odd_parameters):
+    p = odd_parameters
+    law = np.array(
+        [p.cart_mass, p.pole_mass, p.half_length, p.gravity, *(87.0, 1.7, 63.0)]
+    )  # M, m, l, g, K, lambda, Phi
+    plain = control_force(random_states, p, GAINS)
+    many = forces_along(random_states, np.tile(law, (len(random_states), 1)))
+    np.testing.assert_array_equal(many, [force_given(s, law) for s in random_states])
+    # another libm and other contractions of the same text
+    np.testing.assert_allclose(many, plain, rtol=1e-12, atol=1e-10)
+
+
+def test_a_force_has_the_shape_of_the_states(odd_parameters):
+    assert control_force(np.zeros(4), odd_parameters, GAINS).shape == ()
+    assert control_force(np.zeros((2, 3, 4)), odd_parameters, GAINS).shape == (2, 3)
+
+
+@pytest.mark.parametrize("name", ["switching", "slope", "boundary_layer"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan], ids=str)
+def test_a_gain_that_is_not_positive_is_refused(name, value):
+    with pytest.raises(InvalidValueError, match=f"^{name} must be"):
+        Gains(**{"switching": 1.0, "slope": 1.0, "boundary_layer": 1.0, name: value})

@@ -1,0 +1,172 @@
+"""The plant against Lagrange's equations of a cart and a uniform rod, derived here from scratch."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from afl_mujoco import CartPoleParameters, acceleration, mass_matrix
+from afl_mujoco.plant.dynamics import velocity_jump
+from afl_mujoco.plant.energy import linear_momentum, total_energy
+
+ROUNDING = 1e-12  # relative: a few hundred roundings in either formula
+
+t, M, m, length, g, F, r = sp.symbols("t M m l g F r", positive=True)
+z, phi = sp.Function("z")(t), sp.Function("phi")(t)
+COORDINATES = (z, phi)
+RATES = (z.diff(t), phi.diff(t))
+FLAT = sp.symbols("q0 q1 v0 v1", real=True)
+
+
+def _flat(expression):
+    """Replace the functions of time by plain symbols (z, phi, z_dot, phi_dot)."""
+    return expression.subs(dict(zip(RATES, FLAT[2:], strict=True))).subs(
+        dict(zip(COORDINATES, FLAT[:2], strict=True))
+    )
+
+
+def _lagrangian():
+    """Return kinetic and potential energy, the rod summed element by element from 0 to 2 l."""
+    x, y = z - r * sp.sin(phi), r * sp.cos(phi)  # positive phi leans toward -z
+    line_density = m / (2 * length)
+    rod = sp.integrate(
+        sp.expand(line_density * (x.diff(t) ** 2 + y.diff(t) ** 2) / 2), (r, 0, 2 * length)
+    )
+    weight = sp.integrate(line_density * g * y, (r, 0, 2 * length))
+    return sp.expand(M * z.diff(t) ** 2 / 2 + rod), weight
+
+
+@pytest.fixture(scope="module")
+def derived():
+    """Everything the plant offers, from the two energies alone, as functions of numbers."""
+    kinetic, potential = _lagrangian()
+    lagrangian = kinetic - potential
+    second = sp.symbols("a0 a1")
+    equations = [
+        _flat(
+            lagrangian.diff(rate)
+            .diff(t)
+            .subs({q.diff(t, 2): a for q, a in zip(COORDINATES, second, strict=True)})
+            - lagrangian.diff(q)
+        )
+        - load
+        for q, rate, load in zip(COORDINATES, RATES, (F, 0), strict=True)
+    ]
+    solved = sp.solve(equations, second, dict=True)[0]
+    expressions = {
+        "acceleration": [solved[a] for a in second],
+        "mass_matrix": sp.hessian(_flat(kinetic), FLAT[2:]).tolist(),
+        "energy": _flat(kinetic + potential),
+        "momentum": _flat(kinetic.diff(z.diff(t))),
+    }
+    arguments = (FLAT, F, (M, m, length, g))
+    return {k: sp.lambdify(arguments, e, "numpy") for k, e in expressions.items()}
+
+
+def _numbers(p):
+    return p.cart_mass, p.pole_mass, p.half_length, p.gravity
+
+
+@pytest.fixture
+def random_plants(rng):
+    """Plants over the whole box of verification.md, A1."""
+    low, high = (0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0)
+    names = ("cart_mass", "pole_mass", "half_length", "gravity")
+    return [
+        CartPoleParameters(**dict(zip(names, row, strict=True)))
+        for row in rng.uniform(low, high, size=(40, 4)).tolist()
+    ]
+
+
+def test_accelerations_are_those_of_the_lagrangian(derived, random_plants, random_states, rng):
+    for p in random_plants:
+        for state, force in zip(random_states[:20], rng.uniform(-200, 200, 20), strict=True):
+            expected = np.array(derived["acceleration"](state, force, _numbers(p)))
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(
+                acceleration(state, force, p), expected, rtol=0, atol=ROUNDING * scale
+            )
+
+
+def test_the_mass_matrix_is_that_of_the_kinetic_energy(derived, random_states, odd_parameters):
+    for state in random_states:
+        expected = derived["mass_matrix"](state, 0.0, _numbers(odd_parameters))
+        np.testing.assert_allclose(mass_matrix(state, odd_parameters), expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("function", "name"), [(total_energy, "energy"), (linear_momentum, "momentum")]
+)
+def test_energy_and_momentum_are_those_of_the_lagrangian(
+    derived, random_states, odd_parameters, function, name
+):
+    expected = [derived[name](s, 0.0, _numbers(odd_parameters)) for s in random_states]
+    # absolute: terms of order 10 may cancel
+    np.testing.assert_allclose(
+        function(random_states, odd_parameters), expected, rtol=ROUNDING, atol=1e-13
+    )
+
+
+def test_p1_and_p2_hold(random_states, odd_parameters, rng):
+    big_m, small_m, half, gravity = _numbers(odd_parameters)
+    force = rng.uniform(-200, 200, len(random_states))
+    _, angle, _, rate = random_states.T
+    z_ddot, phi_ddot = acceleration(random_states, force, odd_parameters).T
+    sin, cos = np.sin(angle), np.cos(angle)
+    p1 = small_m * half * (z_ddot * cos - 4 / 3 * half * phi_ddot + gravity * sin)
+    p2 = (big_m + small_m) * z_ddot - small_m * half * (phi_ddot * cos - rate**2 * sin) - force
+    np.testing.assert_allclose(p1, 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(p2, 0.0, atol=ROUNDING * 200)  # of the largest force
+
+
+def test_the_rate_of_energy_is_the_power_of_the_force(random_states, odd_parameters, rng):
+    force = rng.uniform(-10, 10, len(random_states))
+    moved = acceleration(random_states, force, odd_parameters)
+    slope = np.concatenate([random_states[:, 2:], moved], axis=1)
+    h = 1e-4  # five-point difference: h^4 truncation and 1e-16 / h rounding both below 1e-9
+    weights = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+    power = sum(
+        w / h * total_energy(random_states + k * h * slope, odd_parameters)
+        for k, w in weights.items()
+    )
+    np.testing.assert_allclose(power, force * random_states[:, 2], atol=1e-7)
+
+
+def test_an_impulse_changes_the_momentum_by_itself_and_turns_no_torque(
+    random_states, odd_parameters
+):
+    jump = velocity_jump(random_states, 0.37, odd_parameters)
+    after = random_states.copy()
+    after[:, 2:] += jump
+    gained = linear_momentum(after, odd_parameters) - linear_momentum(random_states, odd_parameters)
+    np.testing.assert_allclose(gained, 0.37, rtol=ROUNDING)
+    angular = np.einsum("nij,nj->ni", mass_matrix(random_states, odd_parameters), jump)[:, 1]
+    np.testing.assert_allclose(angular, 0.0, atol=1e-15)
+
+
+def test_the_plant_is_symmetric_under_a_mirror(random_states, odd_parameters, rng):
+    force = rng.uniform(-10, 10, len(random_states))
+    mirrored = acceleration(-random_states, -force, odd_parameters)
+    np.testing.assert_array_equal(mirrored, -acceleration(random_states, force, odd_parameters))
+
+
+def test_upright_at_rest_stays_and_a_positive_force_raises_a_pole_at_negative_phi(odd_parameters):
+    assert acceleration(np.zeros(4), 0.0, odd_parameters).tolist() == [0.0, 0.0]
+    assert acceleration([0, -0.1, 0, 0], 100.0, odd_parameters)[1] > 0.0
+    assert acceleration([0, 0.1, 0, 0], 0.0, odd_parameters)[1] > 0.0
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (2, 3)], ids=str)
+def test_shapes_follow_the_states(shape, odd_parameters):
+    state = np.full((*shape, 4), 0.1)
+    assert acceleration(state, 1.0, odd_parameters).shape == (*shape, 2)
+    assert mass_matrix(state, odd_parameters).shape == (*shape, 2, 2)
+    assert total_energy(state, odd_parameters).shape == shape
+    assert linear_momentum(state, odd_parameters).shape == shape
+    assert velocity_jump(state, 1.0, odd_parameters).shape == (*shape, 2)
+
+
+def test_one_state_is_broadcast_over_many_forces(odd_parameters):
+    forces = np.linspace(-1, 1, 7)
+    state = np.array([0.0, 0.2, 0.1, 0.3])
+    expected = [acceleration(state, force, odd_parameters) for force in forces]
+    np.testing.assert_array_equal(acceleration(state, forces, odd_parameters), expected)

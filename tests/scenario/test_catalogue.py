@@ -1,0 +1,67 @@
+"""The catalogue is decisions D3 and D6, written out by hand."""
+
+import math
+
+import pytest
+
+from afl_mujoco import SCENARIOS
+from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.scenario.disturbances import ForcePulse
+from afl_mujoco.scenario.files import find_scenario
+
+TIMES = (0.0, 0.5, 1.0, 2.0, 2.999, 3.0, 5.0, 6.0, 7.0, 8.0, 20.0)
+STEP_MASS = (0.5, 0.5, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0)
+STEP_LENGTH = (0.2, 0.2, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+TRAPEZOID_MASS = (0.5, 0.875, 1.25, 2.0, 2.0, 2.0, 2.0, 2.0, 1.25, 0.5, 0.5)
+TRAPEZOID_LENGTH = (0.2, 0.4, 0.6, 1.0, 1.0, 1.0, 1.0, 1.0, 0.6, 0.2, 0.2)
+CASES = {
+    "step-step": (STEP_MASS, STEP_LENGTH),
+    "step-trapezoid": (STEP_MASS, TRAPEZOID_LENGTH),
+    "trapezoid-step": (TRAPEZOID_MASS, STEP_LENGTH),
+    "trapezoid-trapezoid": (TRAPEZOID_MASS, TRAPEZOID_LENGTH),
+}
+
+
+def test_the_nine_names_come_in_the_order_of_the_paper():
+    assert list(SCENARIOS) == ["nominal", *CASES, *(f"{name}-impulse" for name in CASES)]
+    assert all(scenario.name == name for name, scenario in SCENARIOS.items())
+
+
+@pytest.mark.parametrize("suffix", ["", "-impulse"], ids=["undisturbed", "impulse"])
+@pytest.mark.parametrize("name", CASES)
+def test_a_case_has_the_schedules_of_d3(name, suffix):
+    scenario = SCENARIOS[name + suffix]
+    mass, length = CASES[name]
+    assert scenario.cart_mass(TIMES) == pytest.approx(mass, rel=1e-15)  # one rounding
+    assert scenario.half_length(TIMES) == pytest.approx(length, rel=1e-15)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_scenario_has_the_paper_s_constants_start_and_horizon(name):
+    s = SCENARIOS[name]
+    assert (s.pole_mass, s.gravity, s.duration) == (0.05, 9.81, 20.0)
+    assert s.initial_state == (0.0, -math.pi / 3, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_only_the_impulse_scenarios_carry_the_pulse_of_d6(name):
+    pulse = ForcePulse(force=-10.0, start=10.0, duration=0.1)
+    assert SCENARIOS[name].disturbances == ((pulse,) if name.endswith("-impulse") else ())
+
+
+def test_the_nominal_scenario_never_changes():
+    assert SCENARIOS["nominal"].breakpoints == ()
+    p = SCENARIOS["nominal"].parameters_at(3.0)
+    assert (p.cart_mass, p.half_length) == (1.0, 0.5)
+
+
+def test_the_catalogue_cannot_be_written_to():
+    with pytest.raises(TypeError):
+        SCENARIOS["new"] = SCENARIOS["nominal"]
+
+
+def test_an_unknown_name_is_answered_with_the_valid_ones():
+    with pytest.raises(UnknownNameError) as caught:
+        find_scenario("step-stop")
+    assert str(caught.value).startswith("scenario must be one of nominal, step-step, ")
+    assert str(caught.value).endswith("got 'step-stop'")

@@ -1,0 +1,194 @@
+"""A scenario survives its file; a file that breaks a rule is answered with file, key and value."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from afl_mujoco import SCENARIOS, Scenario, load_scenario, piecewise_linear, save_scenario
+from afl_mujoco.errors import AflMujocoError, FileError
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.files import find_scenario
+
+POSITIVE = st.floats(1e-3, 1e3)
+NUMBER = st.floats(-1e6, 1e6)
+TIME = st.floats(0, 9)
+PULSES = st.builds(ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3, 1))
+HITS = st.builds(Impulse, momentum=NUMBER, time=TIME)
+NAMES = st.text(min_size=1, max_size=12).filter(lambda s: s.isprintable() and "/" not in s)
+
+
+@st.composite
+def scenarios(draw):
+    def schedule():
+        times = sorted(draw(st.lists(st.floats(-1, 12), min_size=1, max_size=4, unique=True)))
+        knots = [t for t in times for _ in range(draw(st.integers(1, 2)))]
+        return piecewise_linear(knots, draw(st.tuples(*[POSITIVE] * len(knots))))
+
+    return Scenario(
+        name=draw(NAMES),
+        cart_mass=schedule(),
+        half_length=schedule(),
+        pole_mass=draw(POSITIVE),
+        gravity=draw(POSITIVE),
+        disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
+        initial_state=draw(st.tuples(*[NUMBER] * 4)),
+        duration=draw(st.floats(10, 1e3)),
+    )
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_scenario_of_the_catalogue_survives_its_file(name, tmp_path):
+    save_scenario(SCENARIOS[name], tmp_path / "s.toml")
+    assert load_scenario(tmp_path / "s.toml") == SCENARIOS[name]
+
+
+def test_any_scenario_survives_its_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("round trip") / "s.toml"
+
+    @settings(derandomize=True, max_examples=100, deadline=None)
+    @given(scenario=scenarios())
+    def survives(scenario):
+        save_scenario(scenario, path)
+        assert load_scenario(path) == scenario
+
+    survives()
+
+
+def test_every_shape_can_be_written_by_hand(tmp_path):
+    path = tmp_path / "by hand.toml"
+    path.write_text(
+        """
+        duration = 12
+        [schedule]
+        half_length = 0.4
+        [schedule.cart_mass]
+        shape = "joined"
+        starts = [0, 4, 8]
+        pieces = [
+          {shape = "step", times = [1], values = [0.5, 1]},
+          {shape = "trapezoid", times = [0, 1, 2, 3], low = 1, high = 2},
+          {shape = "constant", value = 3},
+        ]
+        [[disturbances]]
+        shape = "pulse"
+        force = -10
+        start = 10
+        duration = 0.1
+        [[disturbances]]
+        shape = "impulse"
+        momentum = 1
+        time = 5
+        """
+    )
+    scenario = load_scenario(path)
+    assert (scenario.name, scenario.duration) == ("by hand", 12.0)
+    assert scenario.half_length.at(3.0) == 0.4
+    assert scenario.cart_mass([0.5, 1, 4, 4.5, 5, 6.5, 8]).tolist() == [0.5, 1, 1, 1.5, 2, 1.5, 3]
+    assert scenario.disturbances == (
+        ForcePulse(force=-10, start=10, duration=0.1),
+        Impulse(momentum=1, time=5),
+    )
+
+
+def test_an_empty_file_is_the_nominal_scenario(tmp_path):
+    (tmp_path / "nominal.toml").write_text("")
+    assert load_scenario(tmp_path / "nominal.toml") == SCENARIOS["nominal"]
+
+
+TABLE = "[schedule.cart_mass]\nshape = "
+HIT = "[[disturbances]]\nshape = "
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("mass = 1", "mass is not a known key; known are name, pole_mass, "),
+        ("pole_mass = -0.1", "pole_mass must be positive, got -0.1"),
+        ("pole_mass = nan", "pole_mass must be finite, got nan"),
+        ("pole_mass = '1'", "pole_mass must be a number, got '1'"),
+        ("gravity = true", "gravity must be a number, got True"),
+        ("duration = 2024-01-01", "duration must be a number, got "),
+        ("pole_mass = 1" + 400 * "0", "pole_mass must be finite"),
+        ("name = 3", "name must be text, got 3"),
+        ("initial_state = 3", "initial_state must be a list, got 3"),
+        ("initial_state = [0, 0]", "initial_state must hold four numbers, got 2"),
+        ("schedule = 3", "schedule must be a table, got 3"),
+        ("[schedule]\nmass = 1", "schedule.mass is not a known key; known are cart_mass, "),
+        ("[schedule]\ncart_mass = -1.0", "schedule.cart_mass must be positive, got -1.0"),
+        (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, step, "),
+        ("[schedule.cart_mass]", "schedule.cart_mass.shape must be one of "),
+        (TABLE + "'constant'", "schedule.cart_mass.value must be given for shape 'constant'"),
+        (
+            TABLE + "'piecewise-linear'\ntimes = [1.0, 5.0, 3.0]\nvalues = [1, 1, 1]",
+            "schedule.cart_mass.times must increase, got 3.0 after 5.0",
+        ),
+        (TABLE + "'step'\ntimes = 1\nvalues = [1]", "schedule.cart_mass.times must be a list"),
+        (
+            TABLE + "'step'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
+            "schedule.cart_mass.high is not a known key; known are shape, times, values",
+        ),
+        (
+            TABLE + "'trapezoid'\ntimes = [0, 1, 2, 3]\nlow = nan\nhigh = 2",
+            "schedule.cart_mass.low must be finite, got nan",
+        ),
+        (
+            TABLE + "'constant'\nvalue = 'heavy'",
+            "schedule.cart_mass.value must be a number, got 'heavy'",
+        ),
+        (
+            TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'step', times = [1]}]",
+            "schedule.cart_mass.pieces[0].values must be given for shape 'step'",
+        ),
+        ("disturbances = 3", "disturbances must be a list, got 3"),
+        ("disturbances = [3]", "disturbances[0] must be a table, got 3"),
+        (HIT + "'kick'", "disturbances[0].shape must be one of pulse, impulse, got 'kick'"),
+        (
+            HIT + "'impulse'\nmomentum = inf\ntime = 1",
+            "disturbances[0].momentum must be finite, got inf",
+        ),
+        (HIT + "'impulse'\nmomentum = 1", "disturbances[0].time must be given for shape 'impulse'"),
+        (
+            HIT + "'impulse'\nmomentum = 1\ntime = 21.0",
+            "disturbance must end within the duration 20.0 s, got 21.0",
+        ),
+        ("name = ", "is not valid TOML: "),
+    ],
+    ids=lambda value: value[:36].replace("\n", " ").strip() if "must" not in value else "",
+)
+def test_the_message_names_file_key_and_value(text, message, tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(AflMujocoError) as caught:
+        load_scenario(path)
+    said = str(caught.value)
+    assert said.startswith(f"{path}: {message}") or said.startswith(f"{path} {message}")
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda path: None, "cannot be read: no such file or directory"),
+        (lambda path: path.mkdir(), "cannot be read: is a directory"),
+        (lambda path: path.write_bytes(bytes(range(256))), "cannot be read: not UTF-8 text"),
+    ],
+    ids=["missing", "folder", "binary"],
+)
+def test_a_file_that_cannot_be_read_is_said_so(make, reason, tmp_path):
+    path = tmp_path / "x.toml"
+    make(path)
+    with pytest.raises(FileError) as caught:
+        load_scenario(path)
+    assert str(caught.value) == f"{path} {reason}"
+
+
+def test_find_takes_a_name_or_a_file(tmp_path):
+    save_scenario(SCENARIOS["step-step"], tmp_path / "mine.toml")
+    assert find_scenario("step-step") is SCENARIOS["step-step"]
+    assert find_scenario(str(tmp_path / "mine.toml")) == SCENARIOS["step-step"]
+
+
+def test_a_file_that_cannot_be_written_is_an_error_and_leaves_nothing(tmp_path):
+    with pytest.raises(FileError, match=r"cannot be written: no such file or directory$"):
+        save_scenario(SCENARIOS["nominal"], tmp_path / "missing" / "s.toml")
+    assert list(tmp_path.iterdir()) == []

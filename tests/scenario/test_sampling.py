@@ -1,0 +1,116 @@
+"""The march: a grid with every breakpoint in it, each step's parameters from its inside."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from afl_mujoco import Scenario, constant, step
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.sampling import steps, time_grid, whole_steps
+
+PERIODS = [1e-3, 2e-3, 7e-3, 0.8]
+
+
+def test_a_scenario_without_breakpoints_gets_the_multiples_of_the_period():
+    grid = time_grid(Scenario(name="x", duration=0.5), 0.1)
+    np.testing.assert_allclose(grid, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5], rtol=0, atol=1e-15)
+
+
+def test_a_horizon_that_is_no_multiple_ends_with_a_short_step():
+    grid = time_grid(Scenario(name="x", duration=0.25), 0.1)
+    np.testing.assert_allclose(grid, [0.0, 0.1, 0.2, 0.25], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("period", PERIODS, ids=str)
+def test_the_grid_holds_every_breakpoint_exactly_and_no_step_straddles_one(odd_scenario, period):
+    grid = time_grid(odd_scenario, period)
+    assert set(odd_scenario.breakpoints) <= set(grid.tolist())
+    assert (grid[0], grid[-1]) == (0.0, odd_scenario.duration)
+    widths = np.diff(grid)
+    assert widths.min() > 0.0
+    assert widths.max() <= period * (1 + 1e-12)  # rounding of k * period
+
+
+def test_a_breakpoint_one_rounding_off_the_grid_replaces_the_grid_point():
+    third = 0.1 + 0.2  # 0.30000000000000004
+    grid = time_grid(Scenario(name="x", cart_mass=step((third,), (1, 2)), duration=0.5), 0.1)
+    assert len(grid) == 6
+    assert third in grid.tolist()
+
+
+def test_the_grid_starts_at_zero_even_if_something_happens_right_after():
+    hit = Impulse(momentum=1.0, time=0.0)
+    pulse = ForcePulse(force=1.0, start=1e-13, duration=0.1)
+    scenario = Scenario(name="x", disturbances=(hit, pulse), duration=0.5)
+    march = steps(scenario, 0.1)
+    assert march.times[0] == 0.0
+    assert march.impulse.sum() == 1.0
+
+
+@pytest.mark.parametrize("period", PERIODS, ids=str)
+def test_stage_values_are_limits_from_inside_the_step(odd_scenario, period):
+    march = steps(odd_scenario, period)
+    start, end = march.times[:-1], march.times[1:]
+    middle = 0.5 * (start + end)
+    for schedule, values in (
+        (odd_scenario.cart_mass, march.cart_mass),
+        (odd_scenario.half_length, march.half_length),
+    ):
+        ends = [schedule.before(t) for t in end.tolist()]
+        expected = np.stack([schedule(start), schedule(middle), ends], axis=1)
+        np.testing.assert_allclose(values, expected, rtol=1e-14)  # a few roundings
+
+
+def test_a_step_is_pushed_by_the_force_of_its_middle(odd_scenario):
+    march = steps(odd_scenario, 1e-3)
+    middle = 0.5 * (march.times[:-1] + march.times[1:])
+    np.testing.assert_array_equal(march.push, odd_scenario.pushes(middle))
+    assert march.push @ np.diff(march.times) == pytest.approx(-7.0 * 0.0333, rel=1e-12)
+
+
+def test_an_impulse_strikes_once_at_the_step_that_starts_with_it(odd_scenario):
+    march = steps(odd_scenario, 1e-3)
+    (struck,) = np.flatnonzero(march.impulse)
+    assert (march.times[struck], march.impulse[struck]) == (0.5207, 0.21)
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(
+    jumps=st.lists(st.floats(1e-6, 0.999), min_size=1, max_size=4, unique=True),
+    period=st.floats(5e-3, 1.0),
+)
+def test_a_step_never_sees_both_sides_of_a_jump(jumps, period):
+    levels = tuple(range(1, len(jumps) + 2))
+    scenario = Scenario(name="x", cart_mass=step(sorted(jumps), levels), duration=1.0)
+    masses = steps(scenario, period).cart_mass
+    assert (masses == masses[:, :1]).all()
+    assert sorted(set(masses[:, 0].tolist())) == list(levels)
+
+
+@pytest.mark.parametrize(
+    ("period", "message"),
+    [
+        (0.0, "timestep must be positive, got 0.0"),
+        (-1e-3, "timestep must be positive, got -0.001"),
+        (float("nan"), "timestep must be finite, got nan"),
+        (3.0, "timestep must be within 2.0 s, got 3.0"),
+    ],
+    ids=["zero", "negative", "nan", "too long"],
+)
+def test_a_period_that_breaks_a_rule_is_refused(period, message):
+    scenario = Scenario(name="x", cart_mass=constant(1.0), duration=2.0)
+    with pytest.raises(InvalidValueError) as caught:
+        time_grid(scenario, period)
+    assert str(caught.value) == message
+
+
+def test_whole_steps_counts_and_refuses_a_remainder():
+    assert whole_steps("control_period", 0.01, "timestep", 0.001) == 10
+    assert whole_steps("duration", 20.0, "timestep", 1e-3) == 20_000
+    with pytest.raises(InvalidValueError) as caught:
+        whole_steps("control_period", 0.01, "timestep", 0.003)
+    assert str(caught.value) == "timestep 0.003 s must divide control_period 0.01 s"
+    with pytest.raises(InvalidValueError, match=r"^timestep 1 s must divide control_period 0.1 s$"):
+        whole_steps("control_period", 0.1, "timestep", 1.0)

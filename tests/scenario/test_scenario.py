@@ -1,0 +1,130 @@
+"""A scenario cuts its horizon at every breakpoint; disturbances act where they say."""
+
+import math
+
+import numpy as np
+import pytest
+
+from afl_mujoco import Scenario, constant, step, trapezoid
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+
+PULSE = ForcePulse(force=-10.0, start=2.0, duration=0.5)
+
+
+def test_segments_cover_the_horizon_without_gap(odd_scenario):
+    segments = odd_scenario.segments
+    assert segments[0].start == 0.0
+    assert segments[-1].end == odd_scenario.duration
+    assert [s.end for s in segments[:-1]] == [s.start for s in segments[1:]]
+    assert all(s.start < s.end for s in segments)
+    assert tuple(s.start for s in segments[1:]) == odd_scenario.breakpoints
+
+
+def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon():
+    scenario = Scenario(
+        name="x",
+        cart_mass=step((1.0, 30.0), (1.0, 2.0, 3.0)),
+        half_length=trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
+        disturbances=(PULSE, Impulse(momentum=1.0, time=3.0)),
+        duration=20.0,
+    )
+    assert scenario.breakpoints == (1.0, 2.0, 2.5, 3.0, 4.0, 5.0)
+
+
+def test_a_segment_knows_the_parameters_up_to_its_very_end(odd_scenario):
+    for segment in odd_scenario.segments:
+        mass, length = segment.parameters_at(segment.end)
+        # the limit from inside; one rounding apart at most
+        assert mass == pytest.approx(odd_scenario.cart_mass.before(segment.end), rel=1e-15)
+        assert length == pytest.approx(odd_scenario.half_length.before(segment.end), rel=1e-15)
+
+
+def test_a_pulse_acts_from_its_start_to_just_before_its_end():
+    scenario = Scenario(name="x", disturbances=(PULSE,))
+    times = np.array([1.999, 2.0, 2.499, 2.5])
+    assert scenario.pushes(times).tolist() == [0.0, -10.0, -10.0, 0.0]
+    assert [(s.start, s.push) for s in scenario.segments] == [(0, 0), (2, -10), (2.5, 0)]
+
+
+def test_pulses_that_overlap_add_up():
+    scenario = Scenario(
+        name="x", disturbances=(PULSE, ForcePulse(force=4.0, start=2.25, duration=1.0))
+    )
+    assert [s.push for s in scenario.segments] == [0.0, -10.0, -6.0, 4.0, 0.0]
+
+
+def test_an_impulse_belongs_to_the_segment_that_starts_with_it():
+    hits = (Impulse(momentum=1.5, time=0.0), Impulse(momentum=-2.0, time=3.0))
+    scenario = Scenario(name="x", disturbances=(*hits, Impulse(momentum=0.5, time=3.0)))
+    assert [(s.start, s.impulse) for s in scenario.segments] == [(0.0, 1.5), (3.0, -1.5)]
+
+
+def test_an_impulse_that_is_accepted_strikes():
+    try:
+        scenario = Scenario(
+            name="x", disturbances=(Impulse(momentum=1.0, time=20.0),), duration=20.0
+        )
+    except InvalidValueError:
+        return
+    assert sum(s.impulse for s in scenario.segments) == 1.0
+
+
+def test_parameters_at_a_time_are_those_after_the_jump(odd_scenario):
+    p = odd_scenario.parameters_at(0.1507)
+    assert (p.cart_mass, p.pole_mass, p.gravity) == (1.6, 0.083, 9.65)
+    # hand-written line from 0.35 m at 0.0503 s to 0.62 m at 0.6009 s
+    assert p.half_length == pytest.approx(0.35 + 0.27 * (0.1507 - 0.0503) / 0.5506, rel=1e-14)
+
+
+def test_what_is_left_out_is_nominal():
+    s = Scenario(name="x")
+    assert s.parameters_at(7.0).__class__() == s.parameters_at(7.0)
+    assert s.initial_state == (0.0, -math.pi / 3, 0.0, 0.0)
+    assert (s.duration, s.disturbances, len(s.segments)) == (20.0, (), 1)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"pole_mass": -0.1}, "pole_mass must be positive, got -0.1"),
+        ({"gravity": 0.0}, "gravity must be positive, got 0.0"),
+        ({"duration": float("inf")}, "duration must be finite, got inf"),
+        ({"cart_mass": constant(-1.0)}, "schedule.cart_mass must be positive, got -1.0"),
+        (
+            {"half_length": step((1,), (0.5, 0.0))},
+            "schedule.half_length must be positive, got 0.0",
+        ),
+        ({"initial_state": (0, 0, 0)}, "initial_state must hold four numbers, got 3"),
+        ({"initial_state": (0, math.nan, 0, 0)}, "initial_state must be finite, got nan"),
+        ({"name": ""}, "name must be printable, not empty and without '/', got ''"),
+        ({"name": "a/b"}, "name must be printable, not empty and without '/', got 'a/b'"),
+        ({"name": "a\nb"}, "name must be printable, not empty and without '/', got 'a\\nb'"),
+        (
+            {"disturbances": (PULSE,), "duration": 2.25},
+            "disturbance must end within the duration 2.25 s, got 2.5",
+        ),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
+)
+def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
+    with pytest.raises(InvalidValueError) as caught:
+        Scenario(**{"name": "x", **fields})
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: ForcePulse(force=math.nan, start=0, duration=1), "force must be finite, got nan"),
+        (lambda: ForcePulse(force=1, start=-1, duration=1), "start must not be negative, got -1.0"),
+        (lambda: ForcePulse(force=1, start=0, duration=0), "duration must be positive, got 0.0"),
+        (lambda: Impulse(momentum="1", time=0), "momentum must be a number, got '1'"),
+        (lambda: Impulse(momentum=1, time=-2), "time must not be negative, got -2.0"),
+    ],
+    ids=["force", "start", "duration", "momentum", "time"],
+)
+def test_a_disturbance_that_breaks_a_rule_is_refused_in_one_line(build, message):
+    with pytest.raises(InvalidValueError) as caught:
+        build()
+    assert str(caught.value) == message

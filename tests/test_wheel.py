@@ -1,0 +1,55 @@
+"""A wheel, built as a user's installer would and installed elsewhere, is complete."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+PROGRAM = """
+import afl_mujoco
+print(afl_mujoco.__file__)
+parameters = afl_mujoco.CartPoleParameters(
+    cart_mass=1.3, pole_mass=0.07, half_length=0.4, gravity=9.7
+)
+print(afl_mujoco.CartPoleModel(parameters).mj_model.body_mass.sum())
+"""
+
+
+def python(*arguments: str | Path, **options: object) -> str:
+    """Run this interpreter; its standard output."""
+    run = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, **options)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder where a wheel, built from the source distribution, is installed."""
+    dist = tmp_path_factory.mktemp("dist")
+    target = tmp_path_factory.mktemp("elsewhere")
+    python("-m", "build", "--no-isolation", "--outdir", dist, ROOT)
+    (wheel,) = dist.glob("*.whl")
+    python("-m", "pip", "install", "--quiet", "--no-deps", "--target", target, wheel)
+    return target
+
+
+def test_a_wheel_installed_elsewhere_finds_its_models(installed: Path, tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    home, mass = python("-c", PROGRAM, cwd=tmp_path, env=environment).split()
+    assert Path(home).is_relative_to(installed)
+    assert float(mass) == pytest.approx(1.37, rel=1e-12)
+
+
+def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
+    expected = {
+        *(path.relative_to(ROOT) for path in ROOT.glob("afl_mujoco/**/data/*.json")),
+        *(Path("afl_mujoco") / path.relative_to(ROOT) for path in ROOT.glob("models/*.xml")),
+    }
+    assert expected
+    assert [path for path in sorted(expected) if not (installed / path).is_file()] == []
