@@ -79,7 +79,7 @@ _DOUBLE = ir.DoubleType()
 def _load(typingctx: Any, address: Any) -> Any:
     """Return the double at `address`."""
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(builder.inttoptr(arguments[0], _DOUBLE.as_pointer()), typ=_DOUBLE)
 
     return types.float64(types.int64), generate
@@ -88,7 +88,7 @@ def _load(typingctx: Any, address: Any) -> Any:
 def _store(typingctx: Any, address: Any, value: Any) -> Any:
     """Write the double `value` to `address`."""
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         builder.store(arguments[1], builder.inttoptr(arguments[0], _DOUBLE.as_pointer()))
         return context.get_dummy_value()
 

@@ -41,10 +41,9 @@ def atomic_file(path: Path) -> Iterator[Path]:
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
-        try:
-            temporary.replace(path)
-        except OSError as error:
-            raise FileError(str(path), f"cannot be written: {_reason(error)}") from None
+        temporary.replace(path)
+    except OSError as error:
+        raise FileError(str(path), f"cannot be written: {_reason(error)}") from None
     finally:
         temporary.unlink(missing_ok=True)
 

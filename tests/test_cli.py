@@ -64,7 +64,7 @@ BAD_FILES = {
         with_line("[0.2], values = [0.5, 1.0]", "[0.3, 0.2], values = [1, 2, 3]"),
         "schedule.cart_mass.times must increase, got 0.2 after 0.3",
     ),
-    "NaN": (with_line("0.4", "nan"), "schedule.half_length.values must be finite, got nan"),
+    "NaN": (with_line("0.4", "nan"), "schedule.half_length.value must be finite, got nan"),
     "text for a number": (
         with_line("force = -5.0", 'force = "strong"'),
         "disturbances[0].force must be a number, got 'strong'",

@@ -62,7 +62,8 @@ def load_scenario(path: str | Path) -> Scenario:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror.lower() if isinstance(error, OSError) else "not UTF-8 text"
+        why = error.strerror if isinstance(error, OSError) else None
+        reason = why.lower() if why else "not UTF-8 text"
         raise FileError(str(path), f"cannot be read: {reason}") from None
     except tomllib.TOMLDecodeError as error:
         raise FileError(str(path), f"is not valid TOML: {error}") from None

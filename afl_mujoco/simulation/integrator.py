@@ -13,14 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,
     FALL_ANGLE,
     FELL,
+    OUTCOMES,
     STATE_LIMIT,
     Outcome,
+    ending_of,
 )
 
 Derivative = Callable[[NDArray[np.float64], float, float, float], tuple[float, ...]]
@@ -33,6 +37,9 @@ RTOL = 1e-12
 ATOL = 1e-14
 MAX_STEP = 0.02
 """Longest step [s]: bounds the error of the dense output, which the error control does not see."""
+
+MIN_RTOL = 100 * np.finfo(float).eps
+"""Below this, the integrator would silently use this."""
 
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 
@@ -83,35 +90,42 @@ def integrate(
     Outcome
         How it ended.
     """
+    if not rtol >= MIN_RTOL:
+        raise InvalidValueError("rtol", f"must be at least {MIN_RTOL:.1e}", rtol)
+    require_positive("atol", atol)
     state = np.array(scenario.initial_state)
     reached: list[NDArray[np.float64]] = []
     for segment in scenario.segments:
-        if abs(state[1]) >= FALL_ANGLE:
-            return _stack(reached), Outcome(FELL, segment.start)
         if segment.impulse != 0.0:
             mass, length = segment.parameters_at(segment.start)
             state = state.copy()
             state[2:] += strike(state, mass, length, segment.impulse)
         last = segment.end == scenario.duration
-        inside = (times >= segment.start) & ((times < segment.end) | last)
+        inside = times[(times >= segment.start) & ((times < segment.end) | last)]
+        right_hand_side = _right_hand_side(derivative, segment)
+        if (
+            abs(state[1]) >= FALL_ANGLE
+            or not np.isfinite(right_hand_side(segment.start, state)).all()
+        ):
+            reached.append(np.atleast_2d(state)[: len(inside)])
+            return np.concatenate(reached), Outcome(_ending(state), segment.start)
         solution = solve_ivp(  # type: ignore[call-overload]
-            _right_hand_side(derivative, segment),
+            right_hand_side,
             (segment.start, segment.end),
             state,
             method=method,
-            t_eval=np.union1d(times[inside], [segment.end]),
+            t_eval=np.union1d(inside, [segment.end]),
             rtol=rtol,
             atol=atol,
             max_step=MAX_STEP,
             events=(_fall_margin, _divergence_margin),
         )
-        samples = solution.y.T
-        kept = np.isin(solution.t, times[inside])
-        reached.append(samples[kept])
+        samples = np.reshape(solution.y, (4, -1)).T
+        reached.append(samples[np.isin(solution.t, inside)])
         if solution.status != 0:
-            return _stack(reached), _premature_end(solution, state, segment)
+            return np.concatenate(reached), _premature_end(solution, segment)
         state = samples[-1]
-    return _stack(reached), Outcome(COMPLETED, scenario.duration)
+    return np.concatenate(reached), Outcome(COMPLETED, scenario.duration)
 
 
 def _right_hand_side(
@@ -126,16 +140,18 @@ def _right_hand_side(
     return right_hand_side
 
 
-def _premature_end(solution: Any, state: NDArray[np.float64], segment: Segment) -> Outcome:
+def _premature_end(solution: Any, segment: Segment) -> Outcome:
     """Say how a segment that did not reach its end ended."""
     fell, diverged = solution.t_events
     if len(fell):
         return Outcome(FELL, float(fell[0]))
     if len(diverged):
         return Outcome(DIVERGED, float(diverged[0]))
-    return Outcome(DIVERGED, float(solution.t[-1]) if len(solution.t) else segment.start)
+    if not len(solution.t):
+        return Outcome(DIVERGED, segment.start)
+    return Outcome(_ending(solution.y[:, -1]), float(solution.t[-1]))
 
 
-def _stack(reached: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Join the samples of the segments, shape (K, 4)."""
-    return np.concatenate(reached) if reached else np.empty((0, 4))
+def _ending(state: NDArray[np.float64]) -> str:
+    """Return how a run has ended that cannot go on from `state`."""
+    return OUTCOMES[ending_of(state)]

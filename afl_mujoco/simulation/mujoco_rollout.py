@@ -12,12 +12,13 @@ from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.control.afl import force_given
 from afl_mujoco.control.controllers import Controller, scheduled_force
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.sampling import steps, time_grid, whole_steps
+from afl_mujoco.scenario.sampling import SNAP, steps, time_grid, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
 from afl_mujoco.simulation.mujoco_model import (
     CONTROL,
     DATA,
+    INTEGRATORS,
     MODEL,
     PHI,
     PHI_DOT,
@@ -32,17 +33,21 @@ from afl_mujoco.simulation.mujoco_model import (
     write_state,
 )
 from afl_mujoco.simulation.trajectory import (
+    COMPLETED,
+    FALL_ANGLE,
+    FELL,
     OUTCOMES,
     STATE_LIMIT,
     Outcome,
     Trajectory,
     assemble,
+    ending_of,
     law_along,
-    status_of,
+    within_limits,
 )
 
 MODES = ("exact", "continuous", "sampled")
-_COMPLETED, _FELL, _DIVERGED = range(len(OUTCOMES))
+_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 
 
 def simulate_mujoco(
@@ -87,6 +92,8 @@ def simulate_mujoco(
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)
+    if integrator not in INTEGRATORS:
+        raise UnknownNameError.among("integrator", integrator, INTEGRATORS)
     settings: dict[str, Any] = {"timestep": timestep}
     if mode == "sampled":
         period = timestep if control_period is None else control_period
@@ -188,8 +195,8 @@ def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray
     starts
         Starts of the steps and the horizon [s], shape (N + 1,).
     """
-    half = 0.5 * (starts[1] - starts[0])
-    edges = np.concatenate([[-np.inf], starts[:-1]]) + 1e-9 * half
+    edges = np.concatenate([[-np.inf], starts[:-1]]) + SNAP * (starts[1] - starts[0])
+    edges[-1] = np.inf  # one that comes after the last start strikes there
     return np.array([scenario.impulse_within(a, b) for a, b in itertools.pairwise(edges)])
 
 
@@ -211,46 +218,45 @@ def _exact_derivative(at, state, true, believed, coefficients, push):
 
 
 @kernel
+def _struck(at, state, impulse):
+    """Return the state after an ideal impulse."""
+    jump = strike(at, state[0], state[1], state[2], state[3], impulse)
+    return np.array([state[0], state[1], state[2] + jump[0], state[3] + jump[1]])
+
+
+@kernel
 def _march_continuous(
     at, initial_state, times, cart_mass, half_length, constants, push, impulse, law
 ):
     """March by RK4 and return the states reached, shape (K, 4), and the status."""
     pole_mass, gravity = constants
-    count = len(times) - 1
-    states = np.empty((count + 1, 4))
+    count = len(push)
+    states, slopes = np.empty((count + 1, 4)), np.empty((4, 4))
     states[0] = initial_state
-    slopes = np.empty((4, 4))
-    stage_of = (0, 1, 1, 2)
     share = (0.0, 0.5, 0.5, 1.0)
     written = (np.nan, np.nan)
-    for k in range(count):
-        status = status_of(states[k])
-        if status != _COMPLETED:
-            return states[: k + 1], status
+    for k in range(count + 1):
+        if abs(states[k, 1]) >= FALL_ANGLE:
+            return states[: k + 1], _FELL
+        if k == count:
+            break
         dt = times[k + 1] - times[k]
         for i in range(4):
-            stage = stage_of[i]
+            stage = (i + 1) // 2
             wanted = (cart_mass[k, stage], half_length[k, stage])
             if wanted != written:
                 write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
                 written = wanted
-            if i == 0:
-                if impulse[k] != 0.0:
-                    s = states[k]
-                    jump = strike(at, s[0], s[1], s[2], s[3], impulse[k])
-                    s[2] += jump[0]
-                    s[3] += jump[1]
-                state = states[k].copy()
-            else:
-                state = states[k] + (share[i] * dt) * slopes[i - 1]
+            if i == 0 and impulse[k] != 0.0:
+                states[k] = _struck(at, states[k], impulse[k])
+            state = states[k] + (share[i] * dt) * slopes[i - 1] if i else states[k]
             z1, p1, z2, p2 = _derivative(at, state, force_given(state, law[k, stage]), push[k])
             slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = z1, p1, z2, p2
-        if not np.isfinite(slopes).all():
-            return states[: k + 1], _FELL
-        states[k + 1] = states[k] + (dt / 6.0) * (
-            slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3]
-        )
-    return states, status_of(states[count])
+        after = states[k] + (dt / 6.0) * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
+        if not within_limits(after):
+            return states[: k + 1], ending_of(states[k])
+        states[k + 1] = after
+    return states, _COMPLETED
 
 
 @kernel
@@ -265,30 +271,29 @@ def _march_sampled(at, initial_state, hold, cart_mass, half_length, constants, p
     write_state(at, initial_state[0], initial_state[1], initial_state[2], initial_state[3])
     for k in range(count + 1):
         s = states[k]
-        status = status_of(s)
-        if status != _COMPLETED:
-            forces[k] = force
-            return states[: k + 1], forces[: k + 1], status
-        if k < count:
-            wanted = (cart_mass[k], half_length[k])
-            if wanted != written:
-                write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
-                written = wanted
-            if impulse[k] != 0.0:
-                jump = strike(at, s[0], s[1], s[2], s[3], impulse[k])
-                s[2] += jump[0]
-                s[3] += jump[1]
-                write_state(at, s[0], s[1], s[2], s[3])
+        forces[k] = force
+        if abs(s[1]) >= FALL_ANGLE:
+            return states[: k + 1], forces[: k + 1], _FELL
+        if k == count:
+            break
+        wanted = (cart_mass[k], half_length[k])
+        if wanted != written:
+            write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
+            written = wanted
+        if impulse[k] != 0.0:
+            s[:] = _struck(at, s, impulse[k])
+            write_state(at, s[0], s[1], s[2], s[3])
         if k % hold == 0:
             force = force_given(s, law[k])
         forces[k] = force
         if not abs(force) < STATE_LIMIT:
-            return states[: k + 1], forces[: k + 1], _DIVERGED
-        if k == count:
-            break
+            return states[: k + 1], forces[: k + 1], ending_of(s)
         store(at[CONTROL], force)
         store(at[PUSH], push[k])
         mj_step(at[MODEL], at[DATA])
-        states[k + 1, 0], states[k + 1, 1] = load(at[Z]), load(at[PHI])
-        states[k + 1, 2], states[k + 1, 3] = load(at[Z_DOT]), load(at[PHI_DOT])
+        after = states[k + 1]
+        after[0], after[1] = load(at[Z]), load(at[PHI])
+        after[2], after[3] = load(at[Z_DOT]), load(at[PHI_DOT])
+        if not within_limits(after):
+            return states[: k + 1], forces[: k + 1], ending_of(s)
     return states, forces, _COMPLETED

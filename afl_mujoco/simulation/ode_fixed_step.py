@@ -1,10 +1,12 @@
-"""The analytic equations in fixed steps: the twins of MuJoCo's continuous and sampled modes.
+"""The analytic equations marched by RK4: twins of MuJoCo's continuous and sampled modes.
 
-`simulate_ode_rk4` is the textbook RK4 of the closed loop. `simulate_ode_held` solves the closed
-loop whose control is held and whose parameters are frozen in each step, as when it is deployed.
+What a deployed controller holds over a step can be switched on one by one: the control, the
+parameters, the disturbances. So the cost of each can be told from that of the others.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +14,46 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.afl import force_given
 from afl_mujoco.control.controllers import Controller
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
-from afl_mujoco.scenario.sampling import steps, whole_steps
+from afl_mujoco.scenario.sampling import Steps, steps, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import (
+    COMPLETED,
+    FALL_ANGLE,
+    FELL,
     OUTCOMES,
     STATE_LIMIT,
     Outcome,
     Trajectory,
     assemble,
-    law_along,
-    status_of,
+    ending_of,
+    within_limits,
 )
 
 SUBSTEPS = 8
 """RK4 steps within each held step: they leave an error some 4000 times below RK4 at the step."""
 
-_COMPLETED, _FELL, _DIVERGED = range(len(OUTCOMES))
+_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
+
+
+@dataclass(frozen=True, slots=True)
+class Holds:
+    """What is held over a step instead of followed within it.
+
+    Attributes
+    ----------
+    control_period
+        Over which the force is held [s], a multiple of the timestep; ``None`` to follow the law.
+    schedule
+        Whether M and l keep, over each timestep, the values of its middle.
+    disturbance
+        Whether the push does so, and an impulse waits for the start of a step.
+    """
+
+    control_period: float | None = None
+    schedule: bool = False
+    disturbance: bool = False
 
 
 def simulate_ode_rk4(
@@ -53,8 +78,14 @@ def simulate_ode_rk4(
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
     )
     plant = _plants(march.cart_mass, march.half_length, scenario)
-    states, status = _march_rk4(
-        np.array(scenario.initial_state), march.times, plant, march.push, march.impulse, law
+    states, _, status = _march(
+        np.array(scenario.initial_state),
+        march.times,
+        plant,
+        march.push,
+        march.impulse,
+        law,
+        np.empty(0, dtype=np.bool_),
     )
     outcome = Outcome(OUTCOMES[status], float(march.times[len(states) - 1]))
     settings = {"timestep": timestep}
@@ -67,18 +98,21 @@ def simulate_ode_held(
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
+    holds: Holds | None = None,
     substeps: int = SUBSTEPS,
 ) -> Trajectory:
-    """Solve the closed loop with control and schedule held, to far below the step's own error.
+    """Solve the closed loop as deployed, or with only some of its holds, to round-off or near it.
 
     Parameters
     ----------
     scenario, controller
         What happens and what is commanded.
     timestep
-        Over which the parameters keep the value they have in its middle [s].
+        Physics step, over which parameters and disturbances are held [s].
     control_period
         Over which the force is held [s], a multiple of `timestep` (default: one step).
+    holds
+        What is held, instead of all of it; it then says `control_period` itself.
     substeps
         RK4 steps within each `timestep`.
 
@@ -86,35 +120,78 @@ def simulate_ode_held(
     -------
     Trajectory
         The run, reported at every multiple of `timestep`.
+
+    Raises
+    ------
+    InvalidValueError
+        If a setting breaks its rule.
     """
-    hold = whole_steps("control_period", control_period or timestep, "timestep", timestep)
+    if substeps < 1:
+        raise InvalidValueError("substeps", "must be at least 1", substeps)
+    if holds is None:
+        period = timestep if control_period is None else control_period
+        holds = Holds(control_period=period, schedule=True, disturbance=True)
+    hold = 0
+    if holds.control_period is not None:
+        hold = whole_steps("control_period", holds.control_period, "timestep", timestep)
     count = whole_steps("duration", scenario.duration, "timestep", timestep)
-    times = np.linspace(0.0, count * timestep, count + 1)
-    middles = times[:-1] + 0.5 * timestep
+    fine = steps(scenario, timestep / substeps)
+    times = np.asarray(np.arange(count + 1) * timestep, dtype=np.float64)
+    start_of = np.searchsorted(fine.times, times - 1e-9 * timestep)
+    update = np.zeros(len(fine.push) if hold else 0, dtype=np.bool_)
+    if hold:
+        update[start_of[:-1:hold]] = True
+    law_stages = slice(0, 1) if hold else slice(None)
+    law = controller.law_inputs(
+        fine.cart_mass[:, law_stages],
+        fine.half_length[:, law_stages],
+        scenario.pole_mass,
+        scenario.gravity,
+    )
+    mass, length, push, impulse = _held_inputs(scenario, fine, start_of, timestep, holds)
+    states, forces, status = _march(
+        np.array(scenario.initial_state),
+        fine.times,
+        _plants(mass, length, scenario),
+        push,
+        impulse,
+        law,
+        update,
+    )
+    outcome = Outcome(OUTCOMES[status], float(fine.times[len(states) - 1]))
+    reported = start_of[start_of < len(states)]
+    settings = {"timestep": timestep, "control_period": holds.control_period, "substeps": substeps}
+    settings |= {"hold_schedule": holds.schedule, "hold_disturbance": holds.disturbance}
+    return assemble(
+        scenario, controller, "ode held", settings, times, states[reported], outcome,
+        forces[reported],
+    )  # fmt: skip
+
+
+def _held_inputs(
+    scenario: Scenario, fine: Steps, start_of: NDArray[np.intp], timestep: float, holds: Holds
+) -> tuple[NDArray[np.float64], ...]:
+    """Return M and l, shape (N, 3), push and impulse, shape (N,), with what is held held."""
+    mass, length, push, impulse = fine.cart_mass, fine.half_length, fine.push, fine.impulse
+    step_of = np.searchsorted(start_of, np.arange(len(push)), side="right") - 1
+    middles = (np.arange(len(start_of) - 1) + 0.5) * timestep
     segments = scenario.segments
     inside = np.searchsorted([s.start for s in segments], middles, side="right") - 1
-    frozen = np.array(
-        [segments[i].parameters_at(t) for i, t in zip(inside, middles.tolist(), strict=True)]
-    )
-    impulse = np.zeros(count)
-    for segment in segments:
-        if segment.impulse != 0.0:  # strikes at the first step that starts at its time or after it
-            impulse[np.searchsorted(times, segment.start - 1e-9 * timestep)] += segment.impulse
-    states, forces, status = _march_held(
-        np.array(scenario.initial_state),
-        (timestep, hold, substeps),
-        _plants(frozen[:, 0], frozen[:, 1], scenario),
-        np.array([segments[i].push for i in inside]),
-        impulse,
-        law_along(scenario, controller, times),
-    )
-    outcome = Outcome(OUTCOMES[status], float(times[len(states) - 1]))
-    settings = {
-        "timestep": timestep,
-        "control_period": control_period or timestep,
-        "substeps": substeps,
-    }
-    return assemble(scenario, controller, "ode held", settings, times, states, outcome, forces)
+    if holds.schedule:
+        frozen = np.array(
+            [segments[i].parameters_at(t) for i, t in zip(inside, middles.tolist(), strict=True)]
+        )
+        mass = np.repeat(frozen[step_of, :1], 3, axis=1)
+        length = np.repeat(frozen[step_of, 1:], 3, axis=1)
+    if holds.disturbance:
+        push = np.array([segments[i].push for i in inside])[step_of]
+        struck = np.zeros(len(start_of) - 1)
+        for segment in segments:  # at the first step that starts at its time or after it
+            step = int(np.ceil(segment.start / timestep - 1e-9))
+            struck[min(step, len(struck) - 1)] += segment.impulse
+        impulse = np.zeros_like(push)
+        impulse[start_of[:-1]] = struck
+    return mass, length, push, impulse
 
 
 def _plants(
@@ -128,34 +205,23 @@ def _plants(
 
 
 @kernel
-def acceleration_of(state, force, plant):
-    """Return (z'', phi'') by (P3), (P4), for `plant` (M, m, l, g)."""
+def _slope(state, force, plant):
+    """Return the right-hand side (z_dot, phi_dot, z'', phi'') by (P3), (P4)."""
     phi, phi_dot = state[1], state[3]
     mass, pole, length, gravity = plant[0], plant[1], plant[2], plant[3]
-    return (
-        cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
-        pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
+    return np.array(
+        [
+            state[2],
+            phi_dot,
+            cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
+            pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
+        ]
     )
 
 
 @kernel
-def _slope(state, force, plant):
-    """Return the right-hand side (z_dot, phi_dot, z'', phi'')."""
-    cart, pole = acceleration_of(state, force, plant)
-    return np.array([state[2], state[3], cart, pole])
-
-
-@kernel
-def _struck(state, impulse, plant):
-    """Return the state after an ideal impulse: accelerations are linear in the force."""
-    with_it, without = acceleration_of(state, impulse, plant), acceleration_of(state, 0.0, plant)
-    jump = np.array([0.0, 0.0, with_it[0] - without[0], with_it[1] - without[1]])
-    return state + jump
-
-
-@kernel
 def rk4_step(state, force, plant, dt):
-    """Return the state after one textbook RK4 step under a constant force and constant parameters.
+    """Return the state after one textbook RK4 step under a constant force.
 
     Parameters
     ----------
@@ -164,67 +230,62 @@ def rk4_step(state, force, plant, dt):
     force
         Force on the cart [N].
     plant
-        (M, m, l, g).
+        (M, m, l, g) at the start, the middle and the end of the step, shape (3, 4).
     dt
         The step [s].
     """
-    k1 = _slope(state, force, plant)
-    k2 = _slope(state + 0.5 * dt * k1, force, plant)
-    k3 = _slope(state + 0.5 * dt * k2, force, plant)
-    k4 = _slope(state + dt * k3, force, plant)
+    k1 = _slope(state, force, plant[0])
+    k2 = _slope(state + 0.5 * dt * k1, force, plant[1])
+    k3 = _slope(state + 0.5 * dt * k2, force, plant[1])
+    k4 = _slope(state + dt * k3, force, plant[2])
     return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
 @kernel
-def _march_rk4(initial_state, times, plant, push, impulse, law):
-    """March by RK4, law and parameters in every stage; return states reached and status."""
-    count = len(times) - 1
-    states = np.empty((count + 1, 4))
-    states[0] = initial_state
-    for k in range(count):
-        status = status_of(states[k])
-        if status != _COMPLETED:
-            return states[: k + 1], status
-        if impulse[k] != 0.0:
-            states[k] = _struck(states[k], impulse[k], plant[k, 0])
-        x, dt, d = states[k], times[k + 1] - times[k], push[k]
-        k1 = _slope(x, force_given(x, law[k, 0]) + d, plant[k, 0])
-        x2 = x + 0.5 * dt * k1
-        k2 = _slope(x2, force_given(x2, law[k, 1]) + d, plant[k, 1])
-        x3 = x + 0.5 * dt * k2
-        k3 = _slope(x3, force_given(x3, law[k, 1]) + d, plant[k, 1])
-        x4 = x + dt * k3
-        k4 = _slope(x4, force_given(x4, law[k, 2]) + d, plant[k, 2])
-        after = x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        if not np.isfinite(after).all():
-            return states[: k + 1], _FELL
-        states[k + 1] = after
-    return states, status_of(states[count])
+def _law_step(x, dt, plant, push, law):
+    """Return the state after one textbook RK4 step, law and parameters in every stage."""
+    k1 = _slope(x, force_given(x, law[0]) + push, plant[0])
+    x2 = x + 0.5 * dt * k1
+    k2 = _slope(x2, force_given(x2, law[1]) + push, plant[1])
+    x3 = x + 0.5 * dt * k2
+    k3 = _slope(x3, force_given(x3, law[1]) + push, plant[1])
+    x4 = x + dt * k3
+    k4 = _slope(x4, force_given(x4, law[2]) + push, plant[2])
+    return x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
 @kernel
-def _march_held(initial_state, timing, plant, push, impulse, law):
-    """March with held control and frozen parameters; return states, held forces and status."""
-    timestep, hold, substeps = timing
-    count = len(push)
+def _march(initial_state, times, plant, push, impulse, law, update):
+    """March by RK4 and return states and forces reached and the status.
+
+    The force is that of the law in every stage if `update` is empty; otherwise it is taken from
+    the law where `update` says so, and held in between.
+    """
+    count, held = len(push), len(update) > 0
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
     states[0] = initial_state
     force = 0.0
     for k in range(count + 1):
-        status = status_of(states[k])
-        if status != _COMPLETED:
+        x = states[k]
+        if abs(x[1]) >= FALL_ANGLE:
             forces[k] = force
-            return states[: k + 1], forces[: k + 1], status
-        if k < count and impulse[k] != 0.0:
-            states[k] = _struck(states[k], impulse[k], plant[k])
-        if k % hold == 0:
-            force = force_given(states[k], law[k])
+            return states[: k + 1], forces[: k + 1], _FELL
+        if k == count:
+            break
+        if impulse[k] != 0.0:  # accelerations are linear in the force
+            x += _slope(x, impulse[k], plant[k, 0]) - _slope(x, 0.0, plant[k, 0])
+        if not held or update[k]:
+            force = force_given(x, law[k, 0])
         forces[k] = force
         if not abs(force) < STATE_LIMIT:
-            return states[: k + 1], forces[: k + 1], _DIVERGED
-        if k < count:
-            state = states[k]
-            for _ in range(substeps):
-                state = rk4_step(state, force + push[k], plant[k], timestep / substeps)
-            states[k + 1] = state
+            return states[: k + 1], forces[: k + 1], ending_of(x)
+        dt = times[k + 1] - times[k]
+        if held:
+            after = rk4_step(x, force + push[k], plant[k], dt)
+        else:
+            after = _law_step(x, dt, plant[k], push[k], law[k])
+        if not within_limits(after):
+            return states[: k + 1], forces[: k + 1], ending_of(x)
+        states[k + 1] = after
+    forces[count] = force
     return states, forces, _COMPLETED

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -23,6 +24,9 @@ from afl_mujoco.scenario.scenario import Scenario
 
 FALL_ANGLE = 0.5 * math.pi - 1e-3
 """A run ends as fallen when ``|phi|`` reaches this [rad]: the law is singular at pi/2."""
+
+TIPPED = 1.4
+"""A run that cannot go on fell if ``|phi|`` had reached this [rad], where the law's force soars."""
 
 STATE_LIMIT = 1e6
 """A run ends as diverged when a state or a force [SI] exceeds this, or is not finite."""
@@ -135,7 +139,7 @@ class Trajectory:
             If it cannot be read or is no such file.
         """
         try:
-            with np.load(Path(path), allow_pickle=False) as file:
+            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 meta = json.loads(str(file["meta"]))
                 kind, time = meta["outcome"]
                 arrays = {name: file[name] for name in _ARRAYS}
@@ -143,16 +147,20 @@ class Trajectory:
         except OSError as error:
             reason = error.strerror or str(error)
             raise FileError(str(path), f"cannot be read: {reason.lower()}") from None
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise FileError(str(path), f"is not a saved trajectory: {error}") from None
 
 
 @kernel
-def status_of(state):
-    """Return how a march stands at `state`: an index into `OUTCOMES`, 0 while all is well."""
-    if not np.all(np.abs(state) < STATE_LIMIT):
-        return 2
-    return 1 if abs(state[1]) >= FALL_ANGLE else 0
+def within_limits(state):
+    """Return whether a state is finite and below `STATE_LIMIT`."""
+    return np.all(np.abs(state) < STATE_LIMIT)
+
+
+@kernel
+def ending_of(state):
+    """Return how a run has ended that cannot go on from `state`: an index into `OUTCOMES`."""
+    return 1 if abs(state[1]) > TIPPED else 2
 
 
 def law_along(

@@ -13,12 +13,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import rk4_step, simulate_ode_held, simulate_ode_rk4
-from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
 from afl_mujoco.validation.criteria import CRITERIA, Check
-
-WELL_CONDITIONED = 1.4
-"""Angle [rad] beyond which a run that falls is not compared: the law amplifies round-off there."""
-
 
 SLACK = 1e-12
 """How much an instant of the grid may be off by round-off [s]."""
@@ -92,7 +88,7 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
     """Return the largest difference of any state at any instant that both runs report.
 
     Runs that did not both end the same way differ infinitely. Of runs that both fell, the part
-    before `WELL_CONDITIONED` is compared.
+    before `TIPPED` is compared: the law amplifies round-off there.
 
     Parameters
     ----------
@@ -108,7 +104,7 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
         return math.inf
     difference = np.abs(one.state[:count] - other.state[:count])
     if one.outcome.kind != COMPLETED:
-        steep = np.abs(one.state[:count, 1]) > WELL_CONDITIONED
+        steep = np.abs(one.state[:count, 1]) > TIPPED
         difference = difference[: int(np.argmax(steep)) if steep.any() else count]
     return float(difference.max()) if difference.size else 0.0
 
@@ -124,13 +120,14 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
         A run of sampled mode with MuJoCo's RK4.
     """
     timestep = float(run.provenance["settings"]["timestep"])
-    middles = run.time[:-1] + 0.5 * timestep
-    plants = np.empty((len(middles), 4))
-    plants[:, 0], plants[:, 1] = scenario.cart_mass(middles), scenario.pole_mass
-    plants[:, 2], plants[:, 3] = scenario.half_length(middles), scenario.gravity
+    middles = np.asarray((np.arange(len(run.time) - 1) + 0.5) * timestep, dtype=np.float64)
+    plants = np.empty((len(middles), 3, 4))
+    plants[..., 0], plants[..., 1] = scenario.cart_mass(middles)[:, None], scenario.pole_mass
+    plants[..., 2], plants[..., 3] = scenario.half_length(middles)[:, None], scenario.gravity
     forces = run.force[:-1] + scenario.pushes(middles)
-    struck = np.array([scenario.impulse_within(t - timestep, t) for t in run.time[1:] + SLACK])
-    return float(_one_step_difference(run.state, forces, plants, timestep, struck != 0.0))
+    ends = (run.time[1:] + SLACK).tolist()
+    struck = np.array([scenario.impulse_within(end - timestep, end) for end in ends]) != 0.0
+    return float(_one_step_difference(run.state, forces, plants, timestep, struck))
 
 
 @kernel

@@ -40,11 +40,10 @@ def test_every_check_holds_on_a_short_scenario_with_everything_in_it(report: Rep
 def test_the_report_has_each_check_of_each_pair_and_the_equation_checks_once(
     report: Report,
 ) -> None:
+    ids = ("A5", "B1", "B2", "B2b", "B3")
     places = [(c.id, c.controller) for c in report.checks]
     assert places == [("A1", "any"), ("A3", "any")] + [
-        (id, controller)
-        for controller in ("fixed", "adaptive")
-        for id in ("A5", "B1", "B2", "B2b", "B3")
+        (id, controller) for controller in ("fixed", "adaptive") for id in ids
     ]
     assert [(r.controller, r.simulator) for r in report.runs] == [
         (controller, simulator) for controller in ("fixed", "adaptive") for simulator in REPORTED
