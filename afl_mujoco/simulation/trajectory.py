@@ -154,7 +154,10 @@ class Trajectory:
 @kernel
 def within_limits(state):
     """Return whether a state is finite and below `STATE_LIMIT`."""
-    return np.all(np.abs(state) < STATE_LIMIT)
+    for i in range(4):
+        if not abs(state[i]) < STATE_LIMIT:
+            return False
+    return True
 
 
 @kernel
