@@ -19,7 +19,7 @@ import numpy as np
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation import mujoco_rollout
+from afl_mujoco.simulation import mujoco_loops
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.task import law_policy
 
@@ -51,19 +51,19 @@ def scenarios(steps: int) -> tuple[Scenario, Scenario]:
 def march(scenario: Scenario, integrator: str) -> Callable[[], object]:
     """Return a call of the compiled loop alone, everything it needs prepared."""
     captured: list[tuple[object, ...]] = []
-    original = mujoco_rollout._march_sampled
+    original = mujoco_loops.march_sampled
 
     def capture(*arguments: object) -> object:
         captured.append(arguments)
         return original(*arguments)
 
-    mujoco_rollout._march_sampled = capture
+    mujoco_loops.march_sampled = capture
     try:
         afl.simulate_mujoco(
             scenario, CONTROLLER, "sampled", timestep=TIMESTEP, integrator=integrator
         )
     finally:
-        mujoco_rollout._march_sampled = original
+        mujoco_loops.march_sampled = original
     model = CartPoleModel(scenario.parameters_at(0.0), timestep=TIMESTEP, integrator=integrator)
     return lambda: original(model.addresses, *captured[0][1:]) and model
 

@@ -6,7 +6,8 @@ what differs between two of its results is the right-hand side alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,11 +28,11 @@ from afl_mujoco.simulation.trajectory import (
     ending_of,
 )
 
-Derivative = Callable[[NDArray[np.float64], float, float, float], tuple[float, ...]]
-"""(state, M, l, push) -> (z_dot, phi_dot, z'', phi''); NaN where the law has no value."""
+Derivative = Callable[[float, NDArray[np.float64], Segment], Sequence[float]]
+"""(time, state, segment) -> its rate of change; NaN where the law has no value."""
 
-Strike = Callable[[NDArray[np.float64], float, float, float], NDArray[np.float64]]
-"""(state, M, l, impulse) -> jump of (z_dot, phi_dot)."""
+Transition = Callable[[NDArray[np.float64], Segment | None, Segment], NDArray[np.float64]]
+"""(state, segment before or None at the start, segment after) -> the state after the breakpoint."""
 
 RTOL = 1e-12
 ATOL = 1e-14
@@ -51,7 +52,7 @@ def _fall_margin(time: float, state: NDArray[np.float64]) -> float:
 
 def _divergence_margin(time: float, state: NDArray[np.float64]) -> float:
     """Return how far the state is from `STATE_LIMIT`."""
-    return STATE_LIMIT - float(np.abs(state).max())
+    return STATE_LIMIT - float(np.abs(state[:4]).max())
 
 
 _fall_margin.terminal = True  # type: ignore[attr-defined]
@@ -61,9 +62,10 @@ _divergence_margin.terminal = True  # type: ignore[attr-defined]
 def integrate(
     scenario: Scenario,
     derivative: Derivative,
-    strike: Strike,
+    transition: Transition,
     times: NDArray[np.float64],
     *,
+    quadratures: int = 0,
     method: str = "DOP853",
     rtol: float = RTOL,
     atol: float = ATOL,
@@ -76,33 +78,34 @@ def integrate(
         Gives initial state, breakpoints and parameters.
     derivative
         The right-hand side.
-    strike
-        The jump of the velocities under an ideal impulse.
+    transition
+        What a breakpoint does to the state.
     times
         Where to report the state [s], increasing, from 0 to the horizon, shape (N,).
+    quadratures
+        How many integrals are carried along behind the four states, from zero.
     method, rtol, atol
         As of `scipy.integrate.solve_ivp`.
 
     Returns
     -------
     ndarray
-        The state at those times that the run reached, shape (K, 4).
+        The state at those times that the run reached, shape (K, 4 + quadratures).
     Outcome
         How it ended.
     """
     if not rtol >= MIN_RTOL:
         raise InvalidValueError("rtol", f"must be at least {MIN_RTOL:.1e}", rtol)
     require_positive("atol", atol)
-    state = np.array(scenario.initial_state)
+    state = np.array([*scenario.initial_state, *[0.0] * quadratures])
     reached: list[NDArray[np.float64]] = []
+    before: Segment | None = None
     for segment in scenario.segments:
-        if segment.impulse != 0.0:
-            mass, length = segment.parameters_at(segment.start)
-            state = state.copy()
-            state[2:] += strike(state, mass, length, segment.impulse)
+        state = transition(state, before, segment)
+        before = segment
         last = segment.end == scenario.duration
         inside = times[(times >= segment.start) & ((times < segment.end) | last)]
-        right_hand_side = _right_hand_side(derivative, segment)
+        right_hand_side = partial(_rate, derivative, segment)
         if (
             abs(state[1]) >= FALL_ANGLE
             or not np.isfinite(right_hand_side(segment.start, state)).all()
@@ -120,7 +123,7 @@ def integrate(
             max_step=MAX_STEP,
             events=(_fall_margin, _divergence_margin),
         )
-        samples = np.reshape(solution.y, (4, -1)).T
+        samples = np.reshape(solution.y, (len(state), -1)).T
         reached.append(samples[np.isin(solution.t, inside)])
         if solution.status != 0:
             return np.concatenate(reached), _premature_end(solution, segment)
@@ -128,16 +131,11 @@ def integrate(
     return np.concatenate(reached), Outcome(COMPLETED, scenario.duration)
 
 
-def _right_hand_side(
-    derivative: Derivative, segment: Segment
-) -> Callable[[float, NDArray[np.float64]], tuple[float, ...]]:
-    """Return `derivative` with the segment's parameters as a function of (t, y)."""
-
-    def right_hand_side(time: float, state: NDArray[np.float64]) -> tuple[float, ...]:
-        mass, length = segment.parameters_at(time)
-        return derivative(state, mass, length, segment.push)
-
-    return right_hand_side
+def _rate(
+    derivative: Derivative, segment: Segment, time: float, state: NDArray[np.float64]
+) -> Sequence[float]:
+    """Return the right-hand side as the integrator calls it."""
+    return derivative(time, state, segment)
 
 
 def _premature_end(solution: Any, segment: Segment) -> Outcome:

@@ -59,6 +59,7 @@ MODEL, DATA, SCRATCH = 0, 1, 2
 CART_MASS, CART_INERTIA, POLE_MASS, POLE_INERTIA, POLE_COM = 3, 4, 5, 6, 7
 GEOM_HALF_LENGTH, GEOM_CENTRE, TIP, GRAVITY = 8, 9, 10, 11
 Z, PHI, Z_DOT, PHI_DOT, CONTROL, PUSH, Z_DDOT, PHI_DDOT = 12, 13, 14, 15, 16, 17, 18, 19
+TORQUE = 20
 
 
 @kernel
@@ -100,11 +101,12 @@ def write_state(at, z, phi, z_dot, phi_dot):
 
 
 @kernel
-def forward(at, z, phi, z_dot, phi_dot, force, push):
-    """Return MuJoCo's (z'', phi'') for a state, an actuator force and a disturbing force."""
+def forward(at, z, phi, z_dot, phi_dot, force, push, torque=0.0):
+    """Return MuJoCo's (z'', phi'') for a state, an actuator force and generalised forces."""
     write_state(at, z, phi, z_dot, phi_dot)
     store(at[CONTROL], force)
     store(at[PUSH], push)
+    store(at[TORQUE], torque)
     mj_forward(at[MODEL], at[DATA])
     return load(at[Z_DDOT]), load(at[PHI_DDOT])
 
@@ -154,7 +156,7 @@ class CartPoleModel:
     mj_model, mj_data
         The compiled `mujoco.MjModel` and its `mujoco.MjData`.
     addresses
-        Where compiled code finds them, shape (20,), int64.
+        Where compiled code finds them, shape (21,), int64.
 
     Raises
     ------
@@ -231,7 +233,7 @@ def _describe(spec: mujoco.MjSpec, p: CartPoleParameters) -> None:
 def _addresses(
     model: mujoco.MjModel, data: mujoco.MjData, scratch: mujoco.MjData
 ) -> NDArray[np.int64]:
-    """Return the addresses of everything that compiled code reads and writes, shape (20,)."""
+    """Return the addresses of everything that compiled code reads and writes, shape (21,)."""
 
     def element(array: NDArray[np.float64], *index: int) -> int:
         if array.dtype != np.float64:
@@ -266,6 +268,7 @@ def _addresses(
             element(data.qfrc_applied, z_dof),
             element(data.qacc, z_dof),
             element(data.qacc, phi_dof),
+            element(data.qfrc_applied, phi_dof),
         ],
         dtype=np.int64,
     )

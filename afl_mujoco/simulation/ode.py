@@ -8,11 +8,25 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controllers import Controller, scheduled_force
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration, velocity_jump
+from afl_mujoco.plant.dynamics import (
+    cart_acceleration,
+    mass_matrix,
+    pole_acceleration,
+    velocity_jump,
+)
+from afl_mujoco.plant.stretching_rod import stretching_accelerations
+from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import time_grid
-from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.integrator import ATOL, METHODS, RTOL, Derivative, Strike, integrate
+from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.simulation.integrator import (
+    ATOL,
+    METHODS,
+    RTOL,
+    Derivative,
+    Transition,
+    integrate,
+)
 from afl_mujoco.simulation.trajectory import Trajectory, assemble, law_along
 
 SAMPLE_PERIOD = 1e-3
@@ -27,6 +41,8 @@ def simulate_ode(
     method: str = "DOP853",
     rtol: float = RTOL,
     atol: float = ATOL,
+    dynamics: str = QUASI_STATIC,
+    jumps: str = VELOCITIES,
 ) -> Trajectory:
     """Simulate the paper's ideal equations, restarted at every breakpoint.
 
@@ -40,6 +56,11 @@ def simulate_ode(
         Spacing of the reported instants [s]; breakpoints are reported as well.
     method, rtol, atol
         Method and tolerances of `scipy.integrate.solve_ivp`.
+    dynamics
+        ``"quasi-static"``: M and l are frozen at each instant, as in the paper;
+        ``"stretching-rod"``: with the terms of the rate of l (decision D9).
+    jumps
+        What a step of M or l keeps: ``"velocities"``, as in the paper, or ``"momenta"``.
 
     Returns
     -------
@@ -53,23 +74,25 @@ def simulate_ode(
     """
     if method not in METHODS:
         raise UnknownNameError.among("method", method, METHODS)
+    change = ParameterChange(dynamics=dynamics, jumps=jumps)
     times = time_grid(scenario, sample_period)
     law_along(scenario, controller, times)  # raises before the run if a gain is not positive
     states, outcome = integrate(
         scenario,
-        closed_loop(scenario, controller),
-        _strike(scenario),
+        closed_loop(scenario, controller, change),
+        transition(scenario, change),
         times,
         method=method,
         rtol=rtol,
         atol=atol,
     )
     settings = {"method": method, "rtol": rtol, "atol": atol, "sample_period": sample_period}
+    settings |= change.describe()
     return assemble(scenario, controller, "ode", settings, times, states, outcome)
 
 
 @kernel
-def _derivative(state, cart_mass, pole_mass, half_length, gravity, push, believed, w):
+def _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, believed, w):
     """Return (z_dot, phi_dot, z'', phi'') under the law; NaN where the law has no value."""
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
     force = push + scheduled_force(z, phi, z_dot, phi_dot, believed, w)
@@ -81,7 +104,18 @@ def _derivative(state, cart_mass, pole_mass, half_length, gravity, push, believe
     )
 
 
-def closed_loop(scenario: Scenario, controller: Controller) -> Derivative:
+@kernel
+def _stretching(state, cart_mass, pole_mass, half_length, gravity, push, believed, w, rate):
+    """Return the same for a rod whose half-length grows at `rate` [m/s]."""
+    z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
+    force = push + scheduled_force(z, phi, z_dot, phi_dot, believed, w)
+    z_ddot, phi_ddot = stretching_accelerations(
+        phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity, rate
+    )
+    return z_dot, phi_dot, z_ddot, phi_ddot
+
+
+def closed_loop(scenario: Scenario, controller: Controller, change: ParameterChange) -> Derivative:
     """Return the right-hand side of the closed loop of plant and law.
 
     Parameters
@@ -90,34 +124,60 @@ def closed_loop(scenario: Scenario, controller: Controller) -> Derivative:
         Gives m and g.
     controller
         The law.
+    change
+        What a change of M and l does.
     """
     pole_mass, gravity = scenario.pole_mass, scenario.gravity
     coefficients = controller.gain_function.coefficients
 
-    def derivative(
-        state: NDArray[np.float64], cart_mass: float, half_length: float, push: float
-    ) -> tuple[float, ...]:
-        believed = controller.believed(cart_mass, pole_mass, half_length, gravity)
-        result: tuple[float, ...] = _derivative(
-            state, cart_mass, pole_mass, half_length, gravity, push, believed, coefficients
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
+        mass, length = segment.parameters_at(time)
+        believed = controller.believed(mass, pole_mass, length, gravity)
+        plant = (mass, pole_mass, length, gravity, segment.push, believed, coefficients)
+        result: tuple[float, ...] = (
+            _stretching(state, *plant, segment.half_length[1])
+            if change.stretching
+            else _quasi_static(state, *plant)
         )
         return result
 
     return derivative
 
 
-def _strike(scenario: Scenario) -> Strike:
-    """Return the velocity jump under an ideal impulse, from the mass matrix."""
+def transition(scenario: Scenario, change: ParameterChange) -> Transition:
+    """Return what a breakpoint does to the state, from the analytic mass matrix.
 
-    def strike(
-        state: NDArray[np.float64], cart_mass: float, half_length: float, impulse: float
-    ) -> NDArray[np.float64]:
-        p = CartPoleParameters(
-            cart_mass=cart_mass,
+    Parameters
+    ----------
+    scenario
+        Gives m and g.
+    change
+        What a change of M and l does.
+    """
+
+    def parameters(segment: Segment, time: float) -> CartPoleParameters:
+        mass, length = segment.parameters_at(time)
+        return CartPoleParameters(
+            cart_mass=mass,
             pole_mass=scenario.pole_mass,
-            half_length=half_length,
+            half_length=length,
             gravity=scenario.gravity,
         )
-        return velocity_jump(state, impulse, p)
 
-    return strike
+    def arrive(
+        state: NDArray[np.float64], before: Segment | None, after: Segment
+    ) -> NDArray[np.float64]:
+        p = parameters(after, after.start)
+        impulse = after.impulse
+        state = state.copy()
+        if before is not None and change.stretching:
+            kink = after.half_length[1] - before.half_length[1]
+            impulse += scenario.pole_mass * kink * float(np.sin(state[1]))
+        if before is not None and change.keeps_momenta:
+            kept = mass_matrix(state, parameters(before, before.end)) @ state[2:4]
+            state[2:4] = np.linalg.solve(mass_matrix(state, p), kept)
+        if impulse != 0.0:
+            state[2:4] += velocity_jump(state[:4], impulse, p)
+        return state
+
+    return arrive

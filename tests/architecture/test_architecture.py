@@ -24,7 +24,7 @@ FOLDERS = sorted({source.parent for source in SOURCES})
 
 MAX_FILE_LINES = 300
 MAX_FUNCTION_LINES = 40
-MAX_MODULES = 8  # seven ask for a second look; simulation/ has had its own
+MAX_MODULES = 10  # seven ask for a second look; simulation/ has had its own: half are the engine's
 
 
 def relative(path: Path) -> str:

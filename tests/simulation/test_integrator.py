@@ -26,7 +26,15 @@ def _kick(state, mass, length, impulse):
 
 def _run(scenario, derivative=_particle, strike=_kick, period=0.25):
     times = time_grid(scenario, period)
-    states, outcome = integrate(scenario, derivative, strike, times)
+
+    def rate(time, state, segment):
+        return derivative(state, *segment.parameters_at(time), segment.push)
+
+    def arrive(state, before, after):
+        jump = strike(state, *after.parameters_at(after.start), after.impulse)
+        return state + np.array([0.0, 0.0, *jump])
+
+    states, outcome = integrate(scenario, rate, arrive, times)
     return times, states, outcome
 
 

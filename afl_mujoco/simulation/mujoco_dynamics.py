@@ -1,0 +1,120 @@
+"""MuJoCo as a right-hand side, and what a breakpoint does to the state by its mass matrix."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.scenario.parameter_change import ParameterChange
+from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.simulation import mujoco_loops as loops
+from afl_mujoco.simulation.integrator import Derivative, Transition
+from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike, write_parameters
+
+
+def closed_loop(
+    model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
+) -> Derivative:
+    """Return the right-hand side of the closed loop of MuJoCo's forward dynamics and the law.
+
+    Parameters
+    ----------
+    model
+        What computes the accelerations.
+    scenario
+        Gives m and g.
+    controller
+        The law.
+    change
+        What a change of M and l does.
+    """
+    at, coefficients = model.addresses, controller.gain_function.coefficients
+    pole_mass, gravity = scenario.pole_mass, scenario.gravity
+
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
+        mass, length = segment.parameters_at(time)
+        true = (mass, pole_mass, length, gravity)
+        rate = segment.half_length[1] if change.stretching else 0.0
+        result: tuple[float, ...] = loops.exact_derivative(
+            at, state, true, controller.believed(*true), coefficients, segment.push, rate
+        )
+        return result
+
+    return derivative
+
+
+def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange) -> Transition:
+    """Return what a breakpoint does to the state, from MuJoCo's own mass matrix.
+
+    Parameters
+    ----------
+    model
+        What knows the mass matrix.
+    scenario
+        Gives m and g.
+    change
+        What a change of M and l does.
+    """
+
+    def enter(segment: Segment, time: float) -> None:
+        mass, length = segment.parameters_at(time)
+        write_parameters(model.addresses, mass, scenario.pole_mass, length, scenario.gravity)
+
+    def arrive(
+        state: NDArray[np.float64], before: Segment | None, after: Segment
+    ) -> NDArray[np.float64]:
+        at, state = model.addresses, state.copy()
+        impulse = after.impulse
+        if before is not None and change.stretching:
+            kink = after.half_length[1] - before.half_length[1]
+            impulse += scenario.pole_mass * kink * float(np.sin(state[1]))
+        if before is not None and change.keeps_momenta:
+            enter(before, before.end)
+            kept = momenta(model, state)
+            enter(after, after.start)
+            state[2:4] = velocities(model, state, kept)
+        if impulse != 0.0:
+            enter(after, after.start)
+            state[2:4] += strike(at, *state[:4].tolist(), impulse)
+        return state
+
+    return arrive
+
+
+def momenta(model: CartPoleModel, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the generalised momenta of (z, phi), MuJoCo's mass matrix times the velocities.
+
+    Parameters
+    ----------
+    model
+        The model, with the parameters that count.
+    state
+        (z, phi, z_dot, phi_dot).
+    """
+    forward(model.addresses, *state[:4].tolist(), 0.0, 0.0)
+    result = np.empty(2)
+    mujoco.mj_mulM(model.mj_model, model.mj_data, result, state[2:4])
+    return result
+
+
+def velocities(
+    model: CartPoleModel, state: NDArray[np.float64], momentum: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the (z_dot, phi_dot) that have given generalised momenta, the inverse of `momenta`.
+
+    Parameters
+    ----------
+    model
+        The model, with the parameters that count.
+    state
+        (z, phi, ...), of which the configuration counts.
+    momentum
+        Momenta of (z, phi), shape (2,).
+    """
+    forward(model.addresses, *state[:4].tolist(), 0.0, 0.0)
+    result = np.empty((1, 2))
+    mujoco.mj_solveM(model.mj_model, model.mj_data, result, momentum[None])
+    velocity: NDArray[np.float64] = result[0]
+    return velocity

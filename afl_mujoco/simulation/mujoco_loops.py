@@ -1,0 +1,174 @@
+"""The compiled loops around MuJoCo's library: no interpreter between one step and the next."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from afl_mujoco.compiled import kernel, load, store
+from afl_mujoco.control.afl import force_given
+from afl_mujoco.control.controllers import scheduled_force
+from afl_mujoco.simulation.mujoco_model import (
+    CONTROL,
+    DATA,
+    MODEL,
+    PHI,
+    PHI_DOT,
+    PUSH,
+    Z_DOT,
+    Z,
+    forward,
+    mj_step,
+    strike,
+    write_parameters,
+    write_state,
+)
+from afl_mujoco.simulation.trajectory import (
+    COMPLETED,
+    FALL_ANGLE,
+    FELL,
+    OUTCOMES,
+    STATE_LIMIT,
+    ending_of,
+    within_limits,
+)
+
+_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
+
+
+@kernel
+def _derivative(at, state, force, push, pole_mass, half_length, rate):
+    """Return (z_dot, phi_dot, z'', phi'') by MuJoCo; NaN where the law had no value.
+
+    A rod that stretches at `rate` [m/s] acts on both joints (decision D9).
+    """
+    if not abs(force) < STATE_LIMIT:
+        return np.nan, np.nan, np.nan, np.nan
+    z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
+    torque = 0.0
+    if rate != 0.0:
+        push += 2.0 * pole_mass * rate * phi_dot * np.cos(phi)
+        torque = -8.0 / 3.0 * pole_mass * half_length * rate * phi_dot
+    z_ddot, phi_ddot = forward(at, z, phi, z_dot, phi_dot, force, push, torque)
+    return z_dot, phi_dot, z_ddot, phi_ddot
+
+
+@kernel
+def exact_derivative(at, state, true, believed, coefficients, push, rate):
+    """Return (z_dot, phi_dot, z'', phi'') under the law.
+
+    Parameters
+    ----------
+    at
+        `CartPoleModel.addresses`.
+    state
+        (z, phi, z_dot, phi_dot), shape (4,) or longer.
+    true, believed
+        (M, m, l, g) as they are, and as the law takes them to be.
+    coefficients
+        Of the gain function, shape (3, 5).
+    push
+        Disturbing force [N].
+    rate
+        Rate of the half-length that acts on the rod [m/s].
+    """
+    force = scheduled_force(state[0], state[1], state[2], state[3], believed, coefficients)
+    write_parameters(at, true[0], true[1], true[2], true[3])
+    return _derivative(at, state, force, push, true[1], true[2], rate)
+
+
+@kernel
+def march_continuous(at, initial_state, times, cart_mass, half_length, constants, acting, law):
+    """March through one segment by RK4, law and parameters in every stage.
+
+    Parameters
+    ----------
+    at
+        `CartPoleModel.addresses`.
+    initial_state
+        Shape (4,).
+    times
+        Ends of the steps [s], shape (N + 1,).
+    cart_mass, half_length
+        M, l at the start, the middle and the end of each step, shape (N, 3).
+    constants
+        (m, g).
+    acting
+        Disturbing force [N] and acting rate of the half-length [m/s].
+    law
+        What the law is given in each stage, shape (N, 3, 7).
+
+    Returns
+    -------
+    tuple
+        The states reached, shape (K, 4), and the index of the outcome.
+    """
+    pole_mass, gravity = constants
+    push, rate = acting
+    count = len(times) - 1
+    states, slopes = np.empty((count + 1, 4)), np.empty((4, 4))
+    states[0] = initial_state
+    share = (0.0, 0.5, 0.5, 1.0)
+    written = (np.nan, np.nan)
+    for k in range(count + 1):
+        if abs(states[k, 1]) >= FALL_ANGLE:
+            return states[: k + 1], _FELL
+        if k == count:
+            break
+        dt = times[k + 1] - times[k]
+        for i in range(4):
+            stage = (i + 1) // 2
+            wanted = (cart_mass[k, stage], half_length[k, stage])
+            if wanted != written:
+                write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
+                written = wanted
+            state = states[k] + (share[i] * dt) * slopes[i - 1] if i else states[k]
+            force = force_given(state, law[k, stage])
+            z1, p1, z2, p2 = _derivative(at, state, force, push, pole_mass, wanted[1], rate)
+            slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = z1, p1, z2, p2
+        after = states[k] + (dt / 6.0) * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
+        if not within_limits(after):
+            return states[: k + 1], ending_of(states[k])
+        states[k + 1] = after
+    return states, _COMPLETED
+
+
+@kernel
+def march_sampled(at, initial_state, hold, cart_mass, half_length, constants, push, impulse, law):
+    """March by `mj_step` and return states, shape (K, 4), held forces, shape (K,), and status."""
+    pole_mass, gravity = constants
+    count = len(push)
+    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
+    states[0] = initial_state
+    written = (np.nan, np.nan)
+    force = 0.0
+    write_state(at, initial_state[0], initial_state[1], initial_state[2], initial_state[3])
+    for k in range(count + 1):
+        s = states[k]
+        forces[k] = force
+        if abs(s[1]) >= FALL_ANGLE:
+            return states[: k + 1], forces[: k + 1], _FELL
+        if k == count:
+            break
+        wanted = (cart_mass[k], half_length[k])
+        if wanted != written:
+            write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
+            written = wanted
+        if impulse[k] != 0.0:
+            jump = strike(at, s[0], s[1], s[2], s[3], impulse[k])
+            s[2] += jump[0]
+            s[3] += jump[1]
+            write_state(at, s[0], s[1], s[2], s[3])
+        if k % hold == 0:
+            force = force_given(s, law[k])
+        forces[k] = force
+        if not abs(force) < STATE_LIMIT:
+            return states[: k + 1], forces[: k + 1], ending_of(s)
+        store(at[CONTROL], force)
+        store(at[PUSH], push[k])
+        mj_step(at[MODEL], at[DATA])
+        after = states[k + 1]
+        after[0], after[1] = load(at[Z]), load(at[PHI])
+        after[2], after[3] = load(at[Z_DOT]), load(at[PHI_DOT])
+        if not within_limits(after):
+            return states[: k + 1], forces[: k + 1], ending_of(s)
+    return states, forces, _COMPLETED
