@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup validate test check lock clean distclean
+.PHONY: help setup validate test regression bless check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -18,6 +18,12 @@ validate: $(READY) ## compare MuJoCo with the analytic model on every case; pass
 
 test: $(READY) ## run the tests; narrow them with ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(ARGS)
+
+regression: $(READY) ## compare every run with its blessed baseline
+	@$(BIN)/afl-mujoco regression $(ARGS)
+
+bless: $(READY) ## make what is now the baselines, and print what moved
+	@$(BIN)/afl-mujoco regression --bless $(ARGS)
 
 check: $(READY) ## format, lint, types, import contracts, architecture
 	@$(BIN)/ruff format --check .

@@ -2,7 +2,17 @@
 
 import sys
 
-from afl_mujoco.cli import main
+
+def main() -> int:
+    """Run the command line; an interrupt while it is still being imported is one line too."""
+    try:
+        from afl_mujoco.cli import main as run
+
+        return run()
+    except KeyboardInterrupt:
+        print("afl-mujoco: interrupted", file=sys.stderr)
+        return 130
+
 
 if __name__ == "__main__":
     sys.exit(main())

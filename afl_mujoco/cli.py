@@ -43,6 +43,8 @@ class Validate:
     """Controllers by name: fixed, adaptive, fixed-nominal, adaptive-nominal."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+    full: bool = False
+    """Add refinement studies, ledgers, a second method, and what the paper's physics leaves out."""
     timestep: float = 1e-3
     """Physics step of MuJoCo [s]."""
     control_period: float | None = None
@@ -66,11 +68,11 @@ class Validate:
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.tables import print_report, write_report
         from afl_mujoco.validation.campaign import require_runnable, run_campaign
-        from afl_mujoco.validation.closed_loop_checks import Settings
+        from afl_mujoco.validation.checks.closed_loop_checks import Settings
 
         controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
         period = self.timestep if self.control_period is None else self.control_period
-        settings = Settings(timestep=self.timestep, control_period=period)
+        settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
         require_runnable(scenarios, controllers, settings, self.workers)
         folder = output_folder(self.out)
         with _progress(len(scenarios) * len(controllers)) as progress:
@@ -79,7 +81,7 @@ class Validate:
             )
         files = write_report(report, folder)
         print(f"wrote {', '.join(str(file) for file in files)}")
-        print_report(report, Console(width=None if sys.stdout.isatty() else 132))
+        print_report(report, Console(width=None if sys.stdout.isatty() else 140))
         return SUCCESS if report.passed else CHECK_FAILED
 
 
@@ -122,7 +124,7 @@ class Simulate:
         from afl_mujoco.reporting.figures import draw_runs, save_figure
         from afl_mujoco.reporting.tables import print_metrics
         from afl_mujoco.validation.campaign import nominal_scales
-        from afl_mujoco.validation.closed_loop_checks import Settings
+        from afl_mujoco.validation.checks.closed_loop_checks import Settings
         from afl_mujoco.validation.metrics import metrics, with_objective
 
         controller = find_controller(self.controller, self.gain_labels)
@@ -162,6 +164,49 @@ class Simulate:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Regression:
+    """Compare every run of the paper's scenarios with the blessed baselines.
+
+    Example: afl-mujoco regression --workers 2
+
+    Prints a line for each figure that moved. Exit code 0 if none did, 1 otherwise.
+    """
+
+    baselines: Path = Path("tests/regression/baselines")
+    """Folder of the baselines."""
+    bless: bool = False
+    """Make what is now the baselines, and print what moved."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Processes to share the work among; the numbers do not depend on it."""
+
+    def run(self) -> int:
+        """Run everything; compare, or bless."""
+        from afl_mujoco.control.controllers import CONTROLLERS
+        from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.validation.regression import (
+            REGRESSED,
+            bless,
+            compare,
+            load_baselines,
+            open_for_blessing,
+            record_all,
+        )
+
+        read = open_for_blessing if self.bless else load_baselines
+        blessed = read(self.baselines)  # what is quick to check comes first
+        scenarios = list(SCENARIOS.values())
+        controllers = [CONTROLLERS[name] for name in REGRESSED]
+        with _progress(len(scenarios) * len(controllers)) as progress:
+            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
+        if self.bless:
+            print(*bless(self.baselines, blessed, fresh), sep="\n")
+            return SUCCESS
+        comparison = compare(blessed, fresh)
+        print(*comparison.lines(self.baselines), sep="\n")
+        return SUCCESS if comparison.passed else CHECK_FAILED
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
@@ -185,13 +230,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
-def _parse(arguments: Sequence[str] | None) -> Validate | Simulate:
+def _parse(arguments: Sequence[str] | None) -> Validate | Simulate | Regression:
     """Parse the arguments; bad ones end the program with one line."""
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            command: Validate | Simulate = tyro.cli(
-                Validate | Simulate,
+            command: Validate | Simulate | Regression = tyro.cli(
+                Validate | Simulate | Regression,
                 prog=PROGRAM,
                 description="Compare a cart-pole controller in MuJoCo with its ideal equations.\n\n"
                 "Example: afl-mujoco validate step-step",

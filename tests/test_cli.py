@@ -119,7 +119,7 @@ BAD_ARGUMENTS = {
     ),
     "unknown option": (["validate", "--fast"], "Unrecognized options: --fast"),
     "unknown command": (["validat"], "Unrecognized options: validat"),
-    "no command": ([], "Expected one of {validate, simulate}"),
+    "no command": ([], "Expected one of {validate, simulate, regression}"),
     "unknown simulator": (
         ["simulate", "short.toml", "--simulator", "drake"],
         "simulator must be one of ode, exact, continuous, sampled, got 'drake'",
@@ -164,7 +164,7 @@ def rejects(folder: Path, message: str, *arguments: str) -> None:
 def test_validate_writes_a_report_that_passes(folder: Path) -> None:
     result = run("validate", "short.toml", "--workers", "1", "--out", "out", cwd=folder)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.rstrip().splitlines()[-1] == "PASS: all 12 checks hold"
+    assert result.stdout.rstrip().splitlines()[-1] == "PASS: all 17 checks hold"
     assert result.stderr == ""
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "pass"

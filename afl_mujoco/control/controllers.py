@@ -15,7 +15,7 @@ from afl_mujoco.control.afl import force_kernel, forces_along, sliding_and_drift
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, scheduled_gain
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS
 from afl_mujoco.errors import InvalidValueError, LawDomainError, UnknownNameError
-from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
+from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_type
 
 
 @kernel
@@ -68,6 +68,12 @@ class Controller:
     name: str
     gain_function: GainFunction
     belief: CartPoleParameters | None = None
+
+    def __post_init__(self) -> None:
+        """Validate the kind of every field."""
+        require_type("controller name", self.name, str)
+        require_type("gain_function", self.gain_function, GainFunction)
+        require_type("belief", self.belief, CartPoleParameters | None)
 
     def believed(
         self, cart_mass: float, pole_mass: float, half_length: float, gravity: float

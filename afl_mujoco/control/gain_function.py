@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import resources
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import FileError, InvalidValueError
-from afl_mujoco.scenario.parameters import require_finite
+from afl_mujoco.scenario.parameters import require_finite, require_type
 
 GAIN_NAMES = ("switching", "slope", "boundary_layer")
 
@@ -53,6 +54,7 @@ class GainFunction:
     def __post_init__(self) -> None:
         """Validate every coefficient and store it as a float."""
         for name in GAIN_NAMES:
+            require_type(f"{name} coefficients", getattr(self, name), Iterable)
             w = tuple(require_finite(f"{name} coefficients", x) for x in getattr(self, name))
             if len(w) != 5:
                 raise InvalidValueError(f"{name} coefficients", "must be five", len(w))

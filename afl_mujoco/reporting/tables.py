@@ -5,19 +5,29 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from afl_mujoco.output import write_text
 from afl_mujoco.validation.campaign import Report
-from afl_mujoco.validation.criteria import CRITERIA, Check
+from afl_mujoco.validation.check import Check
+from afl_mujoco.validation.criteria import CRITERIA
 from afl_mujoco.validation.decisions import DECISIONS
 from afl_mujoco.validation.metrics import UNITS, Metrics
 
 ANY = "any"
 REFERENCE = "ode"
+WIDE = 110
+"""Width of a terminal that shows every column; a narrower one shows `NARROW`."""
+
+NARROW = ("scenario", "controller", "B1", "B3", "B5")
+
+HEADLINE = ("B1", "B2", "B2b", "B3", "B5")
+"""The checks that have a column of their own; the others have a row for their worst value."""
 
 
 def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
@@ -79,6 +89,8 @@ def markdown(report: Report) -> str:
         lines.append(
             f"| {id} | {quantity} | {c.unit} | {c.limit:g} | {_value(worst)} | {c.reason} |"
         )
+    for title, table_rows in _explanations(report).items():
+        lines += ["", f"## {title}", "", *_markdown_table(table_rows)]
     lines += ["", "## Decisions these results rest on", ""]
     lines += [f"- **{id}** {text}" for id, text in DECISIONS.items()]
     return "\n".join(lines) + "\n"
@@ -118,11 +130,17 @@ def print_report(report: Report, console: Console) -> None:
         Where.
     """
     header, rows = _grid(report)
-    table = Table(title="MuJoCo against the analytic model: largest difference of any state")
-    for index, title in enumerate(header):
+    table = Table(title="MuJoCo against the analytic model", box=SIMPLE_HEAD, padding=(0, 1))
+    kept = [
+        index
+        for index, title in enumerate(header)
+        if console.width >= WIDE or title.split()[0] in NARROW
+    ]
+    for index in kept:
+        title = header[index].replace(" <= ", "\n<= ")
         table.add_column(title, justify="left" if index < 3 else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(row[index] for index in kept))
     console.print(table)
     for id, worst in _worst(report).items():
         c = CRITERIA[id]
@@ -138,25 +156,51 @@ def print_report(report: Report, console: Console) -> None:
 
 def _grid(report: Report) -> tuple[list[str], list[list[str]]]:
     """Return header and rows of the table by scenario and controller."""
-    ids = [id for id in CRITERIA if any(c.id == id and c.scenario != ANY for c in report.checks)]
+    judged = {c.id for c in report.checks if c.scenario != ANY}
+    ids = [id for id in HEADLINE if id in judged]
     found = {(c.scenario, c.controller, c.id): c for c in report.checks}
     rows = []
     for run in report.runs:
         if run.simulator != REFERENCE:
             continue
         objective = run.metrics["objective"]
-        checks = [found[run.scenario, run.controller, id] for id in ids]
+        checks = [found.get((run.scenario, run.controller, id)) for id in ids]
         rows.append(
             [
                 run.scenario,
                 run.controller,
                 run.outcome,
                 "-" if objective is None else f"{objective:.4f}",
-                *(f"{_value(c)}{'' if c.passed else ' FAIL'}" for c in checks),
+                *("-" if c is None else _value(c) + " FAIL" * (not c.passed) for c in checks),
             ]
         )
     limits = [f"{id} <= {CRITERIA[id].limit:g}" for id in ids]
     return ["scenario", "controller", "outcome", "OF", *limits], rows
+
+
+def _explanations(report: Report) -> dict[str, list[dict[str, Any]]]:
+    """Return the tables that explain the differences, by title; empty ones left out."""
+    explanations = report.explanations
+    tables = {
+        "Error budget of the run as deployed, against the ideal ODE": [
+            e.budget.to_dict() for e in explanations if e.budget
+        ],
+        "Ledger of energy [J] and momentum [N s]": [
+            e.ledger.to_dict() for e in explanations if e.ledger
+        ],
+        "What the paper's frozen parameters leave out": [
+            e.omission.to_dict() for e in explanations if e.omission
+        ],
+    }
+    return {title: rows for title, rows in tables.items() if rows}
+
+
+def _markdown_table(rows: list[dict[str, Any]]) -> list[str]:
+    """Return a Markdown table, a column for each key."""
+    cells = [[v if isinstance(v, str) else f"{v:.3g}" for v in row.values()] for row in rows]
+    header = [key.replace("_", " ") for key in rows[0]]
+    rule = ["---"] * len(header)
+    return ["| " + " | ".join(line) + " |" for line in (header, rule, *cells)]
 
 
 def _worst(report: Report) -> dict[str, Check]:

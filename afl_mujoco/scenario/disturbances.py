@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_finite, require_positive
 
+LARGEST = 1e5
+"""Largest force [N] or momentum [N s] of a disturbance: a simulator must survive it."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForcePulse:
@@ -28,7 +31,7 @@ class ForcePulse:
 
     def __post_init__(self) -> None:
         """Validate every field and store it as a float."""
-        object.__setattr__(self, "force", require_finite("force", self.force))
+        object.__setattr__(self, "force", _require_moderate("force", self.force))
         object.__setattr__(self, "start", _require_time("start", self.start))
         object.__setattr__(self, "duration", require_positive("duration", self.duration))
 
@@ -70,13 +73,21 @@ class Impulse:
 
     def __post_init__(self) -> None:
         """Validate every field and store it as a float."""
-        object.__setattr__(self, "momentum", require_finite("momentum", self.momentum))
+        object.__setattr__(self, "momentum", _require_moderate("momentum", self.momentum))
         object.__setattr__(self, "time", _require_time("time", self.time))
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """The instant [s]."""
         return (self.time,)
+
+
+def _require_moderate(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless its size is at most `LARGEST`."""
+    number = require_finite(thing, value)
+    if abs(number) > LARGEST:
+        raise InvalidValueError(thing, f"must be at most {LARGEST:g} in size", number)
+    return number
 
 
 def _require_time(thing: str, value: object) -> float:

@@ -67,6 +67,8 @@ def load_scenario(path: str | Path) -> Scenario:
         raise FileError(str(path), f"cannot be read: {reason}") from None
     except tomllib.TOMLDecodeError as error:
         raise FileError(str(path), f"is not valid TOML: {error}") from None
+    except RecursionError:
+        raise FileError(str(path), "is nested too deeply") from None
     try:
         return scenario_from_table(table, default_name=path.stem)
     except AflMujocoError as error:

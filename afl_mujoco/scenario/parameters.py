@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from types import UnionType
 
 import numpy as np
 
@@ -57,6 +58,28 @@ def require_positive(thing: str, value: object) -> float:
     if number <= 0.0:
         raise InvalidValueError(thing, "must be positive", number)
     return number
+
+
+def require_type(thing: str, value: object, kind: type | UnionType) -> None:
+    """Raise unless `value` is of a kind.
+
+    Parameters
+    ----------
+    thing
+        The name to use in the error.
+    value
+        What was given.
+    kind
+        What it must be.
+
+    Raises
+    ------
+    InvalidValueError
+        If it is not.
+    """
+    if not isinstance(value, kind):
+        name = getattr(kind, "__name__", str(kind))
+        raise InvalidValueError(thing, f"must be of type {name}", repr(value))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,9 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.scenario.scenario import Scenario
 
+MOST_STEPS = 10_000_000
+"""More steps than this are refused: they would fill the memory before they end."""
+
 SNAP = 1e-9  # share of a step under which a grid point and a breakpoint are the same instant
 
 
@@ -62,8 +65,11 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
     if period > scenario.duration:
         raise InvalidValueError("timestep", f"must be within {scenario.duration} s", period)
     special = np.array([*scenario.breakpoints, scenario.duration])
+    _require_few("timestep", scenario.duration, period)
     regular = period * np.arange(int(np.ceil(scenario.duration / period)) + 1)
-    nearest = np.abs(regular[:, None] - special[None, :]).min(axis=1)
+    after = np.minimum(np.searchsorted(special, regular), len(special) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.minimum(np.abs(special[after] - regular), np.abs(special[before] - regular))
     inside = (nearest > SNAP * period) & (regular < scenario.duration)
     inside[0] = True
     return np.sort(np.concatenate([regular[inside], special]))
@@ -98,6 +104,16 @@ def steps(scenario: Scenario, period: float) -> Steps:
     )
 
 
+def _require_few(unit: str, length: float, step: float) -> None:
+    """Raise if `length` is more than `MOST_STEPS` steps."""
+    if length / step > MOST_STEPS:
+        raise InvalidValueError(
+            unit,
+            f"must be at least {length / MOST_STEPS:g} s here: more steps fill the memory",
+            step,
+        )
+
+
 def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
     """Return how many steps make up `length`, or raise unless it is a whole number.
 
@@ -118,6 +134,7 @@ def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
         If `step` does not divide `length`.
     """
     step, length = require_positive(unit, step), require_positive(thing, length)
+    _require_few(unit, length, step)
     count = round(length / step)
     if count < 1 or abs(count * step - length) > SNAP * step * max(count, 1):
         raise InvalidValueError(f"{unit} {step:g} s", f"must divide {thing} {length:g} s")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +17,7 @@ from afl_mujoco.scenario.parameters import (
     CartPoleParameters,
     require_finite,
     require_positive,
+    require_type,
 )
 from afl_mujoco.scenario.schedules import Schedule, constant
 
@@ -92,21 +94,26 @@ class Scenario:
 
     def __post_init__(self) -> None:
         """Validate every field and normalise its type."""
+        require_type("name", self.name, str)
         if not self.name or not self.name.isprintable() or "/" in self.name:
             raise InvalidValueError(
                 "name", "must be printable, not empty and without '/'", repr(self.name)
             )
         for thing in ("cart_mass", "half_length"):
+            require_type(f"schedule.{thing}", getattr(self, thing), Schedule)
             for value in getattr(self, thing).values:
                 require_positive(f"schedule.{thing}", value)
         for thing in ("pole_mass", "gravity", "duration"):
             object.__setattr__(self, thing, require_positive(thing, getattr(self, thing)))
+        require_type("initial_state", self.initial_state, Iterable)
         state = tuple(require_finite("initial_state", x) for x in self.initial_state)
         if len(state) != 4:
             raise InvalidValueError("initial_state", "must hold four numbers", len(state))
         object.__setattr__(self, "initial_state", state)
+        require_type("disturbances", self.disturbances, Iterable)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))
         for disturbance in self.disturbances:
+            require_type("disturbance", disturbance, ForcePulse | Impulse)
             end = max(disturbance.breakpoints)
             struck_at_end = isinstance(disturbance, Impulse) and end == self.duration
             if end > self.duration or struck_at_end:

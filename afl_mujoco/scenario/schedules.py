@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import require_finite
+from afl_mujoco.scenario.parameters import require_finite, require_type
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,8 @@ class Schedule:
 
     def __post_init__(self) -> None:
         """Validate the knots and derive the slope after each of them."""
+        require_type("times", self.times, Iterable)
+        require_type("values", self.values, Iterable)
         times = tuple(require_finite("times", t) for t in self.times)
         values = tuple(require_finite("values", v) for v in self.values)
         if not times:
@@ -138,7 +141,7 @@ class Schedule:
             dict.fromkeys(
                 t
                 for i, t in enumerate(self.times)
-                if t in (*self.times[:i], *self.times[i + 1 :])
+                if t in (self.times[i - 1] if i else None, *self.times[i + 1 : i + 2])
                 or slopes_before[i] != self._rates[i]
             )
         )
@@ -170,6 +173,7 @@ def step(times: Sequence[float], values: Sequence[float]) -> Schedule:
     InvalidValueError
         If the numbers of times and levels do not fit, or the times do not increase.
     """
+    times, values = _listed("times", times), _listed("values", values)
     if len(values) != len(times) + 1:
         raise InvalidValueError(
             "values", f"must be one more than the times ({len(times)})", len(values)
@@ -198,6 +202,7 @@ def trapezoid(times: Sequence[float], low: float, high: float) -> Schedule:
     InvalidValueError
         If there are not four increasing times.
     """
+    times = _listed("times", times)
     if len(times) != 4:
         raise InvalidValueError("times", "must be four for a trapezoid", len(times))
     _require_increasing("times", times)
@@ -215,7 +220,7 @@ def piecewise_linear(times: Sequence[float], values: Sequence[float]) -> Schedul
     values
         The value at each knot, shape (K,).
     """
-    return Schedule(tuple(times), tuple(values))
+    return Schedule(_listed("times", times), _listed("values", values))
 
 
 def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
@@ -235,6 +240,9 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
     InvalidValueError
         If there is no piece, or starts and pieces do not fit.
     """
+    starts, pieces = _listed("starts", starts), _listed("pieces", pieces)
+    for piece in pieces:
+        require_type("piece", piece, Schedule)
     if not pieces or len(starts) != len(pieces):
         raise InvalidValueError(
             "starts", f"must be as many as the pieces ({len(pieces)}), at least one", len(starts)
@@ -250,6 +258,12 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
             knots.append((end, piece.before(min([end - start, *cut_off]))))
     kept = [knot for i, knot in enumerate(knots) if i == 0 or knot != knots[i - 1]]
     return Schedule(tuple(t for t, _ in kept), tuple(v for _, v in kept))
+
+
+def _listed(thing: str, values: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the values as a tuple, or raise if they are none."""
+    require_type(thing, values, Iterable)
+    return tuple(values)
 
 
 def _require_increasing(thing: str, times: Sequence[float]) -> None:

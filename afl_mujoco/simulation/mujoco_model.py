@@ -27,7 +27,10 @@ CART_HALF_SIZE = (0.2, 0.15, 0.1)
 """Half-size of the cart's box [m]; its inertia is that of a uniform box, and nothing turns it."""
 
 POLE_RADIUS = 0.02
-"""Radius of the pole [m]; it enters only the inertia about its own axis, and nothing turns it."""
+"""Radius of the drawn pole [m]; the pole of the physics is a slender rod."""
+
+AXIAL_SHARE = 0.01
+"""Inertia about the pole's own axis, about which nothing turns, as a share of that across it."""
 
 INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
@@ -82,7 +85,7 @@ def write_parameters(at, cart_mass, pole_mass, half_length, gravity):
     store(at[POLE_MASS], pole_mass)
     store(at[POLE_INERTIA], rod)
     store(at[POLE_INERTIA] + 8, rod)
-    store(at[POLE_INERTIA] + 16, pole_mass * (POLE_RADIUS * POLE_RADIUS / 2.0))
+    store(at[POLE_INERTIA] + 16, AXIAL_SHARE * rod)
     store(at[POLE_COM], half_length)
     store(at[GEOM_HALF_LENGTH], half_length)
     store(at[GEOM_CENTRE], half_length)
@@ -185,7 +188,11 @@ class CartPoleModel:
         _describe(spec, parameters)
         if edit is not None:
             edit(spec)
-        self.mj_model = spec.compile()
+        try:
+            self.mj_model = spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise InvalidValueError("MuJoCo model", f"must compile: {reason}") from None
         self.mj_data = mujoco.MjData(self.mj_model)
         self._scratch = mujoco.MjData(self.mj_model)
         self.addresses = _addresses(self.mj_model, self.mj_data, self._scratch)
@@ -221,7 +228,7 @@ def _describe(spec: mujoco.MjSpec, p: CartPoleParameters) -> None:
     cart.mass = p.cart_mass
     cart.inertia = [p.cart_mass * (sum_ / 3.0) for sum_ in (y2 + z2, x2 + z2, x2 + y2)]
     pole.mass = p.pole_mass
-    pole.inertia = [rod, rod, p.pole_mass * (POLE_RADIUS * POLE_RADIUS / 2.0)]
+    pole.inertia = [rod, rod, AXIAL_SHARE * rod]
     pole.ipos = [0.0, 0.0, p.half_length]
     spec.geom("cart").size = CART_HALF_SIZE
     geom.size = [POLE_RADIUS, p.half_length, 0.0]

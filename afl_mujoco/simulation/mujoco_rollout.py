@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,6 @@ from afl_mujoco.simulation import mujoco_loops as loops
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
 from afl_mujoco.simulation.mujoco_dynamics import closed_loop, transition
 from afl_mujoco.simulation.mujoco_model import (
-    INTEGRATORS,
     CartPoleModel,
 )
 from afl_mujoco.simulation.trajectory import (
@@ -42,6 +43,7 @@ def simulate_mujoco(
     integrator: str = "RK4",
     dynamics: str = QUASI_STATIC,
     jumps: str = VELOCITIES,
+    edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> Trajectory:
     """Simulate the MuJoCo cart-pole under the law, its parameters changed while it runs.
 
@@ -63,6 +65,8 @@ def simulate_mujoco(
     integrator
         MuJoCo's integrator in sampled mode: ``"RK4"``, ``"Euler"``, ``"implicit"`` or
         ``"implicitfast"``.
+    edit
+        Called with the `mujoco.MjSpec` before it is compiled, to add what the paper leaves out.
     dynamics, jumps
         What a change of M and l does, as of `ParameterChange`; sampled mode has only the paper's.
 
@@ -78,23 +82,26 @@ def simulate_mujoco(
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)
-    if integrator not in INTEGRATORS:
-        raise UnknownNameError.among("integrator", integrator, INTEGRATORS)
+    model = CartPoleModel(
+        scenario.parameters_at(0.0), timestep=timestep, integrator=integrator, edit=edit
+    )
+    period = timestep if control_period is None else control_period
+    whole_steps("control_period", period, "timestep", timestep)
     settings: dict[str, Any] = {"timestep": timestep}
     change = ParameterChange(dynamics=dynamics, jumps=jumps)
     if mode == "sampled":
         if not change.is_the_papers:
             raise InvalidValueError("dynamics and jumps", "must be the paper's in sampled mode")
-        period = timestep if control_period is None else control_period
         settings |= {"control_period": period, "integrator": integrator}
-        return _sampled(scenario, controller, settings)
+        return _sampled(model, scenario, controller, settings)
     settings |= change.describe()
     if mode == "continuous":
-        return _continuous(scenario, controller, change, settings)
-    return _exact(scenario, controller, change, settings)
+        return _continuous(model, scenario, controller, change, settings)
+    return _exact(model, scenario, controller, change, settings)
 
 
 def _exact(
+    model: CartPoleModel,
     scenario: Scenario,
     controller: Controller,
     change: ParameterChange,
@@ -103,7 +110,6 @@ def _exact(
     """MuJoCo's forward dynamics as the right-hand side of the reference integrator."""
     times = time_grid(scenario, settings["timestep"])
     law_along(scenario, controller, times)  # raises before the run if a gain is not positive
-    model = CartPoleModel(scenario.parameters_at(0.0))
     states, outcome = integrate(
         scenario,
         closed_loop(model, scenario, controller, change),
@@ -115,6 +121,7 @@ def _exact(
 
 
 def _continuous(
+    model: CartPoleModel,
     scenario: Scenario,
     controller: Controller,
     change: ParameterChange,
@@ -125,7 +132,6 @@ def _continuous(
     law = controller.law_inputs(
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
     )
-    model = CartPoleModel(scenario.parameters_at(0.0))
     arrive = transition(model, scenario, change)
     state, reached, status = np.array(scenario.initial_state), [], COMPLETED
     before: Segment | None = None
@@ -155,16 +161,15 @@ def _continuous(
     )
 
 
-def _sampled(scenario: Scenario, controller: Controller, settings: dict[str, Any]) -> Trajectory:
+def _sampled(
+    model: CartPoleModel, scenario: Scenario, controller: Controller, settings: dict[str, Any]
+) -> Trajectory:
     """As deployed: `mj_step`, the control held, the parameters of each step's middle."""
     timestep, period = settings["timestep"], settings["control_period"]
     hold = whole_steps("control_period", period, "timestep", timestep)
     count = whole_steps("duration", scenario.duration, "timestep", timestep)
     index = np.arange(count + 1)
     starts, middles = index * timestep, (index[:-1] + 0.5) * timestep
-    model = CartPoleModel(
-        scenario.parameters_at(0.0), timestep=timestep, integrator=settings["integrator"]
-    )
     states, forces, status = loops.march_sampled(
         model.addresses,
         np.array(scenario.initial_state),

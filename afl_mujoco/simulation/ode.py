@@ -27,7 +27,7 @@ from afl_mujoco.simulation.integrator import (
     Transition,
     integrate,
 )
-from afl_mujoco.simulation.trajectory import Trajectory, assemble, law_along
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, Trajectory, assemble, law_along
 
 SAMPLE_PERIOD = 1e-3
 """Spacing of the reported instants [s]."""
@@ -92,10 +92,16 @@ def simulate_ode(
 
 
 @kernel
+def _acting(force, push):
+    """Return the force on the cart; NaN beyond `STATE_LIMIT`, where a run ends."""
+    return force + push if abs(force) < STATE_LIMIT else np.nan
+
+
+@kernel
 def _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, believed, w):
     """Return (z_dot, phi_dot, z'', phi'') under the law; NaN where the law has no value."""
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = push + scheduled_force(z, phi, z_dot, phi_dot, believed, w)
+    force = _acting(scheduled_force(z, phi, z_dot, phi_dot, believed, w), push)
     return (
         z_dot,
         phi_dot,
@@ -108,7 +114,7 @@ def _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, belie
 def _stretching(state, cart_mass, pole_mass, half_length, gravity, push, believed, w, rate):
     """Return the same for a rod whose half-length grows at `rate` [m/s]."""
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = push + scheduled_force(z, phi, z_dot, phi_dot, believed, w)
+    force = _acting(scheduled_force(z, phi, z_dot, phi_dot, believed, w), push)
     z_ddot, phi_ddot = stretching_accelerations(
         phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity, rate
     )

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,7 @@ class Trajectory:
                 raise InvalidValueError(name, f"must have shape {shape}", array.shape)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     @property
     def simulator(self) -> str:

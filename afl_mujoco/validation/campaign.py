@@ -5,10 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import platform
 import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -20,15 +20,17 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ode import simulate_ode
-from afl_mujoco.simulation.trajectory import law_along
-from afl_mujoco.validation.closed_loop_checks import (
+from afl_mujoco.simulation.trajectory import Trajectory, law_along
+from afl_mujoco.validation.check import Check
+from afl_mujoco.validation.checks.closed_loop_checks import (
     Settings,
     closed_loop_checks,
     closed_loop_runs,
 )
-from afl_mujoco.validation.criteria import Check
+from afl_mujoco.validation.checks.equation_checks import equation_checks
+from afl_mujoco.validation.checks.explanation import Explanation, explain, plateau_check
+from afl_mujoco.validation.checks.reference_checks import reference_checks
 from afl_mujoco.validation.decisions import DECISIONS
-from afl_mujoco.validation.equation_checks import equation_checks
 from afl_mujoco.validation.metrics import (
     Metrics,
     ObjectiveScales,
@@ -65,13 +67,7 @@ class Run:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the run as plain data."""
-        return {
-            "scenario": self.scenario,
-            "controller": self.controller,
-            "simulator": self.simulator,
-            "outcome": self.outcome,
-            "metrics": self.metrics,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,10 +80,13 @@ class Report:
         Every judged figure.
     runs
         Every run's metrics.
+    explanations
+        Error budget, ledger and omissions of each scenario and controller.
     """
 
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
+    explanations: tuple[Explanation, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -109,12 +108,15 @@ class Report:
             "checks": [check.to_dict() for check in self.checks],
             "runs": [run.to_dict() for run in self.runs],
             "claims": [],
+            "error_budgets": [e.budget.to_dict() for e in self.explanations if e.budget],
+            "ledgers": [e.ledger.to_dict() for e in self.explanations if e.ledger],
+            "omissions": [e.omission.to_dict() for e in self.explanations if e.omission],
             "decisions": dict(DECISIONS),
         }
 
 
 Pair = tuple[Scenario, Controller, Settings]
-Judged = tuple[tuple[Check, ...], tuple[Run, ...]]
+Judged = tuple[tuple[Check, ...], tuple[Run, ...], Explanation]
 
 
 def run_campaign(
@@ -152,15 +154,24 @@ def run_campaign(
     pairs = [(s, c, settings) for s in scenarios for c in controllers]
     judged: list[Judged] = []
     checks = list(equation_checks())
+    if settings.full:
+        checks += [*reference_checks(), plateau_check()]
     scales = nominal_scales(settings)
-    with _mapper(min(workers, len(pairs))) as mapper:
+    with ordered_mapper(min(workers, len(pairs))) as mapper:
         for (scenario, controller, _), result in zip(pairs, mapper(judge, pairs), strict=True):
             judged.append(result)
             progress(f"{scenario.name} / {controller.name}")
-    runs = [run for _, pair_runs in judged for run in pair_runs]
-    for pair_checks, _ in judged:
-        checks += pair_checks
-    return Report(checks=tuple(checks), runs=tuple(_with_objective(run, scales) for run in runs))
+    for pair_checks, _, explanation in judged:
+        checks += [*pair_checks, *explanation.checks]
+    return Report(
+        checks=tuple(checks),
+        runs=tuple(
+            replace(run, metrics=with_objective(run.metrics, scales))
+            for _, runs, _ in judged
+            for run in runs
+        ),
+        explanations=tuple(explanation for _, _, explanation in judged),
+    )
 
 
 def judge(pair: Pair) -> Judged:
@@ -174,11 +185,28 @@ def judge(pair: Pair) -> Judged:
     Returns
     -------
     tuple
-        The checks, and the runs of `REPORTED` with their metrics.
+        The checks, the runs of `REPORTED` with their metrics, and what explains them.
     """
     scenario, controller, settings = pair
     runs = closed_loop_runs(scenario, controller, settings)
-    reported = tuple(
+    reported = reported_runs(scenario, controller, runs)
+    checks = closed_loop_checks(scenario, controller, runs)
+    return checks, reported, explain(scenario, controller, runs, full=settings.full)
+
+
+def reported_runs(
+    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
+) -> tuple[Run, ...]:
+    """Return the runs of `REPORTED` with their metrics, the objective aside.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    runs
+        From `closed_loop_runs`.
+    """
+    return tuple(
         Run(
             scenario=scenario.name,
             controller=controller.name,
@@ -188,7 +216,6 @@ def judge(pair: Pair) -> Judged:
         )
         for name in REPORTED
     )
-    return closed_loop_checks(scenario, controller, runs), reported
 
 
 def nominal_scales(settings: Settings) -> ObjectiveScales:
@@ -202,17 +229,6 @@ def nominal_scales(settings: Settings) -> ObjectiveScales:
     scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
     run = simulate_ode(scenario, controller, sample_period=settings.timestep)
     return objective_scales(metrics(scenario, controller, run))
-
-
-def _with_objective(run: Run, scales: ObjectiveScales) -> Run:
-    """Return the run with its objective."""
-    return Run(
-        scenario=run.scenario,
-        controller=run.controller,
-        simulator=run.simulator,
-        outcome=run.outcome,
-        metrics=with_objective(run.metrics, scales),
-    )
 
 
 def require_runnable(
@@ -252,8 +268,14 @@ def require_runnable(
 
 
 @contextmanager
-def _mapper(workers: int) -> Iterator[Callable[..., Iterable[Judged]]]:
-    """Give a `map` that keeps the order, over processes if there are several workers."""
+def ordered_mapper(workers: int) -> Iterator[Callable[..., Iterable[Any]]]:
+    """Give a `map` that keeps the order, over processes if there are several workers.
+
+    Parameters
+    ----------
+    workers
+        Processes to share the work among.
+    """
     if workers == 1:
         yield map
         return

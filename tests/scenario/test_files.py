@@ -10,7 +10,7 @@ from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.files import find_scenario
 
 POSITIVE = st.floats(1e-3, 1e3)
-NUMBER = st.floats(-1e6, 1e6)
+NUMBER = st.floats(-1e5, 1e5)  # disturbances may not be larger
 TIME = st.floats(0, 9)
 PULSES = st.builds(ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3, 1))
 HITS = st.builds(Impulse, momentum=NUMBER, time=TIME)

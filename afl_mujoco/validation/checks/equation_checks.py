@@ -1,14 +1,25 @@
-"""Checks of the equations themselves, without a closed loop: A1 and A3."""
+"""Checks of the equations themselves, without a closed loop: A1, A2, A3 and A7."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+from afl_mujoco.control.afl import control_force
+from afl_mujoco.control.gains import FIXED_GAINS
+from afl_mujoco.plant.dynamics import (
+    cart_acceleration,
+    mass_matrix,
+    pole_acceleration,
+    velocity_jump,
+)
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
-from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward
-from afl_mujoco.validation.criteria import CRITERIA, Check
+from afl_mujoco.simulation.mujoco_dynamics import momenta
+from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike
+from afl_mujoco.validation.check import Check
+from afl_mujoco.validation.criteria import CRITERIA
 
 STATES = 10_000
 PLANTS = 100
@@ -17,7 +28,7 @@ _HIGH = {"cart_mass": 2.0, "pole_mass": 0.5, "half_length": 1.0, "gravity": 20.0
 
 
 def equation_checks(seed: int = 0) -> tuple[Check, ...]:
-    """Run A1 and A3.
+    """Run A1, A2, A3 and A7.
 
     Parameters
     ----------
@@ -26,7 +37,9 @@ def equation_checks(seed: int = 0) -> tuple[Check, ...]:
     """
     return (
         CRITERIA["A1"].judge(acceleration_error(np.random.default_rng([seed, 1]))),
+        CRITERIA["A2"].judge(mass_matrix_error(np.random.default_rng([seed, 2]))),
         CRITERIA["A3"].judge(stale_numbers(np.random.default_rng([seed, 3]))),
+        *_symmetry_checks(np.random.default_rng([seed, 7])),
     )
 
 
@@ -69,6 +82,77 @@ def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
         error = np.abs(measured - expected) / (1.0 + np.abs(expected))
         worst = max(worst, float(error.max())) if np.isfinite(error).all() else np.inf
     return worst
+
+
+def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
+    """Return the largest relative difference between MuJoCo's mass matrix and the analytic one.
+
+    The velocity jump under an ideal impulse, which is its inverse's doing, counts as well.
+
+    Parameters
+    ----------
+    rng
+        Source of randomness.
+    states
+        How many random states and plants.
+    """
+    model = CartPoleModel(NOMINAL)
+    worst = 0.0
+    for _ in range(states):
+        p = random_plant(rng)
+        state = np.array([0.0, rng.uniform(-np.pi, np.pi), 0.0, 0.0])
+        model.set_parameters(p)
+        columns = [momenta(model, np.array([*state[:2], *unit])) for unit in np.eye(2)]
+        expected = mass_matrix(state, p)
+        error = np.abs(np.stack(columns, axis=1) - expected) / np.abs(expected).max()
+        struck = np.array(strike(model.addresses, *state.tolist(), 1.0))
+        jump = velocity_jump(state, 1.0, p)
+        jump_error = np.abs(struck - jump).max() / np.abs(jump).max()
+        worst = max(worst, float(error.max()), float(jump_error))
+    return worst
+
+
+def _symmetry_checks(rng: np.random.Generator) -> tuple[Check, ...]:
+    """Run A7."""
+    exact, shifted = asymmetry(rng)
+    return CRITERIA["A7"].judge(exact), CRITERIA["A7z"].judge(shifted)
+
+
+def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, float]:
+    """Return how far MuJoCo's accelerations and the law are from the symmetries of the plant.
+
+    Mirrored states and forces give mirrored accelerations and forces of the law; a shift along z
+    changes no acceleration; twice the masses under twice the force neither.
+
+    Parameters
+    ----------
+    rng
+        Source of randomness.
+    states
+        How many random states and plants.
+
+    Returns
+    -------
+    tuple of float
+        The largest difference for mirror and scale, and the largest scaled one for the shift.
+    """
+    model = CartPoleModel(NOMINAL)
+    exact = shift = 0.0
+    for _ in range(states):
+        p = random_plant(rng)
+        state = rng.uniform(-1.0, 1.0, 4) * (10.0, 1.5, 10.0, 10.0)
+        force = rng.uniform(-200.0, 200.0)
+        at = model.addresses
+        model.set_parameters(p)
+        here = np.array(forward(at, *state.tolist(), force, 0.0))
+        mirrored = np.array(forward(at, *(-state).tolist(), -force, 0.0))
+        shifted = np.array(forward(at, float(state[0]) + 1.0, *state[1:].tolist(), force, 0.0))
+        model.set_parameters(replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass))
+        scaled = np.array(forward(at, *state.tolist(), 2.0 * force, 0.0))
+        law = control_force(state, p, FIXED_GAINS) + control_force(-state, p, FIXED_GAINS)
+        exact = max(exact, float(np.abs([here + mirrored, here - scaled]).max()), float(abs(law)))
+        shift = max(shift, float((np.abs(here - shifted) / (1.0 + np.abs(here))).max()))
+    return exact, shift
 
 
 def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:

@@ -1,0 +1,95 @@
+"""What a criterion is, and the check of a measured value against it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Criterion:
+    """A figure and the most it may be.
+
+    Attributes
+    ----------
+    id
+        As in `docs/verification.md`.
+    quantity
+        What is measured.
+    unit
+        Its unit.
+    limit
+        The largest value that passes.
+    reason
+        Why this limit.
+    proves, leaves_open
+        What a value within the limit proves, and what it does not.
+    """
+
+    id: str
+    quantity: str
+    unit: str
+    limit: float
+    reason: str
+    proves: str
+    leaves_open: str
+
+    def judge(self, value: float, scenario: str = "any", controller: str = "any") -> Check:
+        """Return the check of a measured value; a value that is not finite fails.
+
+        Parameters
+        ----------
+        value
+            What was measured.
+        scenario, controller
+            Where it was measured.
+        """
+        finite = math.isfinite(value)
+        return Check(
+            id=self.id,
+            scenario=scenario,
+            controller=controller,
+            quantity=self.quantity,
+            unit=self.unit,
+            value=float(value) if finite else None,
+            limit=self.limit,
+            comparison="<=",
+            passed=finite and value <= self.limit,
+            reason=self.reason,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One judged figure: a row of the report, field for field.
+
+    Attributes
+    ----------
+    id, quantity, unit, limit, reason
+        As of `Criterion`.
+    scenario, controller
+        Where it was measured; ``"any"`` where it does not depend on them.
+    value
+        What was measured; ``None`` if there is no finite value, for example because one run fell
+        and the other did not.
+    comparison
+        How value and limit compare when the check passes.
+    passed
+        Whether it does.
+    """
+
+    id: str
+    scenario: str
+    controller: str
+    quantity: str
+    unit: str
+    value: float | None
+    limit: float
+    comparison: str
+    passed: bool
+    reason: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as plain data."""
+        return asdict(self)

@@ -1,0 +1,121 @@
+"""The error budget (B5): why a run as deployed differs from the ideal ODE by as much as it does."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
+from afl_mujoco.simulation.trajectory import Trajectory
+
+SUBSTEPS = 4
+"""RK4 steps in each held step of the parts: what they leave cancels in the differences."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorBudget:
+    """The largest difference from the ideal ODE, and what each source alone contributes.
+
+    Every figure is the largest of any state at any instant [m, rad, m/s, rad/s].
+
+    Attributes
+    ----------
+    scenario, controller
+        What was simulated.
+    total
+        Sampled mode against the ODE.
+    model_form
+        MuJoCo's dynamics against the analytic ones, under one integrator.
+    integrator
+        MuJoCo's steps against the exact solution with the same holds.
+    control_hold
+        The force held over each control period.
+    schedule_sampling
+        M and l frozen over each step at the values of its middle.
+    disturbance_timing
+        Pulses and impulses moved to the steps.
+    residual
+        The total less the sum of the parts, as curves.
+    """
+
+    scenario: str
+    controller: str
+    total: float
+    model_form: float
+    integrator: float
+    control_hold: float
+    schedule_sampling: float
+    disturbance_timing: float
+    residual: float
+
+    @property
+    def residual_share(self) -> float:
+        """The residual as a share of the total; 0 if there is no difference at all."""
+        return self.residual / self.total if self.total else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the budget as plain data."""
+        return {**asdict(self), "residual_share": self.residual_share}
+
+
+def error_budget(
+    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory]
+) -> ErrorBudget | None:
+    """Return the budget of a scenario and controller; None if a run did not complete.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    runs
+        From `closed_loop_checks.closed_loop_runs`.
+    """
+    settings = runs["mujoco sampled"].provenance["settings"]
+    timestep, period = settings["timestep"], settings["control_period"]
+    grid = runs["mujoco sampled"].time
+
+    def part(holds: Holds) -> NDArray[np.float64] | None:
+        run = simulate_ode_held(
+            scenario, controller, timestep=timestep, holds=holds, substeps=SUBSTEPS
+        )
+        return _at(run, grid)
+
+    curves = {name: _at(run, grid) for name, run in runs.items()}
+    followed = part(Holds())
+    held = {
+        "control_hold": part(Holds(control_period=period)),
+        "schedule_sampling": part(Holds(schedule=True)),
+        "disturbance_timing": part(Holds(disturbance=True)),
+    }
+    if any(curve is None for curve in (followed, *curves.values(), *held.values())):
+        return None
+    total = curves["mujoco sampled"] - curves["ode"]  # type: ignore[operator]
+    parts = {
+        "model_form": curves["mujoco exact"] - curves["ode"],  # type: ignore[operator]
+        "integrator": curves["mujoco sampled"] - curves["ode held"],  # type: ignore[operator]
+        **{name: curve - followed for name, curve in held.items()},  # type: ignore[operator]
+    }
+    residual = total - sum(parts.values())
+    return ErrorBudget(
+        scenario=scenario.name,
+        controller=controller.name,
+        total=_largest(total),
+        residual=_largest(residual),
+        **{name: _largest(curve) for name, curve in parts.items()},
+    )
+
+
+def _at(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the states at the instants of the grid; None if the run did not reach its end."""
+    index = np.searchsorted(run.time, grid - 1e-9)
+    return run.state[index] if index[-1] < len(run.time) else None
+
+
+def _largest(curve: NDArray[np.float64]) -> float:
+    """Return the largest absolute value."""
+    return float(np.abs(curve).max())

@@ -1,0 +1,172 @@
+"""Why the runs of one scenario and controller differ by as much as they do: A6, B2o, B4 to B7."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import mujoco
+
+from afl_mujoco.control.controllers import CONTROLLERS, Controller
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.parameter_change import MOMENTA, QUASI_STATIC, STRETCHING_ROD, VELOCITIES
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.ode import simulate_ode
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.validation.check import Check
+from afl_mujoco.validation.checks.closed_loop_checks import state_difference
+from afl_mujoco.validation.checks.convergence import (
+    STEPS,
+    Study,
+    continuous_study,
+    difference,
+    sampled_study,
+    schedule_study,
+    studied,
+)
+from afl_mujoco.validation.checks.error_budget import ErrorBudget, error_budget
+from afl_mujoco.validation.checks.ledger import Ledger, ledger
+from afl_mujoco.validation.criteria import CRITERIA
+
+CAPSULE_EXCESS = 0.13
+"""By how much the inertia of the drawn capsule exceeds that of the slender rod."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Omission:
+    """What the paper's treatment of changing parameters leaves out (decision D9).
+
+    Each figure is the largest change of any state at any instant [m, rad, m/s, rad/s], in the ODE.
+
+    Attributes
+    ----------
+    scenario, controller
+        What was simulated.
+    stretching_rod
+        Effect of the terms in the rate of l, velocities kept at steps.
+    momenta_kept
+        Effect of keeping the momenta at steps instead, M and l frozen otherwise.
+    """
+
+    scenario: str
+    controller: str
+    stretching_rod: float
+    momenta_kept: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the effects as plain data."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """What explains one scenario and controller.
+
+    Attributes
+    ----------
+    checks
+        The judged figures.
+    budget, ledger, omission
+        The tables; ``None`` for a run that did not complete.
+    """
+
+    checks: tuple[Check, ...] = ()
+    budget: ErrorBudget | None = None
+    ledger: Ledger | None = None
+    omission: Omission | None = None
+
+
+def explain(
+    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory], *, full: bool
+) -> Explanation:
+    """Explain the runs of one scenario and controller.
+
+    The studies end half a second after the last breakpoint; the error budget covers the whole run.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    runs
+        From `closed_loop_checks.closed_loop_runs`.
+    full
+        Whether to make the refinement studies, the ledger and the comparison with what the paper
+        leaves out, or only the error budget.
+    """
+    if any(run.outcome.kind != COMPLETED for run in runs.values()):
+        return Explanation()
+    budget = error_budget(scenario, controller, runs)
+    values = {} if budget is None else {"B5": budget.residual_share}
+    if not full:
+        return Explanation(_judge(values, scenario, controller), budget)
+    part = studied(scenario)
+    reference = simulate_ode(part, controller, sample_period=STEPS[0])
+    continuous = continuous_study(part, controller, reference)
+    sampled, residue = sampled_study(part, controller, reference)
+    schedule = schedule_study(part, controller)
+    book = ledger(part, controller)
+    agreement, omission = _omission(part, controller, reference)
+    values |= {
+        "A6e": book.energy_residual,
+        "A6p": book.momentum_residual,
+        "B2o": abs(continuous.order - 4.0),
+        "B4": abs(sampled.order - 1.0),
+        "B4r": residue,
+        **({} if schedule is None else {"B4s": abs(schedule.order - 2.0)}),
+        "B6": continuous.reduction,
+        "B7": agreement,
+    }
+    return Explanation(_judge(values, scenario, controller), budget, book, omission)
+
+
+def _judge(
+    values: dict[str, float], scenario: Scenario, controller: Controller
+) -> tuple[Check, ...]:
+    """Return the checks of measured values, in the order of the criteria."""
+    return tuple(
+        CRITERIA[id].judge(values[id], scenario.name, controller.name)
+        for id in CRITERIA
+        if id in values
+    )
+
+
+def _omission(
+    scenario: Scenario, controller: Controller, paper: Trajectory
+) -> tuple[float, Omission]:
+    """Return how far both sides agree on what the paper omits, and how much it matters."""
+    h = STEPS[0]
+
+    def ode(dynamics: str, jumps: str) -> Trajectory:
+        return simulate_ode(scenario, controller, sample_period=h, dynamics=dynamics, jumps=jumps)
+
+    stretching, kept = ode(STRETCHING_ROD, VELOCITIES), ode(QUASI_STATIC, MOMENTA)
+    exact = simulate_mujoco(
+        scenario, controller, "exact", timestep=h, dynamics=STRETCHING_ROD, jumps=MOMENTA
+    )
+    agreement = state_difference(exact, ode(STRETCHING_ROD, MOMENTA))
+    return agreement, Omission(
+        scenario=scenario.name,
+        controller=controller.name,
+        stretching_rod=state_difference(stretching, paper),
+        momenta_kept=state_difference(kept, paper),
+    )
+
+
+def plateau_check() -> Check:
+    """Run B6d: the plateau test on a model that is different on purpose."""
+    scenario, controller = studied(SCENARIOS["nominal"]), CONTROLLERS["fixed"]
+    excess = CAPSULE_EXCESS * scenario.pole_mass * scenario.half_length.at(0.0) ** 2 / 3.0
+
+    def thicken(spec: mujoco.MjSpec) -> None:
+        spec.joint("hinge").armature = excess
+
+    reference = simulate_ode(scenario, controller, sample_period=STEPS[0])
+    errors = tuple(
+        difference(
+            simulate_mujoco(scenario, controller, "continuous", timestep=h, edit=thicken),
+            reference,
+        )
+        for h in STEPS
+    )
+    return CRITERIA["B6d"].judge(abs(1.0 - Study(STEPS, errors).reduction))

@@ -1,0 +1,253 @@
+"""Mutation testing of the suite: plant physical faults one at a time and see which check objects.
+
+Each fault of planted_faults.toml is planted in a temporary copy of the repository, on which the
+fast checks run: the verdict of `afl-mujoco validate`, and if that does not object, the tests. The
+copy without a fault must pass both.
+
+    python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--markdown FILE] [--list]
+
+Exit code 0 if every fault is caught, 1 otherwise, 130 when interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import tomllib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+NEEDED = ("afl_mujoco", "models", "tests", "docs", "pyproject.toml", "README.md")
+VERDICT = (
+    *("validate", "step-trapezoid", "trapezoid-step-impulse"),
+    *("--controllers", "adaptive", "--workers", "1"),
+)
+TESTS = ("tests/control", "tests/plant", "tests/scenario", "tests/simulation")
+TIME_LIMIT = 900  # [s] for one command
+HEADER = ("fault", "caught by")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """One replacement in one file."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+
+    def plant(self, root: Path) -> None:
+        """Make the replacement in a copy, or raise if the text does not stand there once."""
+        path = root / self.file
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        count = text.count(self.old)
+        if count != 1 or self.old == self.new:
+            raise ValueError(f"{self.name}: {self.old!r} stands {count} times in {self.file}")
+        path.write_text(text.replace(self.old, self.new), encoding="utf-8")
+
+
+SOUND = Fault(name="no fault", file="", old="", new="")
+
+
+class Checks:
+    """The fast checks on copies of the repository, and the processes that run them."""
+
+    def __init__(self, scratch: Path) -> None:
+        self.scratch = scratch
+        self.pristine = scratch / "pristine"
+        self._copy(REPOSITORY, self.pristine)
+        self._running: set[subprocess.Popen[str]] = set()
+        self._lock = threading.Lock()
+        self._stopped = False
+
+    def caught_by(self, fault: Fault) -> str:
+        """Return what objects to the fault, or "" if nothing does."""
+        root = Path(tempfile.mkdtemp(dir=self.scratch))
+        try:
+            self._copy(self.pristine, root)
+            if fault is not SOUND:
+                fault.plant(root)
+            return self._verdict(root) or self._tests(root)
+        finally:
+            shutil.rmtree(root, ignore_errors=True)
+
+    def stop(self) -> None:
+        """End the running processes and start no other."""
+        with self._lock:
+            self._stopped = True
+            for process in self._running:
+                os.killpg(process.pid, signal.SIGKILL)  # it leads a group of its own
+
+    def _verdict(self, root: Path) -> str:
+        """Return the checks of `afl-mujoco validate` that fail."""
+        out = root / "renders" / "faults"
+        code, said = self._run(root, "afl_mujoco", *VERDICT, "--out", str(out))
+        report = out / "report.json"
+        if not report.exists():
+            return f"validate ends with an error: {_last_line(said)}"
+        checks = json.loads(report.read_text(encoding="utf-8"))["checks"]
+        failed = dict.fromkeys(check["id"] for check in checks if not check["passed"])
+        if not failed and code != 0:
+            return f"validate ends with an error: {_last_line(said)}"
+        return ", ".join(failed)
+
+    def _tests(self, root: Path) -> str:
+        """Return the first test that fails."""
+        quiet = ("-q", "-x", "--no-header", "-p", "no:cacheprovider")
+        code, said = self._run(root, "pytest", *quiet, *TESTS)
+        if code == 0:
+            return ""
+        failed = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(\S+?)(?:\[| |$)", said, re.MULTILINE)
+        return failed[1] if failed else f"pytest ends with an error: {_last_line(said)}"
+
+    def _run(self, root: Path, module: str, *arguments: str) -> tuple[int, str]:
+        """Run a Python module on a copy and return its exit code and what it said."""
+        environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+        environment["PYTHONPATH"] = str(root)
+        with self._lock:
+            if self._stopped:
+                raise InterruptedError
+            process = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments],
+                cwd=root,
+                env=environment,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,
+            )
+            self._running.add(process)
+        try:
+            said, _ = process.communicate(timeout=TIME_LIMIT)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            raise TimeoutError(f"{module} still ran after {TIME_LIMIT} s") from None
+        finally:
+            with self._lock:
+                self._running.discard(process)
+        return process.returncode, said
+
+    @staticmethod
+    def _copy(source: Path, target: Path) -> None:
+        """Copy what the checks need, without compiled code."""
+        target.mkdir(exist_ok=True)
+        for name in NEEDED:
+            if (source / name).is_dir():
+                ignored = shutil.ignore_patterns("__pycache__")
+                shutil.copytree(source / name, target / name, ignore=ignored)
+            elif (source / name).exists():
+                shutil.copy(source / name, target / name)
+
+
+def load_faults() -> list[Fault]:
+    """Return the list, or raise if it does not fit the repository."""
+    table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    faults = [Fault(**row) for row in table["fault"]]
+    if len({fault.name for fault in faults}) != len(faults):
+        raise ValueError("two faults have the same name")
+    with tempfile.TemporaryDirectory() as folder:
+        for fault in faults:
+            copy = Path(folder) / fault.file
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            if (REPOSITORY / fault.file).exists():
+                shutil.copy(REPOSITORY / fault.file, copy)
+            fault.plant(Path(folder))
+    return faults
+
+
+def run_all(faults: Sequence[Fault], jobs: int, report: Callable[[str], None]) -> dict[str, str]:
+    """Return what catches each fault by its name; "" where nothing does, first the sound copy."""
+    results: dict[str, str] = {}
+    with tempfile.TemporaryDirectory(prefix="afl-mujoco-faults-") as scratch:
+        checks = Checks(Path(scratch))
+        pool = ThreadPoolExecutor(jobs)
+        try:
+            started = time.monotonic()
+            tasks = {pool.submit(checks.caught_by, fault): fault for fault in (SOUND, *faults)}
+            for done, task in enumerate(as_completed(tasks), start=1):
+                fault = tasks[task]
+                results[fault.name] = task.result()
+                missed = "passes" if fault is SOUND else "NOT CAUGHT"
+                elapsed = time.monotonic() - started
+                said = results[fault.name] or missed
+                report(f"[{done}/{len(tasks)} {elapsed:5.0f} s] {fault.name}: {said}")
+                if fault is SOUND and results[fault.name]:
+                    break
+        finally:
+            checks.stop()
+            pool.shutdown(wait=True, cancel_futures=True)
+    return {f.name: results[f.name] for f in (SOUND, *faults) if f.name in results}
+
+
+def as_markdown(results: dict[str, str]) -> str:
+    """Return the table of docs/verification.md."""
+    rows = [HEADER, ("---", "---")]
+    for name, by in results.items():
+        if name != SOUND.name:
+            rows.append((name, by.replace("|", "\\|") or "**nothing**"))
+    return "".join(f"| {name} | {by} |\n" for name, by in rows)
+
+
+def as_text(results: dict[str, str]) -> str:
+    """Return the table for a terminal."""
+    rows = [HEADER, *((n, by or "NOT CAUGHT") for n, by in results.items() if n != SOUND.name)]
+    width = max(len(name) for name, _ in rows)
+    return "".join(f"{name:<{width}}  {by}\n" for name, by in rows)
+
+
+def _last_line(text: str) -> str:
+    """Return the last line that says something."""
+    return next((line for line in reversed(text.splitlines()) if line.strip()), "nothing said")
+
+
+def main() -> int:
+    """Run the command line and return the exit code."""
+    parser = argparse.ArgumentParser(description="Plant faults and see which check catches each.")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="parts of the names of faults")
+    parser.add_argument("--jobs", type=int, default=2, help="how many faults at a time")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the table there")
+    parser.add_argument("--list", action="store_true", help="only check and print the list")
+    options = parser.parse_args()
+    faults = load_faults()
+    if options.only:
+        faults = [f for f in faults if any(part in f.name for part in options.only)]
+    if not faults:
+        parser.error("no fault has such a name")
+    if options.list:
+        print("\n".join(f"{fault.name}  ({fault.file})" for fault in faults))
+        return 0
+    results = run_all(faults, max(1, options.jobs), lambda line: print(line, flush=True))
+    if results.get(SOUND.name):
+        print(f"the copy without a fault does not pass: {results[SOUND.name]}")
+        return 1
+    missed = [fault.name for fault in faults if not results[fault.name]]
+    print(f"\n{as_text(results)}\n{len(faults) - len(missed)} of {len(faults)} faults caught")
+    if options.markdown:
+        options.markdown.write_text(as_markdown(results), encoding="utf-8")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        print("planted_faults: interrupted", file=sys.stderr)
+        sys.exit(130)
+    except (ValueError, TimeoutError) as error:
+        print(f"planted_faults: {error}", file=sys.stderr)
+        sys.exit(1)

@@ -1,0 +1,191 @@
+"""What holds for any state, plant, schedule and scenario, as Hypothesis makes them up.
+
+That any scenario survives its file is in `scenario/test_files.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given, note, settings
+from hypothesis import strategies as st
+
+import afl_mujoco as afl
+from afl_mujoco.control.afl import force_given
+from afl_mujoco.validation.checks.closed_loop_checks import (
+    Settings,
+    closed_loop_runs,
+    state_difference,
+)
+from afl_mujoco.validation.criteria import CRITERIA
+
+CART_MASS = st.floats(0.1, 2.0)
+HALF_LENGTH = st.floats(0.05, 1.0)
+POLE_MASS = st.floats(0.01, 0.5)
+STATES = st.tuples(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-5, 5), st.floats(-6, 6))
+CONTROLLERS = ("fixed", "adaptive", "fixed-nominal")
+PLANTS = st.builds(
+    afl.CartPoleParameters,
+    cart_mass=CART_MASS,
+    pole_mass=POLE_MASS,
+    half_length=HALF_LENGTH,
+    gravity=st.floats(1.0, 25.0),
+)
+
+
+def given_to_law(controller: str, plant: afl.CartPoleParameters) -> np.ndarray:
+    p = plant
+    inputs = afl.CONTROLLERS[controller].law_inputs
+    return inputs(p.cart_mass, p.half_length, p.pole_mass, p.gravity)
+
+
+# The law
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_the_law_is_finite_and_odd_to_the_last_bit(controller: str) -> None:
+    @settings(derandomize=True, max_examples=300, deadline=None)
+    @given(state=STATES, plant=PLANTS)
+    @example(state=(0.0, 0.0, 0.0, 0.0), plant=afl.CartPoleParameters())
+    def holds(state: tuple[float, ...], plant: afl.CartPoleParameters) -> None:
+        law = given_to_law(controller, plant)
+        force = force_given(np.array(state), law)
+        assert math.isfinite(force)
+        assert force_given(-np.array(state), law) == -force
+
+    holds()
+
+
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(
+    state=STATES,
+    plant=PLANTS,
+    gains=st.builds(
+        afl.Gains,
+        switching=st.floats(1, 500),
+        slope=st.floats(0.1, 5),
+        boundary_layer=st.floats(1, 500),
+    ),
+)
+def test_the_readable_law_is_odd_to_the_last_bit(
+    state: tuple[float, ...], plant: afl.CartPoleParameters, gains: afl.Gains
+) -> None:
+    there = afl.control_force(state, plant, gains)
+    assert afl.control_force(np.negative(state), plant, gains) == -there
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_the_law_has_no_jump_between_any_two_states(controller: str) -> None:
+    @settings(derandomize=True, max_examples=200, deadline=None)
+    @given(one=STATES, other=STATES, plant=PLANTS)
+    def holds(
+        one: tuple[float, ...], other: tuple[float, ...], plant: afl.CartPoleParameters
+    ) -> None:
+        law = given_to_law(controller, plant)
+        a, b = np.array(one), np.array(other)
+        forces = force_given(a, law), force_given(b, law)
+        largest = max(1.0, *map(abs, forces))
+        for _ in range(50):  # into the half over which the force changes more: a jump would stay
+            middle = 0.5 * (a + b)
+            force = force_given(middle, law)
+            largest = max(largest, abs(force))
+            if abs(force - forces[0]) > abs(force - forces[1]):
+                b, forces = middle, (forces[0], force)
+            else:
+                a, forces = middle, (force, forces[1])
+        assert abs(forces[1] - forces[0]) <= 1e-10 * largest  # 1e-15 apart, and round-off
+
+    holds()
+
+
+# Schedules
+
+
+@st.composite
+def schedules(draw: st.DrawFn, values: st.SearchStrategy[float], end: float) -> afl.Schedule:
+    """A table of ramps, steps and flats with knots at any times, on no grid."""
+    drawn = draw(st.lists(st.floats(0.0, end), max_size=4, unique=True))
+    times = [t for t in sorted(drawn) for _ in range(draw(st.integers(1, 2)))]
+    assume(all(b - a > 1e-6 or a == b for a, b in pairwise(times)))
+    if not times:
+        return afl.constant(draw(values))
+    return afl.piecewise_linear(times, [draw(values) for _ in times])
+
+
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(schedule=schedules(CART_MASS, 10.0), time=st.floats(-1.0, 11.0), at_knot=st.booleans())
+def test_a_schedule_jumps_only_where_a_time_stands_twice(
+    schedule: afl.Schedule, time: float, at_knot: bool
+) -> None:
+    if at_knot:
+        time = min(schedule.times, key=lambda t: abs(t - time))
+    value, knots = schedule.at(time), list(zip(schedule.times, schedule.values, strict=True))
+    assert schedule([time])[0] == value
+    if schedule.times.count(time) == 2:
+        (_, before), (_, after) = (knot for knot in knots if knot[0] == time)
+        assert value == after
+        assert schedule.before(time) == pytest.approx(before, abs=1e-12)
+        return
+    assert schedule.before(time) == pytest.approx(value, abs=1e-12)
+    slope = max([abs(w - v) / (u - t) for (t, v), (u, w) in pairwise(knots) if u > t], default=0.0)
+    near = [t for t in schedule.times if t != time]
+    step = min([1e-3, *(0.5 * abs(t - time) for t in near)])
+    for other in (time - step, time + step):  # no other knot in between
+        assert abs(schedule.at(other) - value) <= slope * step * (1 + 1e-9) + 1e-12
+    assert min(schedule.values) - 1e-12 <= value <= max(schedule.values) + 1e-12
+
+
+# Any scenario in both simulators
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> afl.Scenario:
+    """About a second of anything, its times on no grid, its horizon a whole number of ms."""
+    end = draw(st.integers(800, 1200)) / 1000
+    pulses = st.builds(
+        lambda force, edges: afl.ForcePulse(
+            force=force, start=min(edges), duration=max(edges) - min(edges)
+        ),
+        st.floats(-20.0, 20.0),
+        st.lists(st.floats(0.0, end), min_size=2, max_size=2).filter(
+            lambda edges: abs(edges[0] - edges[1]) > 1e-6
+        ),
+    )
+    hits = st.builds(
+        afl.Impulse, momentum=st.floats(-1.0, 1.0), time=st.floats(0.0, end, exclude_max=True)
+    )
+    angle = math.radians(75)
+    return afl.Scenario(
+        name="any",
+        cart_mass=draw(schedules(CART_MASS, end)),
+        half_length=draw(schedules(HALF_LENGTH, end)),
+        pole_mass=draw(POLE_MASS),
+        disturbances=draw(st.lists(st.one_of(pulses, hits), max_size=2)),
+        initial_state=draw(
+            st.tuples(
+                st.floats(-1, 1), st.floats(-angle, angle), st.floats(-1, 1), st.floats(-1, 1)
+            )
+        ),
+        duration=end,
+    )
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_any_scenario_goes_the_same_way_in_both_simulators(controller: str) -> None:
+    @settings(derandomize=True, max_examples=25, deadline=None)
+    @given(scenario=scenarios())
+    def holds(scenario: afl.Scenario) -> None:
+        runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], Settings())
+        for check, one, other in (
+            ("B1", "mujoco exact", "ode"),
+            ("B2b", "mujoco continuous", "ode RK4"),
+            ("B3", "mujoco sampled", "ode held"),
+        ):
+            note(f"{check}: {runs[one].outcome}, {runs[other].outcome}")
+            difference = state_difference(runs[one], runs[other])
+            assert difference <= CRITERIA[check].limit, check
+
+    holds()
