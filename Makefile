@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup validate test regression bless check lock clean distclean
+.PHONY: help setup validate proof docs test regression bless faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -16,6 +16,12 @@ setup: $(READY) ## create .venv (every other target does so by itself)
 validate: $(READY) ## compare MuJoCo with the analytic model on every case; pass options as ARGS="..."
 	@$(BIN)/afl-mujoco validate $(ARGS)
 
+proof: $(READY) ## validate, with refinement studies, ledgers, and what the paper leaves out
+	@$(BIN)/afl-mujoco validate --full --out renders/proof $(ARGS)
+
+docs: $(READY) ## print the criteria into docs/verification.md
+	@$(BIN)/python -m afl_mujoco.reporting.criteria_table docs/verification.md
+
 test: $(READY) ## run the tests; narrow them with ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(ARGS)
 
@@ -24,6 +30,9 @@ regression: $(READY) ## compare every run with its blessed baseline
 
 bless: $(READY) ## make what is now the baselines, and print what moved
 	@$(BIN)/afl-mujoco regression --bless $(ARGS)
+
+faults: $(READY) ## plant physical faults one at a time and see which check catches each (half an hour)
+	@$(BIN)/python tests/planted_faults.py $(ARGS)
 
 check: $(READY) ## format, lint, types, import contracts, architecture
 	@$(BIN)/ruff format --check .
