@@ -63,6 +63,8 @@ class Schedule:
             else 0.0
             for i in range(len(times) - 1)
         )
+        if not np.isfinite(rates).all():
+            raise InvalidValueError("times", "must be far enough apart for a finite slope")
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "_rates", (*rates, 0.0))

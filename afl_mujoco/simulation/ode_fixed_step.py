@@ -174,6 +174,7 @@ def _held_inputs(
     """Return M and l, shape (N, 3), push and impulse, shape (N,), with what is held held."""
     mass, length, push, impulse = fine.cart_mass, fine.half_length, fine.push, fine.impulse
     step_of = np.searchsorted(start_of, np.arange(len(push)), side="right") - 1
+    step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint a rounding before the horizon
     middles = (np.arange(len(start_of) - 1) + 0.5) * timestep
     segments = scenario.segments
     inside = np.searchsorted([s.start for s in segments], middles, side="right") - 1
