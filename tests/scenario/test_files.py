@@ -20,7 +20,8 @@ NAMES = st.text(min_size=1, max_size=12).filter(lambda s: s.isprintable() and "/
 @st.composite
 def scenarios(draw):
     def schedule():
-        times = sorted(draw(st.lists(st.floats(-1, 12), min_size=1, max_size=4, unique=True)))
+        ms = draw(st.lists(st.integers(-1000, 12_000), min_size=1, max_size=4, unique=True))
+        times = [t / 1000 for t in sorted(ms)]
         knots = [t for t in times for _ in range(draw(st.integers(1, 2)))]
         return piecewise_linear(knots, draw(st.tuples(*[POSITIVE] * len(knots))))
 
