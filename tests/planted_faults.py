@@ -1,8 +1,8 @@
 """Mutation testing of the suite: plant physical faults one at a time and see which check objects.
 
 Each fault of planted_faults.toml is planted in a temporary copy of the repository, on which the
-fast checks run: the verdict of `afl-mujoco validate`, and if that does not object, the tests. The
-copy without a fault must pass both.
+fast checks run: the verdict of `afl-mujoco validate --full`, and if that does not object, the
+tests. The copy without a fault must pass both.
 
     python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--markdown FILE] [--list]
 
@@ -31,7 +31,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 NEEDED = ("afl_mujoco", "models", "tests", "docs", "pyproject.toml", "README.md")
 VERDICT = (
-    *("validate", "step-trapezoid", "trapezoid-step-impulse"),
+    *("validate", "--full", "step-trapezoid", "trapezoid-step-impulse"),
     *("--controllers", "adaptive", "--workers", "1"),
 )
 TESTS = ("tests/control", "tests/plant", "tests/scenario", "tests/simulation")
@@ -213,6 +213,13 @@ def _last_line(text: str) -> str:
     return next((line for line in reversed(text.splitlines()) if line.strip()), "nothing said")
 
 
+def _interrupt(*_: object) -> None:
+    """Stop, once: a second signal must not disturb the tidying up after the first."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def main() -> int:
     """Run the command line and return the exit code."""
     parser = argparse.ArgumentParser(description="Plant faults and see which check catches each.")
@@ -241,8 +248,8 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _interrupt)
+    signal.signal(signal.SIGTERM, _interrupt)
     try:
         sys.exit(main())
     except KeyboardInterrupt:
