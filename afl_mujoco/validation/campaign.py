@@ -20,7 +20,7 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ode import simulate_ode
-from afl_mujoco.simulation.trajectory import Trajectory, law_along
+from afl_mujoco.simulation.trajectory import TIPPED, Trajectory, law_along
 from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.checks.closed_loop_checks import (
     Settings,
@@ -263,6 +263,9 @@ def require_runnable(
     whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
     for scenario in scenarios:
         whole_steps("duration", scenario.duration, "timestep", settings.timestep)
+        if abs(tilt := scenario.initial_state[1]) > TIPPED:
+            rule = f"must lie within {TIPPED} rad: a pole that has fallen leaves nothing to compare"
+            raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")
         for controller in controllers:
             law_along(scenario, controller, np.array([0.0, *scenario.breakpoints]))
 

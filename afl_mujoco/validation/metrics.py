@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -13,7 +14,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, law_along
 
 Metrics = dict[str, float | None]
-"""Figures by name; ``None`` where a run has no such figure (never settled, never completed)."""
+"""Figures by name; ``None`` where a run has no such figure (never settled, never completed,
+not finite)."""
 
 STATES = ("z", "phi", "z_dot", "phi_dot")
 BANDS = {"2pc": 0.02, "5pc": 0.05}
@@ -90,7 +92,7 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
             )
     if run.outcome.kind != COMPLETED:  # an integral over part of the horizon compares with nothing
         figures |= dict.fromkeys(("iae_z", "iae_phi", "itae_z", "itae_phi", "force_squared"))
-    return figures
+    return {name: _known(value) for name, value in figures.items()}
 
 
 def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
@@ -120,6 +122,11 @@ def objective_scales(figures: Metrics) -> ObjectiveScales:
     return ObjectiveScales(
         **{name: figures[name] for name in ("iae_z", "iae_phi", "max_force")}  # type: ignore[arg-type]
     )
+
+
+def _known(value: float | None) -> float | None:
+    """Return a figure, or None if it is not finite: the law has no force beyond its domain."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:

@@ -78,6 +78,19 @@ def test_nothing_runs_when_a_setting_cannot_work(monkeypatch: pytest.MonkeyPatch
         run_campaign([SHORT], [afl.CONTROLLERS["fixed"]], closed.Settings(3e-3, 1e-2))
 
 
+def test_a_start_beyond_the_fall_is_refused_by_name_and_value() -> None:
+    fallen = dataclasses.replace(SHORT, initial_state=(0.0, -1.6, 0.0, 0.0))
+    with pytest.raises(AflMujocoError, match=r"initial phi must lie within 1\.4 rad.*got -1\.6 rad"):
+        run_campaign([fallen], [afl.CONTROLLERS["fixed"]], SETTINGS)
+
+
+def test_runs_that_fell_at_once_leave_nothing_to_compare_and_fail() -> None:
+    fallen = dataclasses.replace(SHORT, initial_state=(0.0, -1.6, 0.0, 0.0))
+    run = afl.simulate_ode(fallen, afl.CONTROLLERS["fixed"])
+    assert run.outcome == afl.Outcome("fell", 0.0)
+    assert closed.state_difference(run, run) == math.inf
+
+
 def test_runs_that_ended_differently_are_infinitely_apart() -> None:
     run = afl.simulate_ode(SHORT, afl.CONTROLLERS["fixed"])
     fallen = dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 
@@ -89,6 +90,10 @@ def test_the_order_of_a_power_law_is_its_exponent():
     study = Study((0.4, 0.2, 0.1, 0.05), tuple(3.0 * h**2.5 for h in (0.4, 0.2, 0.1, 0.05)))
     assert study.order == pytest.approx(2.5, rel=1e-12)
     assert study.reduction == pytest.approx(4.0**-2.5, rel=1e-12)
+
+
+def test_no_error_at_all_is_no_reduction():
+    assert Study((0.4, 0.2, 0.1, 0.05), (0.0,) * 4).reduction == math.inf
 
 
 @pytest.mark.parametrize(

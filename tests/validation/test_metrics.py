@@ -99,6 +99,14 @@ def test_a_fallen_run_has_no_integrals_and_no_objective() -> None:
     assert with_objective(figures, scales)["objective"] is None
 
 
+def test_a_run_that_starts_fallen_has_no_force() -> None:
+    scenario = afl.Scenario(name="fallen", initial_state=(0.0, -1.6, 0.0, 0.0))
+    controller = afl.CONTROLLERS["fixed"]
+    figures = metrics(scenario, controller, afl.simulate_ode(scenario, controller))
+    assert figures["max_force"] is None
+    assert figures["peak_phi"] == 1.6
+
+
 def test_the_objective_of_its_own_scales_is_three() -> None:
     figures = measured(decaying_run())
     assert with_objective(figures, objective_scales(figures))["objective"] == 3.0

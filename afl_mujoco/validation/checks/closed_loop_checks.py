@@ -102,8 +102,9 @@ def _timestep(run: Trajectory) -> float:
 def state_difference(one: Trajectory, other: Trajectory) -> float:
     """Return the largest difference of any state at any instant that both runs report.
 
-    Runs that did not both end the same way differ infinitely. Of runs that both fell, the part
-    before `TIPPED` is compared: the law amplifies round-off there.
+    Runs that did not both end the same way differ infinitely, and so do runs that leave nothing to
+    compare. Of runs that both fell, the part before `TIPPED` is compared: the law amplifies
+    round-off there.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
     if one.outcome.kind != COMPLETED:
         steep = np.abs(one.state[:count, 1]) > TIPPED
         difference = difference[: int(np.argmax(steep)) if steep.any() else count]
-    return float(difference.max()) if difference.size else 0.0
+    return float(difference.max()) if difference.size else math.inf
 
 
 def one_step_difference(scenario: Scenario, run: Trajectory) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -52,8 +53,11 @@ class Study:
 
     @property
     def reduction(self) -> float:
-        """Error at a quarter of the second step over the error at the second step."""
-        return self.errors[3] / self.errors[1]
+        """Error at a quarter of the second step over the error at the second step.
+
+        Infinite where there is no error to reduce, so that nothing is concluded from it.
+        """
+        return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
 
 
 def studied(scenario: Scenario) -> Scenario:
