@@ -135,11 +135,11 @@ _LIST = (
     ),
     Criterion(
         id="A10",
-        quantity="numbers that differ between two runs, all simulators",
+        quantity="runs that differ when repeated here and in a fresh process, all simulators",
         unit="count",
         limit=0,
         reason="same inputs, same bits",
-        proves="runs are repeatable on one machine; the tests add workers and processes",
+        proves="runs are repeatable on one machine; the tests add the number of workers",
         leaves_open="equality across machines",
     ),
     Criterion(
