@@ -19,6 +19,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.trajectory import TIPPED, Trajectory, law_along
 from afl_mujoco.validation.check import Check
@@ -33,7 +34,6 @@ from afl_mujoco.validation.checks.reference_checks import reference_checks
 from afl_mujoco.validation.decisions import DECISIONS
 from afl_mujoco.validation.metrics import (
     Metrics,
-    ObjectiveScales,
     metrics,
     objective_scales,
     with_objective,

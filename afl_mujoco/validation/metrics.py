@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controllers import Controller
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.ensemble.objective import ObjectiveScales, objective
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, law_along
 
 Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
 not finite)."""
+
+TERMS = ("iae_z", "iae_phi", "max_force")
+"""The metrics that the objective (O1) adds up."""
 
 STATES = ("z", "phi", "z_dot", "phi_dot")
 BANDS = {"2pc": 0.02, "5pc": 0.05}
@@ -37,25 +40,6 @@ UNITS: Mapping[str, str] = {
     "end_time": "s",
 }
 """Unit of every metric."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectiveScales:
-    """What each term of (O1) is divided by (decision D4).
-
-    Attributes
-    ----------
-    iae_z
-        Integral of abs(z) [m s].
-    iae_phi
-        Integral of abs(phi) [rad s].
-    max_force
-        Largest abs(F) [N].
-    """
-
-    iae_z: float
-    iae_phi: float
-    max_force: float
 
 
 def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
@@ -105,10 +89,9 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
     scales
         The normalising constants.
     """
-    terms = [(figures[name], getattr(scales, name)) for name in ("iae_z", "iae_phi", "max_force")]
-    known = [value / scale for value, scale in terms if value is not None]
-    objective = sum(known) if len(known) == len(terms) else None
-    return {"objective": objective, **figures}
+    iae_z, iae_phi, max_force = (figures[name] for name in TERMS)
+    known = None not in (iae_z, iae_phi, max_force)
+    return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
 
 
 def objective_scales(figures: Metrics) -> ObjectiveScales:
@@ -120,7 +103,7 @@ def objective_scales(figures: Metrics) -> ObjectiveScales:
         Metrics of the fixed gains on the nominal plant (decision D4).
     """
     return ObjectiveScales(
-        **{name: figures[name] for name in ("iae_z", "iae_phi", "max_force")}  # type: ignore[arg-type]
+        **{name: figures[name] for name in TERMS}  # type: ignore[arg-type]
     )
 
 

@@ -178,6 +178,7 @@ def test_the_lock_pins_names_to_versions_and_says_nothing_else() -> None:
 FLOORS = "A package imports only from the floors below it"
 ENGINE = "The engine side cannot reach the equations that it is checked against"
 ANALYTIC = "The analytic side does not know the engine"
+SEARCH = "The search knows nothing of cart-poles"
 BELIEF = "A control law has its own model of the plant"
 
 
@@ -218,7 +219,11 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
             "simulation/trajectory", "import afl_mujoco.plant", ENGINE, id="engine-indirectly"
         ),
         pytest.param("plant/__init__", "import mujoco", ANALYTIC, id="analytic"),
+        pytest.param(
+            "simulation/ensemble/lanes", "import mujoco", ANALYTIC, id="analytic-ensemble"
+        ),
         pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
+        pytest.param("tuning/genetic", "import afl_mujoco.scenario", SEARCH, id="search"),
     ],
 )
 def test_a_planted_import_breaks_its_contract(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 from afl_mujoco.validation.metrics import (
     UNITS,
-    ObjectiveScales,
     metrics,
     objective_scales,
     with_objective,

@@ -1,0 +1,1 @@
+"""Which gains: the paper's genetic search, and what it is asked to minimise."""

@@ -1,0 +1,129 @@
+"""The gain table: the paper's search on each of its 400 plants, as a sweep of independent units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.tuning.gain_cost import GAIN_BOX, gain_cost
+from afl_mujoco.tuning.genetic import minimise
+from afl_mujoco.tuning.settings import Box, GeneticSettings
+
+CART_MASSES = tuple(k / 10 for k in range(1, 21))
+HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
+"""The paper's grid of M [kg] and l [m]."""
+
+QUICK_MASSES, QUICK_LENGTHS = (0.1, 1.0, 2.0), (0.05, 0.5, 1.0)
+QUICK_SETTINGS = GeneticSettings(population_size=200, generations=60)
+"""A small grid and budget."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairSearch:
+    """One unit of the table: the search on one plant.
+
+    Attributes
+    ----------
+    cart_mass, half_length
+        M [kg] and l [m].
+    settings, box
+        Of the search.
+    seed
+        Of the table and of the unit within it.
+    checkpoint
+        File that the search writes after every generation and resumes from; ``None`` for none.
+    """
+
+    cart_mass: float
+    half_length: float
+    settings: GeneticSettings
+    box: Box
+    seed: tuple[int, int]
+    checkpoint: Path | None = None
+
+
+def pair_searches(
+    cart_masses: Sequence[float],
+    half_lengths: Sequence[float],
+    settings: GeneticSettings,
+    seed: int,
+    *,
+    box: Box = GAIN_BOX,
+    checkpoints: Path | None = None,
+) -> list[PairSearch]:
+    """Return the units of a table, half-lengths first, each seeded by its place.
+
+    Parameters
+    ----------
+    cart_masses, half_lengths
+        The grid: M [kg] and l [m].
+    settings, seed, box
+        Of the searches.
+    checkpoints
+        Folder for a checkpoint of each unit; it must exist.
+
+    Raises
+    ------
+    InvalidValueError
+        If the grid is empty.
+    """
+    for name, values in (("cart masses", cart_masses), ("half lengths", half_lengths)):
+        if not values:
+            raise InvalidValueError(f"{name} of the grid", "must hold at least one")
+    pairs = [(mass, length) for length in half_lengths for mass in cart_masses]
+    return [
+        PairSearch(
+            cart_mass=mass,
+            half_length=length,
+            settings=settings,
+            box=box,
+            seed=(seed, index),
+            checkpoint=checkpoints and checkpoints / f"pair-{index:04d}",
+        )
+        for index, (mass, length) in enumerate(pairs)
+    ]
+
+
+def search_pair(unit: PairSearch) -> list[float]:
+    """Run one unit and return its row of the table.
+
+    Parameters
+    ----------
+    unit
+        What to search.
+
+    Returns
+    -------
+    list of float
+        M, l, K, lambda, Phi and the objective.
+    """
+    found = minimise(
+        gain_cost(unit.cart_mass, unit.half_length),
+        unit.box,
+        unit.settings,
+        unit.seed,
+        checkpoint=unit.checkpoint,
+        resume=unit.checkpoint is not None,
+    )
+    return [unit.cart_mass, unit.half_length, *found.best.tolist(), found.cost]
+
+
+def table_fingerprint(units: Sequence[PairSearch]) -> dict[str, Any]:
+    """Return what decides the table, as plain data: grid, settings, box and seed.
+
+    Parameters
+    ----------
+    units
+        From `pair_searches`.
+    """
+    first = units[0]
+    return {
+        "cart_masses": sorted({unit.cart_mass for unit in units}),
+        "half_lengths": sorted({unit.half_length for unit in units}),
+        "settings": asdict(first.settings),
+        "box": {"lower": list(first.box.lower), "upper": list(first.box.upper)},
+        "seed": first.seed[0],
+    }
