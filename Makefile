@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup validate proof docs test regression bless referee faults check lock clean distclean
+.PHONY: help setup validate proof docs test regression bless referee cluster faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -34,6 +34,10 @@ bless: $(READY) ## make what is now the baselines, and print what moved
 referee: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
 	@$(PIP_INSTALL) --no-deps --requirement requirements-referee.lock
 	@AFL_MUJOCO_REQUIRE_REFEREE=1 $(BIN)/pytest -q tests/validation/test_second_engine.py $(ARGS)
+
+cluster: $(READY) ## share a sweep among the workers of a Dask cluster, one of which dies
+	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock
+	@AFL_MUJOCO_REQUIRE_CLUSTER=1 $(BIN)/pytest -q tests/sweep/test_dask_cluster.py $(ARGS)
 
 faults: $(READY) ## plant physical faults one at a time and see which check catches each (half an hour)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)

@@ -12,8 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.afl import force_kernel, forces_along, sliding_and_drift
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, scheduled_gain
-from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS
+from afl_mujoco.control.gain_function import (
+    GAIN_NAMES,
+    GainFunction,
+    scheduled_gain,
+    shipped_data,
+)
+from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
 from afl_mujoco.errors import InvalidValueError, LawDomainError, UnknownNameError
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_type
 
@@ -203,15 +208,19 @@ def _require_positive_gains(law: NDArray[np.float64]) -> None:
 
 def _build() -> dict[str, Controller]:
     """Return the catalogue."""
-    adaptive = GainFunction.published()
-    fixed = GainFunction.constant(FIXED_GAINS)
-    return {
-        f"{name}{suffix}": Controller(
-            name=f"{name}{suffix}", gain_function=gain_function, belief=belief
-        )
-        for suffix, belief in (("", None), ("-nominal", NOMINAL))
-        for name, gain_function in (("fixed", fixed), ("adaptive", adaptive))
+    retuned = shipped_data("gain_functions.json")
+    functions = {
+        "fixed": GainFunction.constant(FIXED_GAINS),
+        "adaptive": GainFunction.published(),
+        "fixed-retuned": GainFunction.constant(Gains(**retuned["fixed"])),
+        "adaptive-retuned": GainFunction.retuned(),
     }
+    catalogue = [Controller(name=name, gain_function=f) for name, f in functions.items()]
+    for name in ("fixed", "adaptive"):
+        catalogue.append(
+            Controller(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
+        )
+    return {controller.name: controller for controller in catalogue}
 
 
 CONTROLLERS: Mapping[str, Controller] = MappingProxyType(_build())

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import resources
+from typing import Any
 
 import numpy as np
 from numba.extending import register_jitable
@@ -35,6 +36,26 @@ def scheduled_gain(cart_mass, half_length, w):
     if w[3] != 0.0:
         gain = gain + w[3] * half_length ** w[4]
     return gain
+
+
+def shipped_data(name: str) -> Any:
+    """Return the content of a data file of the package.
+
+    Parameters
+    ----------
+    name
+        The file's name.
+
+    Raises
+    ------
+    FileError
+        If it is missing or no JSON.
+    """
+    file = resources.files("afl_mujoco.control") / "data" / name
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FileError(str(file), f"cannot be read: {error!r}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,12 +101,27 @@ class GainFunction:
         FileError
             If the package's data file is missing or malformed.
         """
-        file = resources.files("afl_mujoco.control") / "data" / "gain_function.json"
+        return cls._shipped("gain_function.json")
+
+    @classmethod
+    def retuned(cls) -> GainFunction:
+        """Return the coefficients fitted to the package's own gain table.
+
+        Raises
+        ------
+        FileError
+            If the package's data file is missing or malformed.
+        """
+        return cls._shipped("gain_functions.json")
+
+    @classmethod
+    def _shipped(cls, name: str) -> GainFunction:
+        """Return the coefficients of a data file of the package."""
+        table = shipped_data(name)
         try:
-            table = json.loads(file.read_text(encoding="utf-8"))
-            return cls(**{name: tuple(table["coefficients"][name]) for name in GAIN_NAMES})
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise FileError(str(file), f"is not a gain function: {error!r}") from None
+            return cls(**{gain: tuple(table["coefficients"][gain]) for gain in GAIN_NAMES})
+        except (KeyError, TypeError, InvalidValueError) as error:
+            raise FileError(name, f"is not a gain function: {error!r}") from None
 
     @property
     def coefficients(self) -> NDArray[np.float64]:

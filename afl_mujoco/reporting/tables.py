@@ -89,6 +89,8 @@ def markdown(report: Report) -> str:
         lines.append(
             f"| {id} | {quantity} | {c.unit} | {c.limit:g} | {_value(worst)} | {c.reason} |"
         )
+    if report.ledger.claims:
+        lines += ["", "## Claims of the paper", "", *_markdown_table(_claims(report))]
     for title, table_rows in _explanations(report).items():
         lines += ["", f"## {title}", "", *_markdown_table(table_rows)]
     lines += ["", "## Decisions these results rest on", ""]
@@ -150,6 +152,11 @@ def print_report(report: Report, console: Console) -> None:
         )
     for check in report.failed_checks:
         console.print(f"[red]FAIL[/] {_sentence(check)}", highlight=False, soft_wrap=True)
+    for claim in report.ledger.claims:
+        numbers = f"paper {_cell(claim.paper)}, here {_cell(claim.here)}"
+        console.print(
+            f"{claim.id:<4} {claim.verdict:<19} {numbers}: {claim.claim}", highlight=False
+        )
     colour = "bold green" if report.passed else "bold red"
     console.print(f"[{colour}]{verdict_line(report)}[/]", highlight=False)
 
@@ -197,10 +204,23 @@ def _explanations(report: Report) -> dict[str, list[dict[str, Any]]]:
 
 def _markdown_table(rows: list[dict[str, Any]]) -> list[str]:
     """Return a Markdown table, a column for each key."""
-    cells = [[v if isinstance(v, str) else f"{v:.3g}" for v in row.values()] for row in rows]
+    cells = [[_cell(value) for value in row.values()] for row in rows]
     header = [key.replace("_", " ") for key in rows[0]]
     rule = ["---"] * len(header)
     return ["| " + " | ".join(line) + " |" for line in (header, rule, *cells)]
+
+
+def _cell(value: str | float | None) -> str:
+    """Return a value as a cell of a Markdown table."""
+    if value is None:
+        return "-"
+    return value.replace("|", "\\|") if isinstance(value, str) else f"{value:.3g}"
+
+
+def _claims(report: Report) -> list[dict[str, Any]]:
+    """Return the claims ledger as a table."""
+    columns = ("id", "claim", "verdict", "figure", "paper", "here", "why")
+    return [{name: getattr(claim, name) for name in columns} for claim in report.ledger.claims]
 
 
 def _worst(report: Report) -> dict[str, Check]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import zipfile
@@ -190,6 +191,12 @@ def law_along(
     )
 
 
+@functools.cache
+def _versions() -> Mapping[str, str]:
+    """Return the versions that a run depends on; looking them up takes milliseconds."""
+    return MappingProxyType({name: version(name) for name in _PACKAGES})
+
+
 def assemble(
     scenario: Scenario,
     controller: Controller,
@@ -234,6 +241,6 @@ def assemble(
             "settings": dict(settings),
             "scenario": scenario_to_table(scenario),
             "controller": controller.describe(),
-            "versions": {name: version(name) for name in _PACKAGES},
+            "versions": dict(_versions()),
         },
     )

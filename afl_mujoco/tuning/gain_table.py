@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from afl_mujoco.tuning.settings import Box, GeneticSettings
 CART_MASSES = tuple(k / 10 for k in range(1, 21))
 HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
 """The paper's grid of M [kg] and l [m]."""
+
+_PACKAGES = ("afl_mujoco", "numpy", "numba")
 
 QUICK_MASSES, QUICK_LENGTHS = (0.1, 1.0, 2.0), (0.05, 0.5, 1.0)
 QUICK_SETTINGS = GeneticSettings(population_size=200, generations=60)
@@ -111,8 +114,8 @@ def search_pair(unit: PairSearch) -> list[float]:
     return [unit.cart_mass, unit.half_length, *found.best.tolist(), found.cost]
 
 
-def table_fingerprint(units: Sequence[PairSearch]) -> dict[str, Any]:
-    """Return what decides the table, as plain data: grid, settings, box and seed.
+def table_provenance(units: Sequence[PairSearch]) -> dict[str, Any]:
+    """Return what decides the table, as plain data: grid, settings, box, seed and versions.
 
     Parameters
     ----------
@@ -126,4 +129,5 @@ def table_fingerprint(units: Sequence[PairSearch]) -> dict[str, Any]:
         "settings": asdict(first.settings),
         "box": {"lower": list(first.box.lower), "upper": list(first.box.upper)},
         "seed": first.seed[0],
+        "versions": {name: version(name) for name in _PACKAGES},
     }

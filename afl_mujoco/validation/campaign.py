@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import platform
-import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -22,6 +18,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.trajectory import TIPPED, Trajectory, law_along
+from afl_mujoco.sweep.executors import open_executor
+from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.checks.closed_loop_checks import (
     Settings,
@@ -31,6 +29,8 @@ from afl_mujoco.validation.checks.closed_loop_checks import (
 from afl_mujoco.validation.checks.equation_checks import equation_checks
 from afl_mujoco.validation.checks.explanation import Explanation, explain, plateau_check
 from afl_mujoco.validation.checks.reference_checks import reference_checks
+from afl_mujoco.validation.claims.ledger import Ledger, judge_claims
+from afl_mujoco.validation.claims.schedules import FULL, QUICK
 from afl_mujoco.validation.decisions import DECISIONS
 from afl_mujoco.validation.metrics import (
     Metrics,
@@ -41,6 +41,9 @@ from afl_mujoco.validation.metrics import (
 
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
 """Simulators whose metrics the report gives; the others are references of checks."""
+
+DECISIVE = "mujoco continuous"
+"""Simulator whose runs decide the paper's claims: the law as published, in MuJoCo's physics."""
 
 _PACKAGES = ("afl_mujoco", "mujoco", "dm_control", "numpy", "scipy", "numba")
 
@@ -82,11 +85,14 @@ class Report:
         Every run's metrics.
     explanations
         Error budget, ledger and omissions of each scenario and controller.
+    ledger
+        The paper's claims, judged; empty unless the campaign ran all that they need.
     """
 
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
     explanations: tuple[Explanation, ...] = ()
+    ledger: Ledger = field(default_factory=Ledger)
 
     @property
     def passed(self) -> bool:
@@ -107,7 +113,8 @@ class Report:
             "versions": {**versions, "python": platform.python_version()},
             "checks": [check.to_dict() for check in self.checks],
             "runs": [run.to_dict() for run in self.runs],
-            "claims": [],
+            "claims": [claim.to_dict() for claim in self.ledger.claims],
+            "random_schedules": self.ledger.comparisons_as_data(),
             "error_budgets": [e.budget.to_dict() for e in self.explanations if e.budget],
             "ledgers": [e.ledger.to_dict() for e in self.explanations if e.ledger],
             "omissions": [e.omission.to_dict() for e in self.explanations if e.omission],
@@ -152,26 +159,39 @@ def run_campaign(
     """
     require_runnable(scenarios, controllers, settings, workers)
     pairs = [(s, c, settings) for s in scenarios for c in controllers]
-    judged: list[Judged] = []
     checks = list(equation_checks())
     if settings.full:
         checks += [*reference_checks(), plateau_check()]
     scales = nominal_scales(settings)
-    with ordered_mapper(min(workers, len(pairs))) as mapper:
-        for (scenario, controller, _), result in zip(pairs, mapper(judge, pairs), strict=True):
-            judged.append(result)
-            progress(f"{scenario.name} / {controller.name}")
+    with open_executor(min(workers, len(pairs))) as executor:
+        judged = compute_all(judge, pairs, executor, lambda i: progress(pair_name(pairs[i])))
+        runs = tuple(
+            replace(run, metrics=with_objective(run.metrics, scales))
+            for _, reported, _ in judged
+            for run in reported
+        )
+        decisive = {(r.scenario, r.controller): r.metrics for r in runs if r.simulator == DECISIVE}
+        schedules = FULL if settings.full else QUICK
+        ledger = judge_claims(decisive, scales, schedules, executor)
     for pair_checks, _, explanation in judged:
         checks += [*pair_checks, *explanation.checks]
     return Report(
         checks=tuple(checks),
-        runs=tuple(
-            replace(run, metrics=with_objective(run.metrics, scales))
-            for _, runs, _ in judged
-            for run in runs
-        ),
+        runs=runs,
         explanations=tuple(explanation for _, _, explanation in judged),
+        ledger=ledger,
     )
+
+
+def pair_name(pair: Pair) -> str:
+    """Return what a progress bar calls a pair.
+
+    Parameters
+    ----------
+    pair
+        Scenario, controller and settings.
+    """
+    return f"{pair[0].name} / {pair[1].name}"
 
 
 def judge(pair: Pair) -> Judged:
@@ -268,31 +288,3 @@ def require_runnable(
             raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")
         for controller in controllers:
             law_along(scenario, controller, np.array([0.0, *scenario.breakpoints]))
-
-
-@contextmanager
-def ordered_mapper(workers: int) -> Iterator[Callable[..., Iterable[Any]]]:
-    """Give a `map` that keeps the order, over processes if there are several workers.
-
-    Parameters
-    ----------
-    workers
-        Processes to share the work among.
-    """
-    if workers == 1:
-        yield map
-        return
-    executor = ProcessPoolExecutor(
-        workers,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),  # Ctrl-C is the parent's to answer
-    )
-    try:
-        yield executor.map
-    except BaseException:
-        for process in list(executor._processes.values()):
-            process.terminate()
-        raise
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)

@@ -14,6 +14,8 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.output import output_folder, write_text
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.sweep.executors import open_executor
+from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.baseline import (
     PERIOD,
     SETTINGS,
@@ -28,7 +30,7 @@ from afl_mujoco.validation.baseline import (
 from afl_mujoco.validation.campaign import (
     Pair,
     nominal_scales,
-    ordered_mapper,
+    pair_name,
     reported_runs,
     require_runnable,
 )
@@ -91,15 +93,15 @@ def record_all(
     require_runnable(scenarios, controllers, SETTINGS, workers)
     pairs = [(s, c, SETTINGS) for s in scenarios for c in controllers]
     scales = nominal_scales(SETTINGS)
+    with open_executor(min(workers, len(pairs))) as executor:
+        recorded = compute_all(record, pairs, executor, lambda i: progress(pair_name(pairs[i])))
     fresh = {}
-    with ordered_mapper(min(workers, len(pairs))) as mapper:
-        for made in mapper(record, pairs):
-            runs = {
-                name: replace(run, metrics=with_objective(dict(run.metrics), scales))
-                for name, run in made.runs.items()
-            }
-            fresh[made.file_name] = replace(made, runs=runs)
-            progress(f"{made.scenario} / {made.controller}")
+    for made in recorded:
+        runs = {
+            name: replace(run, metrics=with_objective(dict(run.metrics), scales))
+            for name, run in made.runs.items()
+        }
+        fresh[made.file_name] = replace(made, runs=runs)
     return fresh
 
 

@@ -147,7 +147,7 @@ def test_a_gain_function_needs_five_finite_coefficients():
 def test_unknown_names_are_answered_with_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
         find_controller("adaptiv")
-    names = "fixed, adaptive, fixed-nominal, adaptive-nominal"
+    names = ", ".join(CONTROLLERS)
     assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'"
     with pytest.raises(UnknownNameError, match=r"^gain labels must be one of table2, table1, got "):
         find_controller("fixed", "table3")

@@ -1,0 +1,66 @@
+"""Which command: parse the arguments, run it, turn errors into exit codes."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+from collections.abc import Sequence
+
+import tyro
+
+from afl_mujoco.cli.regression import Regression
+from afl_mujoco.cli.simulate import Simulate
+from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
+from afl_mujoco.cli.tune import Tune
+from afl_mujoco.cli.validate import Validate
+from afl_mujoco.errors import AflMujocoError
+
+PROGRAM = "afl-mujoco"
+
+Command = Validate | Simulate | Tune | Regression
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments
+        As of ``sys.argv[1:]``, its default.
+
+    Returns
+    -------
+    int
+        0 success, 1 a check failed, 2 bad input, 130 interrupted.
+    """
+    try:
+        return _parse(arguments).run()
+    except AflMujocoError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _parse(arguments: Sequence[str] | None) -> Command:
+    """Parse the arguments; bad ones end the program with one line."""
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            command: Command = tyro.cli(
+                Command,
+                prog=PROGRAM,
+                description="Compare a cart-pole controller in MuJoCo with its ideal equations.\n\n"
+                "Example: afl-mujoco validate step-step",
+                args=arguments,
+                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
+            )
+    except SystemExit as end:
+        if end.code == BAD_INPUT:
+            lines = (line.strip("│╭╮╰╯─ ") for line in complaint.getvalue().splitlines()[1:])
+            said = " ".join(line for line in lines if line)
+            print(f"{PROGRAM}: {said}", file=sys.stderr)
+        raise
+    return command

@@ -1,0 +1,52 @@
+"""`afl-mujoco regression`."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar
+
+
+@dataclass(frozen=True, kw_only=True)
+class Regression:
+    """Compare every run of the paper's scenarios with the blessed baselines.
+
+    Example: afl-mujoco regression --workers 2
+
+    Prints a line for each figure that moved. Exit code 0 if none did, 1 otherwise.
+    """
+
+    baselines: Path = Path("tests/regression/baselines")
+    """Folder of the baselines."""
+    bless: bool = False
+    """Make what is now the baselines, and print what moved."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Processes to share the work among; the numbers do not depend on it."""
+
+    def run(self) -> int:
+        """Run everything; compare, or bless."""
+        from afl_mujoco.control.controllers import CONTROLLERS
+        from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.validation.regression import (
+            REGRESSED,
+            bless,
+            compare,
+            load_baselines,
+            open_for_blessing,
+            record_all,
+        )
+
+        read = open_for_blessing if self.bless else load_baselines
+        blessed = read(self.baselines)  # what is quick to check comes first
+        scenarios = list(SCENARIOS.values())
+        controllers = [CONTROLLERS[name] for name in REGRESSED]
+        with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
+            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
+        if self.bless:
+            print(*bless(self.baselines, blessed, fresh), sep="\n")
+            return SUCCESS
+        comparison = compare(blessed, fresh)
+        print(*comparison.lines(self.baselines), sep="\n")
+        return SUCCESS if comparison.passed else CHECK_FAILED

@@ -1,0 +1,100 @@
+"""`afl-mujoco simulate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.errors import UnknownNameError
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.controllers import Controller
+    from afl_mujoco.scenario.scenario import Scenario
+    from afl_mujoco.simulation.trajectory import Trajectory
+
+SIMULATORS = ("ode", "exact", "continuous", "sampled")
+
+Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulate:
+    """Simulate one scenario with one controller; print its metrics, write the run and a figure.
+
+    Example: afl-mujoco simulate step-step --controller adaptive --simulator sampled --compare
+    """
+
+    scenario: Name = "nominal"
+    """Scenario by name, or a TOML file."""
+    controller: str = "adaptive"
+    """Controller by name: fixed, adaptive, each also -retuned or -nominal."""
+    simulator: str = "sampled"
+    """ode, or a mode of MuJoCo: exact, continuous, sampled."""
+    compare: bool = False
+    """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE."""
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+    timestep: float = 1e-3
+    """Physics step, and spacing of the reported instants [s]."""
+    control_period: float | None = None
+    """How long sampled mode holds the force [s], a multiple of the timestep; one by default."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast."""
+    out: Path = Path("renders/simulate")
+    """Folder for the files."""
+
+    def run(self) -> int:
+        """Simulate, write the files, print the metrics."""
+        from afl_mujoco.scenario.files import find_scenario, save_scenario
+
+        scenario = find_scenario(self.scenario)
+        if self.simulator not in SIMULATORS:
+            raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
+
+        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.output import output_folder
+        from afl_mujoco.reporting.figures import draw_runs, save_figure
+        from afl_mujoco.reporting.tables import print_metrics
+        from afl_mujoco.validation.campaign import nominal_scales
+        from afl_mujoco.validation.checks.closed_loop_checks import Settings
+        from afl_mujoco.validation.metrics import metrics, with_objective
+
+        controller = find_controller(self.controller, self.gain_labels)
+        other = "exact" if self.simulator == "ode" else "ode"
+        simulators = (self.simulator, other) if self.compare else (self.simulator,)
+        runs = [self._simulate(scenario, controller, simulator) for simulator in simulators]
+        folder = output_folder(self.out)
+        stem = f"{scenario.name}-{controller.name}-{self.simulator}"
+        runs[0].save(folder / f"{stem}.npz")
+        save_scenario(scenario, folder / f"{scenario.name}.toml")
+        save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
+        scales = nominal_scales(Settings(timestep=self.timestep))
+        print_metrics(
+            {
+                run.simulator: with_objective(metrics(scenario, controller, run), scales)
+                for run in runs
+            },
+            {run.simulator: str(run.outcome) for run in runs},
+        )
+        print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
+        return SUCCESS
+
+    def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
+        """Run one simulator."""
+        from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+        from afl_mujoco.simulation.ode import simulate_ode
+
+        if simulator == "ode":
+            return simulate_ode(scenario, controller, sample_period=self.timestep)
+        return simulate_mujoco(
+            scenario,
+            controller,
+            simulator,
+            timestep=self.timestep,
+            control_period=self.control_period,
+            integrator=self.integrator,
+        )

@@ -1,0 +1,63 @@
+"""What the commands share: exit codes, and the progress bar."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+@contextlib.contextmanager
+def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
+    """Give a callable that advances a bar by one, told what has been done.
+
+    Parameters
+    ----------
+    total
+        How often it will be called.
+    doing
+        What the bar says before the first call.
+
+    Yields
+    ------
+    callable
+        Takes what has just been done.
+    """
+    with _bar() as bar:
+        task = bar.add_task(doing, total=total)
+        yield lambda done: bar.update(task, advance=1, description=done)
+
+
+@contextlib.contextmanager
+def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
+    """Give a callable that sets a bar to how many are done, as sweeps count.
+
+    Parameters
+    ----------
+    total
+        How many there are.
+    doing
+        What the bar says.
+
+    Yields
+    ------
+    callable
+        Takes how many are done.
+    """
+    with _bar() as bar:
+        task = bar.add_task(doing, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _bar() -> Progress:
+    """Return bars on stderr, with the time left; silent when that is no terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    return Progress(console=console, disable=not console.is_terminal, transient=True)

@@ -1,0 +1,208 @@
+"""`afl-mujoco tune`: the gain table, and the gain functions fitted to it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from afl_mujoco.cli.terminal import SUCCESS, count_bar
+
+if TYPE_CHECKING:
+    from afl_mujoco.tuning.gain_table import PairSearch
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Search the best gains of every plant of a grid by the paper's genetic algorithm.
+
+    Example: afl-mujoco tune table --quick
+
+    Writes gain_table.json: gains, and the objective on the ideal ODE and in MuJoCo. Finished plants
+    and every generation are kept as they come; --resume goes on, to the same bits. The whole
+    setting of the paper, 400 plants, takes about half an hour on two cores.
+    """
+
+    quick: bool = False
+    """A grid of 9 plants and a population of 200 over 60 generations, where not given otherwise."""
+    masses: tuple[float, ...] | None = None
+    """Cart masses of the grid [kg]; the paper's 0.1 to 2.0 by default."""
+    lengths: tuple[float, ...] | None = None
+    """Half-lengths of the grid [m]; the paper's 0.05 to 1.00 by default."""
+    population: int | None = None
+    """Chromosomes; the paper's 1000 by default."""
+    generations: int | None = None
+    """Generations; the paper's 1000 by default."""
+    lower: tuple[float, float, float] = (100.0, 1.0, 90.0)
+    """Least K, lambda and Phi (decision D8)."""
+    upper: tuple[float, float, float] = (200.0, 5.0, 110.0)
+    """Largest K, lambda and Phi (decision D8)."""
+    seed: int = 0
+    """Seed of every search, with the place of its plant in the grid."""
+    resume: bool = False
+    """Go on with what is in the folder."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Processes to share the work among; the numbers do not depend on it."""
+    cluster: str | None = None
+    """Share it among the workers of a Dask cluster: tcp://host:port, or local."""
+    out: Path = Path("renders/tuning")
+    """Folder for the table and what is kept on the way."""
+
+    def run(self) -> int:
+        """Run the searches, score their winners in MuJoCo, write the table."""
+        import numpy as np
+
+        from afl_mujoco.control.gain_table import GainTable
+        from afl_mujoco.errors import FileError
+        from afl_mujoco.output import output_folder
+        from afl_mujoco.tuning.gain_table import search_pair, table_provenance
+
+        provenance = table_provenance(self._units(None))
+        kept = output_folder(self.out) / "searches"
+        if kept.exists() and not self.resume:
+            raise FileError(str(kept), "holds a search: pass --resume to go on, or remove it")
+        alone = self.cluster in (None, "local")  # a checkpoint is a file of this machine
+        units = self._units(output_folder(kept / "checkpoints") if alone else None)
+        rows = self._sweep(search_pair, units, "searching", provenance, kept)
+        table = GainTable(np.array(self._scored(rows)), provenance)
+        table.save(self.out / "gain_table.json")
+        for row in table.rows[:: max(1, len(table.rows) // 10)]:
+            print("M {:.2f} kg, l {:.2f} m: K {:.4f}, lambda {:.4f}, Phi {:.4f}, OF {:.6f},"
+                  " in MuJoCo {:.6f}".format(*row))  # fmt: skip
+        print(f"wrote {self.out / 'gain_table.json'}, {len(table.rows)} plants")
+        return SUCCESS
+
+    def _units(self, checkpoints: Path | None) -> list[PairSearch]:
+        """Return the searches that are asked for."""
+        from afl_mujoco.tuning.gain_table import (
+            CART_MASSES,
+            HALF_LENGTHS,
+            QUICK_LENGTHS,
+            QUICK_MASSES,
+            QUICK_SETTINGS,
+            pair_searches,
+        )
+        from afl_mujoco.tuning.settings import Box, GeneticSettings
+
+        defaults = QUICK_SETTINGS if self.quick else GeneticSettings()
+        settings = replace(
+            defaults,
+            population_size=defaults.population_size
+            if self.population is None
+            else self.population,
+            generations=defaults.generations if self.generations is None else self.generations,
+        )
+        grid = (QUICK_MASSES, QUICK_LENGTHS) if self.quick else (CART_MASSES, HALF_LENGTHS)
+        return pair_searches(
+            grid[0] if self.masses is None else self.masses,
+            grid[1] if self.lengths is None else self.lengths,
+            settings,
+            self.seed,
+            box=Box(self.lower, self.upper),
+            checkpoints=checkpoints,
+        )
+
+    def _scored(self, rows: list[list[float]]) -> list[list[float]]:
+        """Return the rows with their objectives in MuJoCo."""
+        from afl_mujoco.tuning.gain_cost import paper_scales
+        from afl_mujoco.validation.rescoring import mujoco_objective
+
+        units = [(row, paper_scales()) for row in rows]
+        scores = self._sweep(mujoco_objective, units, "scoring in MuJoCo", {}, None)
+        return [[*row, score] for row, score in zip(rows, scores, strict=True)]
+
+    def _sweep(
+        self,
+        function: Callable[[Any], Any],
+        units: Sequence[Any],
+        doing: str,
+        fingerprint: Mapping[str, Any],
+        store: Path | None,
+    ) -> list[Any]:
+        """Run a sweep under a progress bar."""
+        from afl_mujoco.sweep.executors import open_executor
+        from afl_mujoco.sweep.sweep import run_sweep
+
+        with count_bar(len(units), doing) as progress:
+            return run_sweep(
+                function,
+                units,
+                executor=open_executor(self.workers, self.cluster),
+                store=store,
+                fingerprint=fingerprint,
+                progress=progress,
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Fit the gain function (G1) to a gain table, by the paper's search and by least squares.
+
+    Example: afl-mujoco tune fit --table renders/tuning/gain_table.json
+
+    Writes gain_functions.json: every fit with its RMSE, and the gains of the controllers
+    fixed-retuned and adaptive-retuned. The package's own table is used by default.
+    """
+
+    table: Path | None = None
+    """A table that `tune table` wrote."""
+    schedules: int = 400
+    """Random schedules on whose closed loops the slope is fitted at last; 0 for none."""
+    evaluations: int = 300
+    """How often all of them are simulated at most."""
+    seed: int = 0
+    """Seed of the searches and of the starts of least squares."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Processes to share the closed loops among; the numbers do not depend on it."""
+    cluster: str | None = None
+    """Share them among the workers of a Dask cluster: tcp://host:port, or local."""
+    out: Path = Path("renders/tuning")
+    """Folder for the file."""
+
+    def run(self) -> int:
+        """Fit, print the fits, write them."""
+        from afl_mujoco.control.gain_table import GainTable
+        from afl_mujoco.output import output_folder
+        from afl_mujoco.sweep.executors import open_executor
+        from afl_mujoco.tuning.fit import fit_table, save_fits
+        from afl_mujoco.tuning.schedule_fit import fit_on_schedules
+
+        table = GainTable.shipped() if self.table is None else GainTable.load(self.table)
+        folder = output_folder(self.out)
+        fits = fit_table(table, seed=self.seed)
+        if self.schedules:
+            with (
+                open_executor(self.workers, self.cluster) as executor,
+                count_bar(self.evaluations, "fitting on closed loops") as progress,
+            ):
+                fits.append(
+                    fit_on_schedules(
+                        fits[-1],
+                        table,
+                        executor,
+                        schedules=self.schedules,
+                        evaluations=self.evaluations,
+                        progress=progress,
+                    )
+                )
+        print(*(fit.line() for fit in fits), sep="\n")
+        save_fits(folder / "gain_functions.json", table, fits, seed=self.seed)
+        print(f"wrote {folder / 'gain_functions.json'}")
+        return SUCCESS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tune:
+    """Find gains: a table by plant, and functions fitted to it.
+
+    Example: afl-mujoco tune table --quick
+    """
+
+    what: Table | Fit
+    """What to find."""
+
+    def run(self) -> int:
+        """Run what was asked for."""
+        return self.what.run()

@@ -1,0 +1,72 @@
+"""`afl-mujoco validate`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar
+
+Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validate:
+    """Compare MuJoCo with the analytic model and give a verdict.
+
+    Example: afl-mujoco validate step-step my-scenario.toml --controllers fixed adaptive
+
+    Writes report.json, report.md and junit.xml. Exit code 0 if every check holds, 1 if one fails.
+    """
+
+    scenarios: Names = ()
+    """Scenarios by name, or TOML files; all nine of the paper by default."""
+    controllers: tuple[str, ...] = ("fixed", "adaptive")
+    """Controllers by name: fixed, adaptive, each also -retuned or -nominal."""
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+    full: bool = False
+    """Add refinement studies, ledgers, a second method, and what the paper's physics leaves out."""
+    timestep: float = 1e-3
+    """Physics step of MuJoCo [s]."""
+    control_period: float | None = None
+    """How long sampled mode holds the force [s], a multiple of the timestep; one by default."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Processes to share the work among; the numbers do not depend on it."""
+    out: Path = Path("renders/validate")
+    """Folder for the report."""
+
+    def run(self) -> int:
+        """Run the campaign, write and print its report."""
+        from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.scenario.files import find_scenario
+
+        # What is quick to check comes before what is slow to import.
+        scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
+
+        from rich.console import Console
+
+        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.output import output_folder
+        from afl_mujoco.reporting.tables import print_report, write_report
+        from afl_mujoco.validation.campaign import require_runnable, run_campaign
+        from afl_mujoco.validation.checks.closed_loop_checks import Settings
+
+        controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
+        period = self.timestep if self.control_period is None else self.control_period
+        settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
+        require_runnable(scenarios, controllers, settings, self.workers)
+        folder = output_folder(self.out)
+        with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
+            report = run_campaign(
+                scenarios, controllers, settings, workers=self.workers, progress=progress
+            )
+        files = write_report(report, folder)
+        print(f"wrote {', '.join(str(file) for file in files)}")
+        print_report(report, Console(width=None if sys.stdout.isatty() else 140))
+        return SUCCESS if report.passed else CHECK_FAILED

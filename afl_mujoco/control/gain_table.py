@@ -1,0 +1,141 @@
+"""A table of tuned gains by plant: the paper's Table 1, found anew, as a file with provenance."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.gain_function import GAIN_NAMES
+from afl_mujoco.control.gains import Gains
+from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
+from afl_mujoco.output import write_text
+
+SCHEMA = 1
+COLUMNS = ("cart_mass", "half_length", *GAIN_NAMES, "objective", "objective_mujoco")
+"""M [kg], l [m], K, lambda, Phi, and the objective (O1) on the ideal ODE and in MuJoCo."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GainTable:
+    """Tuned gains by plant.
+
+    Attributes
+    ----------
+    rows
+        One row of `COLUMNS` for each plant, shape (N, 7), read-only.
+    provenance
+        How it was made, as plain data.
+    """
+
+    rows: NDArray[np.float64]
+    provenance: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        """Check the rows and freeze them."""
+        rows = np.array(self.rows, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != len(COLUMNS) or not len(rows):
+            raise InvalidValueError("gain table", f"must have rows of {len(COLUMNS)}", rows.shape)
+        if not np.all(np.isfinite(rows) & (rows > 0.0)):
+            raise InvalidValueError("gain table", "must hold positive finite numbers")
+        rows.flags.writeable = False
+        object.__setattr__(self, "rows", rows)
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """Return a column, shape (N,).
+
+        Parameters
+        ----------
+        name
+            One of `COLUMNS`.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such column.
+        """
+        if name not in COLUMNS:
+            raise UnknownNameError.among("column", name, COLUMNS)
+        column: NDArray[np.float64] = self.rows[:, COLUMNS.index(name)]
+        return column
+
+    def gains(self, cart_mass: float, half_length: float) -> Gains:
+        """Return the gains of a plant of the table.
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            M [kg] and l [m], as the table has them.
+
+        Raises
+        ------
+        InvalidValueError
+            If the table does not hold the plant.
+        """
+        found = np.flatnonzero(
+            np.isclose(self.column("cart_mass"), cart_mass)
+            & np.isclose(self.column("half_length"), half_length)
+        )
+        if not len(found):
+            plant = f"M = {cart_mass:g} kg, l = {half_length:g} m"
+            raise InvalidValueError("plant", "must be in the gain table", plant)
+        return Gains(**{name: self.column(name)[found[0]] for name in GAIN_NAMES})
+
+    def save(self, path: Path) -> None:
+        """Write the table as JSON, a plant a line, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            The file.
+        """
+        head = {"schema": SCHEMA, "provenance": dict(self.provenance), "columns": COLUMNS}
+        rows = ",\n".join(json.dumps(row) for row in self.rows.tolist())
+        text = json.dumps(head, indent=1).removesuffix("\n}")
+        write_text(path, f'{text},\n "rows": [\n{rows}\n ]\n}}\n')
+
+    @classmethod
+    def load(cls, path: Path | Traversable) -> GainTable:
+        """Read a table that `save` wrote.
+
+        Parameters
+        ----------
+        path
+            The file.
+
+        Raises
+        ------
+        FileError
+            If it cannot be read or is no such table.
+        """
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if content["schema"] != SCHEMA or tuple(content["columns"]) != COLUMNS:
+                raise InvalidValueError("schema and columns", f"must be {SCHEMA} and {COLUMNS}")
+            return cls(np.array(content["rows"], dtype=np.float64), content["provenance"])
+        except OSError as error:
+            raise FileError(
+                str(path), f"cannot be read: {(error.strerror or '').lower()}"
+            ) from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise FileError(str(path), f"is not a gain table: {error}") from None
+
+    @classmethod
+    def shipped(cls) -> GainTable:
+        """Return the table that comes with the package.
+
+        Raises
+        ------
+        FileError
+            If the package's data file is missing or malformed.
+        """
+        return cls.load(resources.files("afl_mujoco.control") / "data" / "gain_table.json")

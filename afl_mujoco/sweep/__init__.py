@@ -1,0 +1,1 @@
+"""Many independent units of work: shared among workers, kept as they finish, the same bits."""

@@ -1,0 +1,215 @@
+"""The optimisers that are compared: each searches a box until the cost it was given stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import count
+from types import MappingProxyType
+from typing import Any, NoReturn, final
+
+import numpy as np
+from numpy.random import Generator, default_rng
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, differential_evolution
+
+from afl_mujoco.tuning.genetic import MultipleCrossoverGA
+from afl_mujoco.tuning.settings import Box, GeneticSettings
+
+FloatArray = NDArray[np.float64]
+Cost = Callable[[FloatArray], FloatArray]
+
+SMALL_POPULATION = 60
+"""Population of the smaller entries of the genetic algorithm."""
+
+DE_SETTINGS: Mapping[str, Any] = MappingProxyType(
+    {
+        "strategy": "best1bin",
+        "popsize": 15,
+        "mutation": (0.5, 1.0),
+        "recombination": 0.7,
+        "init": "latinhypercube",
+    }
+)
+"""Of `scipy.optimize.differential_evolution`: its defaults."""
+
+CMA_SETTINGS: Mapping[str, Any] = MappingProxyType({"sigma0": 0.25, "restart_popsize_factor": 2})
+"""Initial step in widths of the box; growth of the population at a restart (IPOP-CMA-ES)."""
+
+RANDOM_BATCH = 1000
+
+
+class Finished(Exception):
+    """There is nothing left to search for."""
+
+
+@final
+class CountedCost:
+    """A cost that counts its evaluations, and ends the search.
+
+    Parameters
+    ----------
+    cost
+        Gives costs, shape (n,), of points, shape (n, D).
+    thresholds
+        Costs to be reached, shape (T,).
+    budget
+        Evaluations allowed.
+
+    Attributes
+    ----------
+    reached
+        The evaluation, counted from 1, that first met each threshold, shape (T,); infinite before.
+    spent
+        Evaluations so far.
+    best
+        Least cost so far.
+    """
+
+    def __init__(self, cost: Cost, thresholds: Sequence[float], budget: int) -> None:
+        self._cost = cost
+        self._thresholds = np.array(thresholds, dtype=np.float64)
+        self._budget = budget
+        self.reached: FloatArray = np.full(len(self._thresholds), np.inf)
+        self.spent = 0
+        self.best = np.inf
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Return the costs of points.
+
+        Parameters
+        ----------
+        points
+            Shape (n, D); those beyond the budget are not looked at.
+
+        Raises
+        ------
+        Finished
+            If every threshold is reached or the budget is spent.
+        """
+        costs = self._cost(points[: self._budget - self.spent])
+        met = costs[:, None] <= self._thresholds
+        new = met.any(axis=0) & np.isinf(self.reached)
+        self.reached[new] = self.spent + 1 + np.argmax(met, axis=0)[new]
+        self.spent += len(costs)
+        self.best = min(self.best, float(costs.min()))
+        if self.spent >= self._budget or np.isfinite(self.reached).all():
+            raise Finished
+        return costs
+
+
+Search = Callable[[Cost, Box, tuple[int, ...]], NoReturn]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Optimiser:
+    """One that is compared.
+
+    Attributes
+    ----------
+    search
+        Called with a cost, a box and a seed, it searches until the cost raises `Finished`.
+    settings
+        Its settings as plain data.
+    package
+        What it needs that this package does not depend on.
+    """
+
+    search: Search
+    settings: Mapping[str, Any]
+    package: str | None = None
+
+
+def genetic(settings: GeneticSettings) -> Optimiser:
+    """Return the paper's search, bred until it is stopped, whatever its number of generations.
+
+    Parameters
+    ----------
+    settings
+        Of the search.
+    """
+
+    def search(cost: Cost, box: Box, seed: tuple[int, ...]) -> NoReturn:
+        breeding = MultipleCrossoverGA(box, settings, seed)
+        while True:
+            breeding.tell(cost(breeding.ask()))
+
+    described = asdict(settings)
+    del described["generations"]
+    return Optimiser(search, described)
+
+
+def _restarted(run: Callable[[Cost, Box, Generator, int], object]) -> Search:
+    """Return a search that begins anew, with other numbers, whenever it ends by itself."""
+
+    def search(cost: Cost, box: Box, seed: tuple[int, ...]) -> NoReturn:
+        for restart in count():
+            run(cost, box, default_rng((*seed, restart)), restart)
+        raise AssertionError("unreachable")
+
+    return search
+
+
+def _differential_evolution(cost: Cost, box: Box, rng: Generator, restart: int) -> None:
+    """Search until the population is one point."""
+
+    def cost_of_columns(points: FloatArray, /) -> Any:  # the stubs know no vectorized costs
+        return cost(np.ascontiguousarray(points.T))
+
+    differential_evolution(
+        cost_of_columns,
+        Bounds(np.array(box.lower), np.array(box.upper)),
+        maxiter=10**9,
+        tol=0.0,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+        rng=rng,
+        **DE_SETTINGS,
+    )
+
+
+def _cma_es(cost: Cost, box: Box, rng: Generator, restart: int) -> None:
+    """Search from the middle of the box until the strategy's own criteria end it."""
+    import cma
+
+    lower, upper = np.array(box.lower), np.array(box.upper)
+    options = {
+        "bounds": [box.lower, box.upper],
+        "CMA_stds": upper - lower,
+        "popsize_factor": CMA_SETTINGS["restart_popsize_factor"] ** restart,
+        "randn": lambda rows, genes: rng.standard_normal((rows, genes)),
+        "seed": np.nan,  # the global generator is left alone
+        "verbose": -9,
+    }
+    strategy = cma.CMAEvolutionStrategy((lower + upper) / 2.0, CMA_SETTINGS["sigma0"], options)
+    while not strategy.stop():
+        points = strategy.ask()
+        strategy.tell(points, cost(np.array(points)).tolist())
+
+
+def _random(cost: Cost, box: Box, rng: Generator, restart: int) -> None:
+    """Draw points uniformly."""
+    lower, upper = np.array(box.lower), np.array(box.upper)
+    while True:
+        cost(lower + (upper - lower) * rng.random((RANDOM_BATCH, len(lower))))
+
+
+def _genetic_entries() -> dict[str, Optimiser]:
+    """Return the paper's search and its two-parent form, each at two sizes of population."""
+    return {
+        f"{kind} GA, Np = {size}": genetic(GeneticSettings(population_size=size, parents=parents))
+        for kind, parents in (("multiple-crossover", 3), ("two-parent", 2))
+        for size in (GeneticSettings().population_size, SMALL_POPULATION)
+    }
+
+
+OPTIMISERS: Mapping[str, Optimiser] = MappingProxyType(
+    {
+        **_genetic_entries(),
+        "differential evolution": Optimiser(_restarted(_differential_evolution), DE_SETTINGS),
+        "CMA-ES": Optimiser(_restarted(_cma_es), CMA_SETTINGS, "cma"),
+        "random search": Optimiser(_restarted(_random), {"batch": RANDOM_BATCH}),
+    }
+)
+"""By name. The first is the paper's, with which the others are compared."""

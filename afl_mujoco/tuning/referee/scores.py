@@ -1,0 +1,155 @@
+"""How searches are judged, from the evaluations that their runs took to reach a target.
+
+A run that did not reach it took infinitely many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binomtest, bootstrap, mannwhitneyu
+
+from afl_mujoco.errors import InvalidValueError
+
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+
+FloatArray = NDArray[np.float64]
+
+
+def expected_running_time(evaluations: ArrayLike, budget: int) -> float:
+    """Return the fixed-target expected running time (ERT), in evaluations.
+
+    All that the runs spent, up to the target or to the budget, over the number that reached it:
+    what it takes on average to reach it if one starts anew after each failure. Infinite if no run
+    reached it. N. Hansen et al., COCO: Performance Assessment, 2016.
+
+    Parameters
+    ----------
+    evaluations
+        To the target, shape (R,).
+    budget
+        Evaluations that a run without success spent.
+    """
+    taken = _runs("evaluations", evaluations)
+    solved = int(np.isfinite(taken).sum())
+    return float(np.minimum(taken, budget).sum() / solved) if solved else float("inf")
+
+
+def empirical_distribution(evaluations: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return the empirical cumulative distribution of evaluations to targets.
+
+    Parameters
+    ----------
+    evaluations
+        To the target, of any shape.
+
+    Returns
+    -------
+    tuple of ndarray
+        Where the distribution rises, sorted, and the share that is solved from there on; both of
+        shape (S,).
+    """
+    taken = _runs("evaluations", np.ravel(np.asarray(evaluations, dtype=np.float64)))
+    values, counts = np.unique(taken[np.isfinite(taken)], return_counts=True)
+    return values, np.cumsum(counts) / len(taken)
+
+
+def superiority(evaluations: FloatArray, reference: FloatArray) -> FloatArray:
+    """Return Vargha and Delaney's A12: the probability that a run is sooner than one of another.
+
+    Ties count half. 0.5: no difference; 1: always sooner; 0: never.
+
+    Parameters
+    ----------
+    evaluations, reference
+        Of the two searches, shapes (..., R) and (..., S).
+
+    Returns
+    -------
+    ndarray
+        Shape (...).
+    """
+    mine, theirs = evaluations[..., :, None], reference[..., None, :]
+    return ((mine < theirs) + 0.5 * (mine == theirs)).mean(axis=(-2, -1))  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect:
+    """How a search compares with another.
+
+    Attributes
+    ----------
+    a12
+        `superiority`, averaged over problems.
+    low, high
+        Its confidence interval.
+    p_value
+        Of the two-sided Mann-Whitney test of no difference, uncorrected for the number of tests;
+        ``None`` for several problems together.
+    """
+
+    a12: float
+    low: float
+    high: float
+    p_value: float | None
+
+
+def effect_size(
+    evaluations: Sequence[ArrayLike], reference: Sequence[ArrayLike], *, seed: int = 0
+) -> Effect:
+    """Return how a search compares with another on one problem, or on several equally weighted.
+
+    The interval is a percentile bootstrap, resampled within each problem. Where every run of one
+    is sooner than every run of the other, on each problem, a bootstrap cannot vary; the interval is
+    then the exact binomial one of runs paired off, which is wider than need be.
+
+    Parameters
+    ----------
+    evaluations, reference
+        Of the two searches: for each problem those of its runs, shape (R,).
+    seed
+        Of the bootstrap.
+    """
+    mine = [_runs("evaluations", runs) for runs in evaluations]
+    theirs = [_runs("reference", runs) for runs in reference]
+    if len(mine) != len(theirs) or not mine:
+        rule = "must have as many problems as evaluations, at least one"
+        raise InvalidValueError("reference", rule, len(theirs))
+
+    def mean(*samples: FloatArray, axis: int = -1) -> FloatArray:
+        halves = zip(samples[: len(mine)], samples[len(mine) :], strict=True)
+        average: FloatArray = np.mean([superiority(x, y) for x, y in halves], axis=0)
+        return average
+
+    a12 = float(mean(*mine, *theirs))
+    pairs = sum(min(len(x), len(y)) for x, y in zip(mine, theirs, strict=True))
+    if a12 in (0.0, 1.0):
+        exact = binomtest(round(a12 * pairs), pairs)
+        interval = exact.proportion_ci(CONFIDENCE, method="exact")
+    else:
+        interval = bootstrap(
+            (*mine, *theirs),
+            mean,
+            n_resamples=RESAMPLES,
+            batch=500,
+            vectorized=True,
+            confidence_level=CONFIDENCE,
+            method="percentile",
+            rng=seed,
+        ).confidence_interval
+    p_value = float(mannwhitneyu(mine[0], theirs[0]).pvalue) if len(mine) == 1 else None
+    return Effect(a12=a12, low=float(interval.low), high=float(interval.high), p_value=p_value)
+
+
+def _runs(thing: str, values: ArrayLike) -> FloatArray:
+    """Return evaluations of runs as an array, or raise unless they can be such."""
+    runs = np.asarray(values, dtype=np.float64)
+    if runs.ndim != 1 or not len(runs):
+        raise InvalidValueError(thing, "must hold one number for each run", runs.shape)
+    if not np.all(runs >= 1.0):
+        raise InvalidValueError(thing, "must be at least 1", runs[~(runs >= 1.0)][0])
+    return runs

@@ -1,0 +1,1 @@
+"""What the paper claims, and what is measured here of each claim."""

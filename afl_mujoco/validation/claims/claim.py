@@ -1,0 +1,57 @@
+"""A claim of the paper with its number, ours, and the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+REPRODUCED, IN_PART = "reproduced", "reproduced in part"
+NOT_REPRODUCED, UNDETERMINED = "not reproduced", "cannot be determined"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim:
+    """One row of the claims ledger.
+
+    Attributes
+    ----------
+    id
+        C1 to C12.
+    claim
+        What the paper says.
+    figure
+        What `paper` and `here` measure, with its unit.
+    paper, here
+        The paper's number and ours; ``None`` where there is none.
+    verdict
+        One of the four of this module.
+    why
+        One sentence.
+    """
+
+    id: str
+    claim: str
+    figure: str
+    paper: float | None
+    here: float | None
+    verdict: str
+    why: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as plain data."""
+        return asdict(self)
+
+
+def verdict(share: float, enough: float = 1.0, least: float = 0.0) -> str:
+    """Return the verdict on a share of what was claimed.
+
+    Parameters
+    ----------
+    share
+        What share of the claim holds.
+    enough
+        From here on it is reproduced.
+    least
+        Up to here it is not reproduced; in between in part.
+    """
+    return REPRODUCED if share >= enough else IN_PART if share > least else NOT_REPRODUCED
