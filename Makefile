@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup validate proof docs test regression bless referee cluster faults check lock clean distclean
+.PHONY: help setup validate proof docs test regression bless referee cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -39,7 +39,17 @@ cluster: $(READY) ## share a sweep among the workers of a Dask cluster, one of w
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock
 	@AFL_MUJOCO_REQUIRE_CLUSTER=1 $(BIN)/pytest -q tests/sweep/test_dask_cluster.py $(ARGS)
 
-faults: $(READY) ## plant physical faults one at a time and see which check catches each (half an hour)
+tune: $(READY) ## search the gain table and fit the gain functions, the whole of the paper's setting (40 minutes)
+	@$(BIN)/afl-mujoco tune table --out renders/tuning $(ARGS)
+	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
+	@$(BIN)/python -m afl_mujoco.reporting.gain_figures renders/tuning
+
+bench: $(READY) ## what things cost, as ratios: the loop, the ensemble, the optimisers (10 minutes)
+	@$(BIN)/python benchmarks/bench_rollout.py
+	@$(BIN)/python benchmarks/bench_ensemble.py
+	@$(BIN)/python benchmarks/bench_optimisers.py --out renders/bench
+
+faults: $(READY) ## plant physical faults one at a time and see which check catches each (10 to 30 minutes)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)
 
 check: $(READY) ## format, lint, types, import contracts, architecture

@@ -119,7 +119,7 @@ BAD_ARGUMENTS = {
     ),
     "unknown option": (["validate", "--fast"], "Unrecognized options: --fast"),
     "unknown command": (["validat"], "Unrecognized options: validat"),
-    "no command": ([], "Expected one of {validate, simulate, regression}"),
+    "no command": ([], "Expected one of {validate, simulate, tune, regression}"),
     "unknown simulator": (
         ["simulate", "short.toml", "--simulator", "drake"],
         "simulator must be one of ode, exact, continuous, sampled, got 'drake'",
@@ -216,7 +216,7 @@ def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, wor
     assert list((folder / "out").iterdir()) == []
 
 
-@pytest.mark.parametrize("command", [[], ["validate"], ["simulate"]], ids=str)
+@pytest.mark.parametrize("command", [[], ["validate"], ["simulate"], ["regression"]], ids=str)
 def test_help_shows_an_example(folder: Path, command: list[str]) -> None:
     result = run(*command, "--help", cwd=folder)
     assert result.returncode == 0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar
+from afl_mujoco.cli.terminal import SUCCESS, count_bar, progress_bar
 
 if TYPE_CHECKING:
     from afl_mujoco.tuning.gain_table import PairSearch
@@ -57,16 +57,35 @@ class Table:
         from afl_mujoco.control.gain_table import GainTable
         from afl_mujoco.errors import FileError
         from afl_mujoco.output import output_folder
+        from afl_mujoco.sweep.executors import open_executor
+        from afl_mujoco.sweep.sweep import compute_all, run_sweep
+        from afl_mujoco.tuning.gain_cost import paper_scales
         from afl_mujoco.tuning.gain_table import search_pair, table_provenance
+        from afl_mujoco.validation.rescoring import mujoco_objective
 
-        provenance = table_provenance(self._units(None))
+        provenance = table_provenance(self._units(None))  # what is quick to check comes first
         kept = output_folder(self.out) / "searches"
         if kept.exists() and not self.resume:
             raise FileError(str(kept), "holds a search: pass --resume to go on, or remove it")
-        alone = self.cluster in (None, "local")  # a checkpoint is a file of this machine
-        units = self._units(output_folder(kept / "checkpoints") if alone else None)
-        rows = self._sweep(search_pair, units, "searching", provenance, kept)
-        table = GainTable(np.array(self._scored(rows)), provenance)
+        with open_executor(self.workers, self.cluster) as executor:
+            alone = self.cluster in (None, "local")  # a checkpoint is a file of this machine
+            units = self._units(output_folder(kept / "checkpoints") if alone else None)
+            with count_bar(len(units), "searching") as progress:
+                rows = run_sweep(
+                    search_pair,
+                    units,
+                    executor=nullcontext(executor),
+                    store=kept,
+                    fingerprint=provenance,
+                    progress=progress,
+                )
+            winners = [(row, paper_scales()) for row in rows]
+            with progress_bar(len(units), "scoring in MuJoCo") as advance:
+                scores = compute_all(
+                    mujoco_objective, winners, executor, lambda _: advance("scoring in MuJoCo")
+                )
+        scored = [[*row, score] for row, score in zip(rows, scores, strict=True)]
+        table = GainTable(np.array(scored), provenance)
         table.save(self.out / "gain_table.json")
         for row in table.rows[:: max(1, len(table.rows) // 10)]:
             print("M {:.2f} kg, l {:.2f} m: K {:.4f}, lambda {:.4f}, Phi {:.4f}, OF {:.6f},"
@@ -103,37 +122,6 @@ class Table:
             box=Box(self.lower, self.upper),
             checkpoints=checkpoints,
         )
-
-    def _scored(self, rows: list[list[float]]) -> list[list[float]]:
-        """Return the rows with their objectives in MuJoCo."""
-        from afl_mujoco.tuning.gain_cost import paper_scales
-        from afl_mujoco.validation.rescoring import mujoco_objective
-
-        units = [(row, paper_scales()) for row in rows]
-        scores = self._sweep(mujoco_objective, units, "scoring in MuJoCo", {}, None)
-        return [[*row, score] for row, score in zip(rows, scores, strict=True)]
-
-    def _sweep(
-        self,
-        function: Callable[[Any], Any],
-        units: Sequence[Any],
-        doing: str,
-        fingerprint: Mapping[str, Any],
-        store: Path | None,
-    ) -> list[Any]:
-        """Run a sweep under a progress bar."""
-        from afl_mujoco.sweep.executors import open_executor
-        from afl_mujoco.sweep.sweep import run_sweep
-
-        with count_bar(len(units), doing) as progress:
-            return run_sweep(
-                function,
-                units,
-                executor=open_executor(self.workers, self.cluster),
-                store=store,
-                fingerprint=fingerprint,
-                progress=progress,
-            )
 
 
 @dataclass(frozen=True, kw_only=True)

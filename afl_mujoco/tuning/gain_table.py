@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.tuning.gain_cost import GAIN_BOX, gain_cost
 from afl_mujoco.tuning.genetic import minimise
 from afl_mujoco.tuning.settings import Box, GeneticSettings
@@ -71,11 +72,14 @@ def pair_searches(
     Raises
     ------
     InvalidValueError
-        If the grid is empty.
+        If the grid is empty, or a value of it is not positive.
     """
-    for name, values in (("cart masses", cart_masses), ("half lengths", half_lengths)):
+    grid = {"cart mass": cart_masses, "half-length": half_lengths}
+    for name, values in grid.items():
         if not values:
             raise InvalidValueError(f"{name} of the grid", "must hold at least one")
+        for value in values:
+            require_positive(f"{name} of the grid", value)
     pairs = [(mass, length) for length in half_lengths for mass in cart_masses]
     return [
         PairSearch(

