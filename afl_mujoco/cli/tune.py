@@ -136,16 +136,8 @@ class Fit:
 
     table: Path | None = None
     """A table that `tune table` wrote."""
-    schedules: int = 400
-    """Random schedules on whose closed loops the slope is fitted at last; 0 for none."""
-    evaluations: int = 300
-    """How often all of them are simulated at most."""
     seed: int = 0
     """Seed of the searches and of the starts of least squares."""
-    workers: int = min(2, os.cpu_count() or 1)
-    """Processes to share the closed loops among; the numbers do not depend on it."""
-    cluster: str | None = None
-    """Share them among the workers of a Dask cluster: tcp://host:port, or local."""
     out: Path = Path("renders/tuning")
     """Folder for the file."""
 
@@ -153,28 +145,11 @@ class Fit:
         """Fit, print the fits, write them."""
         from afl_mujoco.control.gain_table import GainTable
         from afl_mujoco.output import output_folder
-        from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.tuning.fit import fit_table, save_fits
-        from afl_mujoco.tuning.schedule_fit import fit_on_schedules
 
         table = GainTable.shipped() if self.table is None else GainTable.load(self.table)
         folder = output_folder(self.out)
         fits = fit_table(table, seed=self.seed)
-        if self.schedules:
-            with (
-                open_executor(self.workers, self.cluster) as executor,
-                count_bar(self.evaluations, "fitting on closed loops") as progress,
-            ):
-                fits.append(
-                    fit_on_schedules(
-                        fits[-1],
-                        table,
-                        executor,
-                        schedules=self.schedules,
-                        evaluations=self.evaluations,
-                        progress=progress,
-                    )
-                )
         print(*(fit.line() for fit in fits), sep="\n")
         save_fits(folder / "gain_functions.json", table, fits, seed=self.seed)
         print(f"wrote {folder / 'gain_functions.json'}")

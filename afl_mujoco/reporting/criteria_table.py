@@ -8,8 +8,6 @@ from pathlib import Path
 from afl_mujoco.output import write_text
 from afl_mujoco.validation.criteria import CRITERIA
 
-BEGIN, END = "<!-- criteria -->\n", "<!-- end of criteria -->"
-
 
 def criteria_table() -> str:
     """Return every criterion as a Markdown table."""
@@ -23,17 +21,22 @@ def criteria_table() -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in cells)
 
 
-def rewrite(page: Path) -> None:
-    """Put the table between its two marks in a page.
+def rewrite(page: Path, name: str, text: str) -> None:
+    """Put a text between its two marks in a page.
 
     Parameters
     ----------
     page
         The Markdown file.
+    name
+        Of the marks, ``<!-- name -->`` and ``<!-- end of name -->``.
+    text
+        What to put there.
     """
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    write_text(page, before + BEGIN + criteria_table() + END + rest.partition(END)[2])
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
+    write_text(page, before + begin + text + end + rest.partition(end)[2])
 
 
 if __name__ == "__main__":
-    rewrite(Path(sys.argv[1]))
+    rewrite(Path(sys.argv[1]), "criteria", criteria_table())

@@ -58,7 +58,8 @@ def _draw_surface(axes: Axes3D, table: GainTable, name: str, published: GainFunc
     """Draw one gain: the optima as a surface, the paper's function as a wire frame."""
     masses, lengths, gain = _grid(table, name)
     paper = scheduled_gain(masses, lengths, getattr(published, name))
-    axes.plot_surface(masses, lengths, gain, cmap="viridis", alpha=0.9, linewidth=0)
+    shades = {"vmin": gain.min(), "vmax": max(gain.max(), 1.001 * gain.min())}  # no round-off
+    axes.plot_surface(masses, lengths, gain, cmap="viridis", alpha=0.9, linewidth=0, **shades)
     axes.plot_wireframe(masses, lengths, paper, color="0.35", linewidth=0.6, rstride=2, cstride=2)
     axes.set_xlabel("M [kg]")
     axes.set_ylabel("l [m]")

@@ -18,7 +18,9 @@ DECISIONS: Mapping[str, str] = MappingProxyType(
         "asked for in a scenario file.",
         "D7": "Law and gain function see the true M(t), l(t); the controllers that end in -nominal "
         "believe M = 1 kg, l = 0.5 m.",
+        "D8": "Gains are searched in K 100 to 200, lambda 1 to 5, Phi 90 to 110: the claims C10 to "
+        "C12 and the retuned controllers rest on it.",
         "D9": "M' and l' do not enter the dynamics, as in the paper.",
     }
 )
-"""Decision by id, as in `docs/notation.md`; the gain search's D8 decides nothing here."""
+"""Decision by id, as in `docs/notation.md`."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 import afl_mujoco as afl
+from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.reporting.figures import draw_runs, save_figure
+from afl_mujoco.reporting.gain_figures import draw_gain_table, main
 
 SHORT = afl.Scenario(name="short", duration=0.2)
 
@@ -29,3 +32,15 @@ def test_a_figure_of_one_run_has_no_difference_panel(tmp_path: Path) -> None:
     save_figure(figure, tmp_path / "run.png")
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
     assert [p.name for p in tmp_path.iterdir()] == ["run.png"]
+
+
+def test_the_gain_table_is_drawn_with_every_fit(tmp_path: Path) -> None:
+    for name in ("gain_table.json", "gain_functions.json"):
+        source = resources.files("afl_mujoco.control") / "data" / name
+        (tmp_path / name).write_text(source.read_text())
+    main(tmp_path)
+    assert (tmp_path / "gain_table.png").read_bytes().startswith(b"\x89PNG")
+    fits = {"one": afl.GainFunction.published(), "two": afl.GainFunction.retuned()}
+    slopes = draw_gain_table(GainTable.shipped(), {**fits, "three": fits["two"]}).axes[3]
+    assert [text.get_text() for text in slopes.get_legend().get_texts()][-3:] == [*fits, "three"]
+    assert slopes.get_xlabel() == "half-length l [m]"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 from pathlib import Path
@@ -10,8 +11,12 @@ from xml.etree import ElementTree
 import pytest
 from rich.console import Console
 
+from afl_mujoco.reporting.claims_table import claims_table
+from afl_mujoco.reporting.criteria_table import rewrite
 from afl_mujoco.reporting.tables import print_report, write_report
 from afl_mujoco.validation.campaign import Report, Run
+from afl_mujoco.validation.claims.claim import Claim
+from afl_mujoco.validation.claims.ledger import Ledger
 from afl_mujoco.validation.criteria import CRITERIA
 
 
@@ -89,3 +94,34 @@ def test_a_report_is_written_whole_or_not_at_all(
     with pytest.raises(KeyboardInterrupt):
         write_report(make_report(0.0), tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+CLAIM = Claim(
+    id="C3", claim="max|F| falls", figure="share [%]", paper=38.03, here=None,
+    verdict="cannot be determined", why="nothing ran",
+)  # fmt: skip
+
+
+def test_the_claims_are_in_every_form_and_do_not_decide_the_verdict(tmp_path: Path) -> None:
+    report = dataclasses.replace(make_report(1e-12), ledger=Ledger(claims=(CLAIM,)))
+    write_report(report, tmp_path)
+    assert json.loads((tmp_path / "report.json").read_text())["claims"] == [CLAIM.to_dict()]
+    row = "| C3 | max\\|F\\| falls | cannot be determined | share [%] | 38 | - | nothing ran |"
+    assert row in (tmp_path / "report.md").read_text()
+    console = Console(file=io.StringIO(), width=140)
+    print_report(report, console)
+    said = console.file.getvalue().splitlines()
+    assert "C3   cannot be determined paper 38, here -: max|F| falls" in said
+    assert said[-1].startswith("PASS")
+
+
+def test_a_page_gets_the_claims_of_a_report_between_its_marks(tmp_path: Path) -> None:
+    write_report(dataclasses.replace(make_report(1e-12), ledger=Ledger(claims=(CLAIM,))), tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- claims -->\nold\n<!-- end of claims -->\nafter\n")
+    rewrite(page, "claims", claims_table(tmp_path / "report.json"))
+    text = page.read_text()
+    assert text.startswith("before\n<!-- claims -->\n|  | claim | paper | here |")
+    assert "| C3 | max\\|F\\| falls; *share [%]* | 38.03 | – | **cannot be determined** |" in text
+    assert "old" not in text
+    assert text.endswith("<!-- end of claims -->\nafter\n")

@@ -154,14 +154,48 @@ def test_the_fall_is_that_of_the_readable_path() -> None:
 
 
 @pytest.mark.parametrize(
+    ("gains", "plant", "start"),
+    [
+        ((110.0, 1.28, 100.0), (1.0, 0.5), (0.0, 1.0, 0.0, 9e5)),
+        ((110.0, 1.28, 100.0), (1.0, 650.0), (6.3, -0.21, -7.3, -71.0)),
+        ((110.0, 1.28, 100.0), (1.0, 12.6), (0.0, 1.5, 0.0, 100.0)),
+        ((110.0, 1.28e6, 100.0), (1.0, 0.5), (0.0, -1.0, 0.0, 0.0)),
+    ],
+)
+def test_a_loop_whose_first_step_overflows_is_lost_and_ends(gains, plant, start) -> None:
+    terms = closed_loop_terms([gains], plant, initial_state=start)
+    assert terms.lost[0]
+    assert np.isfinite([terms.iae_z[0], terms.iae_phi[0], terms.end_time[0]]).all()
+    assert np.isfinite(penalised_objective(terms, SCALES, 20.0)).all()
+
+
+def test_a_step_over_the_whole_layer_is_taken_back() -> None:
+    gains, plant = (28.76, 0.015, 0.1163), (0.4577, 0.01871)
+    start = (-1.693, 1.304, -4.096, -1.078)
+    options = {"initial_state": start, "duration": 0.0611}
+    found = closed_loop_terms([gains], plant, **options)
+    exact = closed_loop_terms([gains], plant, tolerance=1e-11, **options)
+    smooth_peak_between_steps = 2e-3
+    assert found.max_force[0] == pytest.approx(exact.max_force[0], rel=smooth_peak_between_steps)
+    assert found.iae_phi[0] == pytest.approx(exact.iae_phi[0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
     ("gains", "plants", "options", "message"),
     [
         ([[100.0, 1.0]], (1.0, 0.5), {}, "gains must have shape"),
         ([[100.0, -1.0, 90.0]], (1.0, 0.5), {}, "gains must be positive and finite, got -1"),
         ([[100.0, 1.0, 90.0]], (math.nan, 0.5), {}, "plants must be positive and finite"),
         ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"duration": 0.0}, "duration must be positive"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": -1.0}, "tolerance must be positive"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": -1.0}, "tolerance must"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": 1.0}, "tolerance must lie within"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"threads": 0}, "threads must be at least 1"),
         ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 1.6, 0, 0)}, "initial_state"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 0, 0)}, "must be four finite"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (1e7, 0, 0, 0)}, "initial_state"),
+        ([[100.0, 1.0, 90.0]], 1.0, {}, "plants must have shape"),
+        (np.empty((0, 3)), (1.0, 0.5), {}, "gains must have shape"),
+        ([[200.0, 5.0, 1e-3]], (1.0, 0.01), {}, "would take as many steps"),
     ],
 )
 def test_bad_input_is_refused(gains, plants, options, message) -> None:

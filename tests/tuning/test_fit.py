@@ -10,8 +10,6 @@ import pytest
 
 from afl_mujoco.control.gain_function import GAIN_NAMES
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.tuning import schedule_fit
 from afl_mujoco.tuning.fit import (
     DAMPED,
     DAMPING,
@@ -80,27 +78,3 @@ def test_the_file_has_every_fit_and_what_the_retuned_controllers_use(tmp_path: P
     w = np.array([content["coefficients"]["slope"]])
     damped = nominal * (GAIN / nominal) ** DAMPING
     assert rmse(w, MASS, LENGTH, damped)[0] < 0.02
-
-
-def test_the_loss_falls_with_every_schedule_won_and_with_the_improvement() -> None:
-    lost, won, more = (
-        schedule_fit.loss(np.array(x)) for x in ([-0.01, 0.01], [0.01, 0.01], [0.01, 0.05])
-    )
-    assert lost > won > more
-    assert np.isfinite(schedule_fit.loss(np.array([-np.inf, 0.0])))
-
-
-def test_the_fit_on_schedules_improves_on_its_start_whatever_computes_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    start = fit_by_least_squares("slope", MASS, LENGTH, GAIN, seed=0)
-    found = []
-    for workers in (1, 2):
-        with open_executor(workers) as executor:
-            fit = schedule_fit.fit_on_schedules(
-                start, table(GAIN), executor, schedules=6, evaluations=12
-            )
-        found.append(fit)
-    assert found[0] == found[1]
-    assert found[0].method == schedule_fit.METHOD
-    assert found[0].coefficients != start.coefficients

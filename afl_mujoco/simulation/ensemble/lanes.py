@@ -19,7 +19,7 @@ from afl_mujoco.simulation.ensemble.reduced_loop import (
 )
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
-LANES = 32
+LANES = 16
 """Loops that a block marches at a time: some vectors of the processor, all in its first cache."""
 
 NEARLY_UPRIGHT, ON_SURFACE = 1e-2, 1e-5
@@ -71,9 +71,11 @@ def advance(block, pole_mass, gravity, duration, weight):
         # the edge of the boundary layer
         before, after = abs(ratio) - 1.0, abs(surface * layer) - 1.0
         crosses = before * after < 0.0 and min(abs(before), abs(after)) > LAYER_EDGE
-        taken = error <= 1.0 and not crosses and block[STATUS * LANES + i] == MARCHING
-        factor = min(4.0, 0.9 / math.sqrt(math.sqrt(error + 1e-6)))
-        factor = factor if factor > 0.2 else 0.2  # also where the error is not a number
+        leaps = ratio * surface < 0.0 and min(before, after) > LAYER_EDGE  # over the whole layer
+        taken = error <= 1.0 and not (crosses or leaps) and block[STATUS * LANES + i] == MARCHING
+        factor = 0.9 / math.sqrt(math.sqrt(error + 1e-6))
+        grows = factor > 0.2 and not leaps  # not where the error is not a number
+        factor = min(factor, 4.0) if grows else 0.2
         to_edge = h * before / (before - after if crosses else 1.0)
         # where it ends
         on_surface = abs(surface) * lever < ON_SURFACE * gravity * gravity * K * layer
@@ -93,7 +95,7 @@ def advance(block, pole_mass, gravity, duration, weight):
         block[RATIO * LANES + i] = surface * layer if taken else ratio
         peak = block[MAX_FORCE * LANES + i]
         block[MAX_FORCE * LANES + i] = max(peak, abs(force)) if taken else peak
-        _commit(block, i, h if taken else 0.0, taken, new, slopes)
+        _commit(block, i, h, taken, new, slopes)
 
 
 @register_jitable(forceinline=True)
@@ -102,8 +104,12 @@ def _commit(block, i, h, taken, new, slopes):
     z, v = block[Z * LANES + i], block[Z_DOT * LANES + i]
     phi, w = block[PHI * LANES + i], block[PHI_DOT * LANES + i]
     sigma, tau = block[SIGMA * LANES + i], block[TAU * LANES + i]
-    block[IAE_Z * LANES + i] += absolute_area(z, new[0], v, new[1], h)
-    block[IAE_PHI * LANES + i] += absolute_area(phi, new[5], w, new[4], h)
+    area_z, area_phi = (
+        absolute_area(z, new[0], v, new[1], h),
+        absolute_area(phi, new[5], w, new[4], h),
+    )
+    block[IAE_Z * LANES + i] += area_z if taken else 0.0  # what is not taken may not be a number
+    block[IAE_PHI * LANES + i] += area_phi if taken else 0.0
     block[Z * LANES + i] = new[0] if taken else z
     block[Z_DOT * LANES + i] = new[1] if taken else v
     block[SIGMA * LANES + i] = new[2] if taken else sigma
