@@ -40,7 +40,7 @@ cluster: $(READY) ## share a sweep among the workers of a Dask cluster, one of w
 	@AFL_MUJOCO_REQUIRE_CLUSTER=1 $(BIN)/pytest -q tests/sweep/test_dask_cluster.py $(ARGS)
 
 tune: $(READY) ## search the gain table and fit the gain functions, the whole of the paper's setting (an hour at most)
-	@$(BIN)/afl-mujoco tune table --out renders/tuning $(ARGS)
+	@$(BIN)/afl-mujoco tune table --resume --out renders/tuning $(ARGS)
 	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
 	@$(BIN)/python -m afl_mujoco.reporting.gain_figures renders/tuning
 

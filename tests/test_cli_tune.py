@@ -68,6 +68,24 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     assert len(GainTable.load(one).rows) == 2
 
 
+def test_a_grid_in_another_order_is_another_search(tmp_path: Path) -> None:
+    grid = ("table", "--lengths", "0.5", "--population", "20", "--workers", "1", "--out", "out")
+    first = run(*grid, "--generations", "2", "--masses", "1", "2", cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    other = (*grid, "--generations", "2", "--masses", "2", "1", "--resume")
+    refused(tmp_path, "cart_masses", *other)
+
+
+def test_a_plant_that_falls_in_mujoco_has_no_objective_there(tmp_path: Path) -> None:
+    gains = ("--lower", "100", "1000", "90", "--upper", "100", "1000", "90")
+    small = ("--masses", "1", "--lengths", "0.5", "--population", "20", "--generations", "1")
+    result = run("table", *gains, *small, "--workers", "1", "--out", "out", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    content = json.loads((tmp_path / "out" / "gain_table.json").read_text())
+    assert content["rows"][0][-1] is None
+    assert content["rows"][0][-2] >= 1e9
+
+
 def test_a_table_is_fitted_and_its_gains_are_written(tmp_path: Path) -> None:
     result = run("fit", "--out", "out", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
@@ -86,6 +104,16 @@ BAD = {
         ["table", "--masses", "-1", "--lengths", "0.5", "--population", "20", "--workers", "1"],
         "cart mass of the grid must be positive",
     ),
+    "negative seed": (["table", "--seed", "-1"], "seed must be a whole number of at least 0"),
+    "box below zero": (
+        ["table", "--lower", "100", "-5", "90"],
+        "lower bound of slope must be positive, got -5",
+    ),
+    "box too stiff": (
+        ["table", "--upper", "1e12", "5", "110"],
+        "would take as many steps",
+    ),
+    "mass given twice": (["table", "--masses", "1", "1"], "cart mass of the grid must differ"),
     "no population": (["table", "--population", "0"], "population_size must be a whole number"),
     "no workers": (["table", "--workers", "0"], "workers must be at least 1, got 0"),
     "missing table": (["fit", "--table", "none.json"], "none.json cannot be read: no such file"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from afl_mujoco.cli.terminal import SUCCESS, count_bar, progress_bar
 
 if TYPE_CHECKING:
+    from afl_mujoco.control.gain_table import GainTable
     from afl_mujoco.tuning.gain_table import PairSearch
 
 
@@ -47,8 +48,8 @@ class Table:
     """Processes to share the work among; the numbers do not depend on it."""
     cluster: str | None = None
     """Share it among the workers of a Dask cluster: tcp://host:port, or local."""
-    out: Path = Path("renders/tuning")
-    """Folder for the table and what is kept on the way."""
+    out: Path | None = None
+    """Folder for the table and what is kept on the way; renders/tuning, or renders/tuning-quick."""
 
     def run(self) -> int:
         """Run the searches, score their winners in MuJoCo, write the table."""
@@ -64,7 +65,9 @@ class Table:
         from afl_mujoco.validation.rescoring import mujoco_objective
 
         provenance = table_provenance(self._units(None))  # what is quick to check comes first
-        kept = output_folder(self.out) / "searches"
+        default = "renders/tuning-quick" if self.quick else "renders/tuning"
+        folder = output_folder(self.out or default)
+        kept = folder / "searches"
         if kept.exists() and not self.resume:
             raise FileError(str(kept), "holds a search: pass --resume to go on, or remove it")
         with open_executor(self.workers, self.cluster) as executor:
@@ -85,12 +88,10 @@ class Table:
                     mujoco_objective, winners, executor, lambda _: advance("scoring in MuJoCo")
                 )
         scored = [[*row, score] for row, score in zip(rows, scores, strict=True)]
-        table = GainTable(np.array(scored), provenance)
-        table.save(self.out / "gain_table.json")
-        for row in table.rows[:: max(1, len(table.rows) // 10)]:
-            print("M {:.2f} kg, l {:.2f} m: K {:.4f}, lambda {:.4f}, Phi {:.4f}, OF {:.6f},"
-                  " in MuJoCo {:.6f}".format(*row))  # fmt: skip
-        print(f"wrote {self.out / 'gain_table.json'}, {len(table.rows)} plants")
+        table = GainTable(np.array(scored, dtype=float), provenance)
+        table.save(folder / "gain_table.json")
+        _print_rows(table)
+        print(f"wrote {folder / 'gain_table.json'}, {len(table.rows)} plants")
         return SUCCESS
 
     def _units(self, checkpoints: Path | None) -> list[PairSearch]:
@@ -124,6 +125,13 @@ class Table:
         )
 
 
+def _print_rows(table: GainTable) -> None:
+    """Print some ten rows of a table."""
+    for row in table.rows[:: max(1, len(table.rows) // 10)]:
+        print("M {:.2f} kg, l {:.2f} m: K {:.4f}, lambda {:.4f}, Phi {:.4f}, OF {:.6f},"
+              " in MuJoCo {:.6f}".format(*row))  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """Fit the gain function (G1) to a gain table, by the paper's search and by least squares.
@@ -145,11 +153,13 @@ class Fit:
         """Fit, print the fits, write them."""
         from afl_mujoco.control.gain_table import GainTable
         from afl_mujoco.output import output_folder
-        from afl_mujoco.tuning.fit import fit_table, save_fits
+        from afl_mujoco.tuning.fit import FITS, damped_slope, fit_table, save_fits
 
         table = GainTable.shipped() if self.table is None else GainTable.load(self.table)
+        damped_slope(table)  # what is quick to check comes first
         folder = output_folder(self.out)
-        fits = fit_table(table, seed=self.seed)
+        with count_bar(FITS, "fitting") as progress:
+            fits = fit_table(table, seed=self.seed, progress=progress)
         print(*(fit.line() for fit in fits), sep="\n")
         save_fits(folder / "gain_functions.json", table, fits, seed=self.seed)
         print(f"wrote {folder / 'gain_functions.json'}")

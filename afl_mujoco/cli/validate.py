@@ -56,13 +56,15 @@ class Validate:
         from afl_mujoco.reporting.tables import print_report, write_report
         from afl_mujoco.validation.campaign import require_runnable, run_campaign
         from afl_mujoco.validation.checks.closed_loop_checks import Settings
+        from afl_mujoco.validation.claims.schedules import FULL, QUICK
 
         controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
         require_runnable(scenarios, controllers, settings, self.workers)
         folder = output_folder(self.out)
-        with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
+        total = len(scenarios) * len(controllers) + (FULL if self.full else QUICK)
+        with progress_bar(total, "validating") as progress:
             report = run_campaign(
                 scenarios, controllers, settings, workers=self.workers, progress=progress
             )

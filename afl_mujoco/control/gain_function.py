@@ -105,7 +105,7 @@ class GainFunction:
 
     @classmethod
     def retuned(cls) -> GainFunction:
-        """Return the coefficients fitted to the package's own gain table.
+        """Return the coefficients fitted to the package's own gain table, its slope damped.
 
         Raises
         ------

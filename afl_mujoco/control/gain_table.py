@@ -31,7 +31,8 @@ class GainTable:
     Attributes
     ----------
     rows
-        One row of `COLUMNS` for each plant, shape (N, 7), read-only.
+        One row of `COLUMNS` for each plant, shape (N, 7), read-only; the objective in MuJoCo is NaN
+        (``null`` in the file) where the pole fell there.
     provenance
         How it was made, as plain data.
     """
@@ -44,7 +45,8 @@ class GainTable:
         rows = np.array(self.rows, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != len(COLUMNS) or not len(rows):
             raise InvalidValueError("gain table", f"must have rows of {len(COLUMNS)}", rows.shape)
-        if not np.all(np.isfinite(rows) & (rows > 0.0)):
+        unknown = np.isnan(rows) & (np.arange(len(COLUMNS)) == len(COLUMNS) - 1)
+        if not np.all(unknown | (np.isfinite(rows) & (rows > 0.0))):
             raise InvalidValueError("gain table", "must hold positive finite numbers")
         rows.flags.writeable = False
         object.__setattr__(self, "rows", rows)
@@ -99,7 +101,8 @@ class GainTable:
             The file.
         """
         head = {"schema": SCHEMA, "provenance": dict(self.provenance), "columns": COLUMNS}
-        rows = ",\n".join(json.dumps(row) for row in self.rows.tolist())
+        plain = [[None if np.isnan(x) else x for x in row] for row in self.rows.tolist()]
+        rows = ",\n".join(json.dumps(row) for row in plain)
         text = json.dumps(head, indent=1).removesuffix("\n}")
         write_text(path, f'{text},\n "rows": [\n{rows}\n ]\n}}\n')
 
@@ -126,7 +129,7 @@ class GainTable:
             raise FileError(
                 str(path), f"cannot be read: {(error.strerror or '').lower()}"
             ) from None
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise FileError(str(path), f"is not a gain table: {error}") from None
 
     @classmethod

@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+from afl_mujoco.errors import FileError
 from afl_mujoco.reporting.criteria_table import rewrite
 
 
@@ -18,6 +19,8 @@ def claims_table(report: Path) -> str:
         A report.json with claims.
     """
     claims = json.loads(report.read_text(encoding="utf-8"))["claims"]
+    if not claims:
+        raise FileError(str(report), "must hold claims: run make proof on every scenario")
     lines = [("", "claim", "paper", "here", "verdict", "why"), ("---",) * 6]
     for claim in claims:
         numbers = ("–" if x is None else f"{x:.4g}" for x in (claim["paper"], claim["here"]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from afl_mujoco.errors import FileError
 from afl_mujoco.output import write_text
 from afl_mujoco.validation.criteria import CRITERIA
 
@@ -32,10 +33,18 @@ def rewrite(page: Path, name: str, text: str) -> None:
         Of the marks, ``<!-- name -->`` and ``<!-- end of name -->``.
     text
         What to put there.
+
+    Raises
+    ------
+    FileError
+        If the page does not hold both marks.
     """
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
-    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
-    write_text(page, before + begin + text + end + rest.partition(end)[2])
+    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
+    _, closed, after = rest.partition(end)
+    if not (found and closed):
+        raise FileError(str(page), f"must hold the marks of {name}, one after the other")
+    write_text(page, before + begin + text + end + after)
 
 
 if __name__ == "__main__":

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,9 @@ ROUND_OFF = 1e-9
 
 STARTS = 100
 """Random starts of the least squares."""
+
+FITS = 2 * len(GAIN_NAMES) + 1
+"""Fits of a table."""
 
 DAMPED = "damped least squares"
 DAMPING = 0.4
@@ -85,8 +89,9 @@ def rmse(
         Shape (P,).
     """
     w = coefficients.T[:, :, None]
-    fitted = w[0] + w[1] * cart_mass ** w[2] + w[3] * half_length ** w[4]
-    error: FloatArray = np.sqrt(np.mean((fitted - gain) ** 2, axis=-1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        fitted = w[0] + w[1] * cart_mass ** w[2] + w[3] * half_length ** w[4]
+        error: FloatArray = np.sqrt(np.mean((fitted - gain) ** 2, axis=-1))
     return error
 
 
@@ -162,25 +167,41 @@ def fit_by_least_squares(
     return Fit(gain=name, method=SQUARES, coefficients=tuple(best.x.tolist()), rmse=error)
 
 
-def fit_table(table: GainTable, seed: int, settings: GeneticSettings | None = None) -> list[Fit]:
+def fit_table(
+    table: GainTable,
+    seed: int,
+    settings: GeneticSettings | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[Fit]:
     """Return the fits of every gain: the paper's search, least squares, and the damped slope.
 
     Parameters
     ----------
     table
-        What to fit.
+        What to fit; it must hold the nominal plant.
     seed
         Of the searches and the starts.
     settings
         Of the searches; the paper's by default.
+    progress
+        Told how many of the `FITS` fits are done.
+
+    Raises
+    ------
+    InvalidValueError
+        If the table does not hold the nominal plant.
     """
     plants = table.column("cart_mass"), table.column("half_length")
-    fits = []
+    slope = damped_slope(table)
+    fits: list[Fit] = []
     for place, name in enumerate(GAIN_NAMES):
-        gain = table.column(name)
-        fits.append(fit_by_search(name, *plants, gain, settings or GeneticSettings(), seed + place))
+        gain, searched = table.column(name), settings or GeneticSettings()
+        fits.append(fit_by_search(name, *plants, gain, searched, seed + place))
+        progress(len(fits))
         fits.append(fit_by_least_squares(name, *plants, gain, seed + place))
-    damped = fit_by_least_squares("slope", *plants, damped_slope(table), seed)
+        progress(len(fits))
+    damped = fit_by_least_squares("slope", *plants, slope, seed)
+    progress(FITS)
     return [*fits, replace(damped, method=DAMPED)]
 
 
@@ -219,7 +240,12 @@ def save_fits(path: Path, table: GainTable, fits: Sequence[Fit], seed: int) -> N
     nominal = table.gains(NOMINAL.cart_mass, NOMINAL.half_length)
     content = {
         "source": "afl-mujoco tune fit: (G1) fitted to the gain table",
-        "provenance": {"seed": seed, "damping": DAMPING, "table": dict(table.provenance)},
+        "provenance": {
+            "seed": seed,
+            "damping": DAMPING,
+            "versions": {name: version(name) for name in ("afl_mujoco", "numpy", "scipy")},
+            "table": dict(table.provenance),
+        },
         "fits": [fit.to_dict() for fit in fits],
         "fixed": {name: getattr(nominal, name) for name in GAIN_NAMES},
         "coefficients": {name: list(chosen[name].coefficients) for name in GAIN_NAMES},

@@ -8,17 +8,20 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from afl_mujoco.control.gain_function import GAIN_NAMES
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import require_positive
-from afl_mujoco.tuning.gain_cost import GAIN_BOX, gain_cost
+from afl_mujoco.scenario.parameters import NOMINAL, require_positive
+from afl_mujoco.tuning.gain_cost import GAIN_BOX, HORIZON, gain_cost, paper_scales
 from afl_mujoco.tuning.genetic import minimise
-from afl_mujoco.tuning.settings import Box, GeneticSettings
+from afl_mujoco.tuning.settings import Box, GeneticSettings, require_seed
 
 CART_MASSES = tuple(k / 10 for k in range(1, 21))
 HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
 """The paper's grid of M [kg] and l [m]."""
 
-_PACKAGES = ("afl_mujoco", "numpy", "numba")
+_PACKAGES = ("afl_mujoco", "mujoco", "numba", "numpy")
 
 QUICK_MASSES, QUICK_LENGTHS = (0.1, 1.0, 2.0), (0.05, 0.5, 1.0)
 QUICK_SETTINGS = GeneticSettings(population_size=200, generations=60)
@@ -72,7 +75,8 @@ def pair_searches(
     Raises
     ------
     InvalidValueError
-        If the grid is empty, or a value of it is not positive.
+        If the grid is empty, holds a value twice or one that is not positive; or if the seed or the
+        box makes no sense.
     """
     grid = {"cart mass": cart_masses, "half-length": half_lengths}
     for name, values in grid.items():
@@ -80,6 +84,13 @@ def pair_searches(
             raise InvalidValueError(f"{name} of the grid", "must hold at least one")
         for value in values:
             require_positive(f"{name} of the grid", value)
+            if list(values).count(value) > 1:
+                raise InvalidValueError(f"{name} of the grid", "must differ", f"{value} twice")
+    require_seed(seed)
+    for gene, bound in zip(GAIN_NAMES, box.lower, strict=True):
+        require_positive(f"lower bound of {gene}", bound)
+    stiffest = np.array([[box.upper[0], box.upper[1], box.lower[2]]])
+    gain_cost(cart_masses[0], min(half_lengths))(stiffest)  # refuses what would take for ever
     pairs = [(mass, length) for length in half_lengths for mass in cart_masses]
     return [
         PairSearch(
@@ -88,7 +99,7 @@ def pair_searches(
             settings=settings,
             box=box,
             seed=(seed, index),
-            checkpoint=checkpoints and checkpoints / f"pair-{index:04d}",
+            checkpoint=checkpoints and checkpoints / f"pair-{index:04d}-M{mass:g}-l{length:g}",
         )
         for index, (mass, length) in enumerate(pairs)
     ]
@@ -128,8 +139,12 @@ def table_provenance(units: Sequence[PairSearch]) -> dict[str, Any]:
     """
     first = units[0]
     return {
-        "cart_masses": sorted({unit.cart_mass for unit in units}),
-        "half_lengths": sorted({unit.half_length for unit in units}),
+        "cart_masses": list(dict.fromkeys(unit.cart_mass for unit in units)),
+        "half_lengths": list(dict.fromkeys(unit.half_length for unit in units)),
+        "pole_mass": NOMINAL.pole_mass,
+        "gravity": NOMINAL.gravity,
+        "horizon": HORIZON,
+        "scales": asdict(paper_scales()),
         "settings": asdict(first.settings),
         "box": {"lower": list(first.box.lower), "upper": list(first.box.upper)},
         "seed": first.seed[0],

@@ -170,9 +170,14 @@ def run_campaign(
             for _, reported, _ in judged
             for run in reported
         )
-        decisive = {(r.scenario, r.controller): r.metrics for r in runs if r.simulator == DECISIVE}
+        published = {s.name for s in scenarios if SCENARIOS.get(s.name) == s}
+        decisive = {
+            (run.scenario, run.controller): run.metrics
+            for run in runs
+            if run.simulator == DECISIVE and run.scenario in published
+        }
         schedules = FULL if settings.full else QUICK
-        ledger = judge_claims(decisive, scales, schedules, executor)
+        ledger = judge_claims(decisive, scales, schedules, executor, progress)
     for pair_checks, _, explanation in judged:
         checks += [*pair_checks, *explanation.checks]
     return Report(

@@ -165,3 +165,8 @@ def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_paramet
     np.testing.assert_allclose(
         adaptive.saturation_ratio(random_states, law), expected, rtol=1e-12, atol=1e-12
     )
+
+
+def test_the_retuned_gains_have_one_reading():
+    assert find_controller("adaptive-retuned", "table1") is CONTROLLERS["adaptive-retuned"]
+    assert find_controller("adaptive", "table1").name == "adaptive-table1"

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from rich.console import Console
 
+from afl_mujoco.errors import FileError
 from afl_mujoco.reporting.claims_table import claims_table
 from afl_mujoco.reporting.criteria_table import rewrite
 from afl_mujoco.reporting.tables import print_report, write_report
@@ -125,3 +126,14 @@ def test_a_page_gets_the_claims_of_a_report_between_its_marks(tmp_path: Path) ->
     assert "| C3 | max\\|F\\| falls; *share [%]* | 38.03 | – | **cannot be determined** |" in text
     assert "old" not in text
     assert text.endswith("<!-- end of claims -->\nafter\n")
+
+
+def test_a_page_without_its_marks_and_a_report_without_claims_are_refused(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- claims -->\nall of the rest\n")
+    with pytest.raises(FileError, match="must hold the marks of claims"):
+        rewrite(page, "claims", "text")
+    assert page.read_text() == "<!-- claims -->\nall of the rest\n"
+    write_report(make_report(1e-12), tmp_path)
+    with pytest.raises(FileError, match="must hold claims"):
+        claims_table(tmp_path / "report.json")

@@ -96,7 +96,8 @@ def optima_claim(table: GainTable, scales: ObjectiveScales) -> Claim:
         f"reading of the columns), excess {100 * excess.min():.0f} to {100 * excess.max():.0f} %; "
         f"lambda rises with M in the paper (rank correlation {with_mass[0]:+.2f}) and falls here "
         f"({with_mass[1]:+.2f}): by (L1) the motion does not depend on M (integrals differ by "
-        f"{mass_dependence():.0e} between M = 0.1 and 2 kg) and only max|F| grows with it",
+        f"{mass_dependence():.0e} between M = 0.1 and 2 kg) and only max|F| grows with it; "
+        "the excess rests on D4 and D8, the trend with M does not",
     )
 
 

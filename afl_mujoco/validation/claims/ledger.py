@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -58,6 +58,7 @@ def judge_claims(
     scales: ObjectiveScales,
     schedules: int,
     executor: Executor,
+    progress: Callable[[str], None] = lambda done: None,
 ) -> Ledger:
     """Judge the claims; nothing if the runs do not decide them.
 
@@ -71,11 +72,15 @@ def judge_claims(
         How many random schedules to draw for C9.
     executor
         What computes them.
+    progress
+        Called after each schedule.
     """
     if not decidable(runs):
         return Ledger()
     units = [(index, scales) for index in range(schedules)]
-    c9, comparisons = schedules_claim(compute_all(objectives_on_schedule, units, executor))
+    c9, comparisons = schedules_claim(
+        compute_all(objectives_on_schedule, units, executor, lambda _: progress("schedules"))
+    )
     table = GainTable.shipped()
     claims = (
         linearisation_claim(),

@@ -27,6 +27,9 @@ PUBLISHED_IMPROVEMENT = {
 NEAR = 5.0
 """How close to the paper's an improvement must come to be reproduced [percentage points]."""
 
+HALF = 0.5
+"""What share of the paper's improvement must be found to reproduce it in part."""
+
 IMPULSE_TIME = 10.0
 
 Runs = Mapping[tuple[str, str], Metrics]
@@ -89,7 +92,8 @@ def _improvement(id: str, case: str, runs: Runs) -> Claim:
         judged, why = NOT_REPRODUCED, "one of the two runs did not complete"
     else:
         near = abs(here - published) <= NEAR
-        judged = REPRODUCED if near else IN_PART if here > 0.0 else NOT_REPRODUCED
+        enough = here >= HALF * published
+        judged = REPRODUCED if near else IN_PART if enough else NOT_REPRODUCED
         said = "lower" if here > 0.0 else "raise"
         why = (
             f"the published adaptive gains {said} the objective by {abs(here):.1f} %; values and "

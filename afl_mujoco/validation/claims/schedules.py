@@ -115,8 +115,14 @@ def schedules_claim(
         here=100.0 * paper.share,
         verdict=verdict(paper.share, enough=ENOUGH, least=0.5),
         why=f"of {paper.schedules} schedules (95 % interval {100 * paper.interval[0]:.1f} to "
-        f"{100 * paper.interval[1]:.1f} %), median improvement {paper.quantiles['median']:.1f} %; "
+        f"{100 * paper.interval[1]:.1f} %), median improvement {_percent(paper)}; "
         f"retuned gains win on {100 * ours.share:.1f} % ({100 * ours.interval[0]:.1f} to "
-        f"{100 * ours.interval[1]:.1f} %), median {ours.quantiles['median']:.1f} %",
+        f"{100 * ours.interval[1]:.1f} %), median {_percent(ours)}",
     )
     return claim, found
+
+
+def _percent(comparison: Comparison) -> str:
+    """Return the median improvement as a sentence has it."""
+    median = comparison.quantiles["median"]
+    return "none" if median is None else f"{median:.1f} %"
