@@ -107,6 +107,14 @@ def test_the_retuned_adaptive_gains_beat_the_retuned_fixed_gains_in_all_four_cas
         assert found[1] < found[0], case
 
 
+@pytest.mark.parametrize(
+    ("wins", "expected"), [(96, REPRODUCED), (70, IN_PART), (52, NOT_REPRODUCED)]
+)
+def test_winning_as_often_as_losing_reproduces_nothing(wins: int, expected: str) -> None:
+    rows = [[1.0, 0.9 if k < wins else 1.1, 1.0, 0.9] for k in range(100)]
+    assert schedules.schedules_claim(rows)[0].verdict == expected
+
+
 def test_if_most_runs_fell_the_median_is_said_to_be_none() -> None:
     claim, _ = schedules.schedules_claim([[1.0, None, None, 1.0]] * 3)
     assert "median improvement none" in claim.why
