@@ -91,7 +91,7 @@ BAD_ARGUMENTS = {
     "unknown scenario": (["validate", "step"], "scenario must be one of nominal, step-step, "),
     "unknown controller": (
         ["validate", "short.toml", "--controllers", "pid"],
-        "controller must be one of fixed, adaptive, fixed-nominal, adaptive-nominal, got 'pid'",
+        "controller must be one of fixed, adaptive, fixed-retuned, adaptive-retuned, ",
     ),
     "unknown gain labels": (
         ["validate", "short.toml", "--gain-labels", "table3"],
