@@ -66,6 +66,21 @@ class UnknownNameError(AflMujocoError, LookupError):
 class FileError(AflMujocoError):
     """A file or folder that cannot be read, understood or written."""
 
+    @classmethod
+    def cannot_be(cls, deed: str, path: object, error: OSError) -> FileError:
+        """Build the error of a file that the operating system refuses, with its reason.
+
+        Parameters
+        ----------
+        deed
+            What was tried (``"read"``).
+        path
+            The file, as the message shall name it.
+        error
+            What the operating system said.
+        """
+        return cls(str(path), f"cannot be {deed}: {(error.strerror or str(error)).lower()}")
+
 
 class LawDomainError(AflMujocoError, ValueError):
     """The control law asked for at a pole angle outside ``|phi| < pi/2``, where it has no value."""

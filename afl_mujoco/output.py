@@ -33,7 +33,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=path.suffix)
     except OSError as error:
-        raise FileError(str(path), f"cannot be written: {_reason(error)}") from None
+        raise FileError.cannot_be("written", path, error) from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -43,7 +43,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        raise FileError(str(path), f"cannot be written: {_reason(error)}") from None
+        raise FileError.cannot_be("written", path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -79,12 +79,7 @@ def output_folder(path: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(f"output folder {folder}", f"cannot be written: {_reason(error)}") from None
+        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
     return folder
-
-
-def _reason(error: OSError) -> str:
-    """Return the operating system's reason in lower case."""
-    return (error.strerror or str(error)).lower()

@@ -36,10 +36,10 @@ class Table:
     """Chromosomes; the paper's 1000 by default."""
     generations: int | None = None
     """Generations; the paper's 1000 by default."""
-    lower: tuple[float, float, float] = (100.0, 1.0, 90.0)
-    """Least K, lambda and Phi (decision D8)."""
-    upper: tuple[float, float, float] = (200.0, 5.0, 110.0)
-    """Largest K, lambda and Phi (decision D8)."""
+    lower: tuple[float, float, float] | None = None
+    """Least K, lambda and Phi; 100, 1, 90 by default (decision D8)."""
+    upper: tuple[float, float, float] | None = None
+    """Largest K, lambda and Phi; 200, 5, 110 by default (decision D8)."""
     seed: int = 0
     """Seed of every search, with the place of its plant in the grid."""
     resume: bool = False
@@ -96,6 +96,7 @@ class Table:
 
     def _units(self, checkpoints: Path | None) -> list[PairSearch]:
         """Return the searches that are asked for."""
+        from afl_mujoco.tuning.gain_cost import GAIN_BOX
         from afl_mujoco.tuning.gain_table import (
             CART_MASSES,
             HALF_LENGTHS,
@@ -120,7 +121,7 @@ class Table:
             grid[1] if self.lengths is None else self.lengths,
             settings,
             self.seed,
-            box=Box(self.lower, self.upper),
+            box=Box(self.lower or GAIN_BOX.lower, self.upper or GAIN_BOX.upper),
             checkpoints=checkpoints,
         )
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,17 @@ def scheduled_gain(cart_mass, half_length, w):
     return gain
 
 
+def shipped_file(name: str) -> Traversable:
+    """Return a data file of the package.
+
+    Parameters
+    ----------
+    name
+        The file's name.
+    """
+    return resources.files("afl_mujoco.control") / "data" / name
+
+
 def shipped_data(name: str) -> Any:
     """Return the content of a data file of the package.
 
@@ -51,7 +63,7 @@ def shipped_data(name: str) -> Any:
     FileError
         If it is missing or no JSON.
     """
-    file = resources.files("afl_mujoco.control") / "data" / name
+    file = shipped_file(name)
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from types import MappingProxyType
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.gain_function import GAIN_NAMES
+from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_file
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.output import write_text
@@ -126,9 +125,7 @@ class GainTable:
                 raise InvalidValueError("schema and columns", f"must be {SCHEMA} and {COLUMNS}")
             return cls(np.array(content["rows"], dtype=np.float64), content["provenance"])
         except OSError as error:
-            raise FileError(
-                str(path), f"cannot be read: {(error.strerror or '').lower()}"
-            ) from None
+            raise FileError.cannot_be("read", path, error) from None
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise FileError(str(path), f"is not a gain table: {error}") from None
 
@@ -141,4 +138,4 @@ class GainTable:
         FileError
             If the package's data file is missing or malformed.
         """
-        return cls.load(resources.files("afl_mujoco.control") / "data" / "gain_table.json")
+        return cls.load(shipped_file("gain_table.json"))

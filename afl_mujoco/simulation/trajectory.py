@@ -148,8 +148,7 @@ class Trajectory:
                 arrays = {name: file[name] for name in _ARRAYS}
             return cls(**arrays, outcome=Outcome(kind, float(time)), provenance=meta["provenance"])
         except OSError as error:
-            reason = error.strerror or str(error)
-            raise FileError(str(path), f"cannot be read: {reason.lower()}") from None
+            raise FileError.cannot_be("read", path, error) from None
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise FileError(str(path), f"is not a saved trajectory: {error}") from None
 

@@ -153,5 +153,4 @@ def _read(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise FileError(str(path), f"cannot be read: {reason}") from None
+        raise FileError.cannot_be("read", path, error) from None

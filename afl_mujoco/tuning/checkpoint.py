@@ -90,7 +90,7 @@ def save(path: Path, state: SearchState) -> None:
     try:
         _rotate(path, title + body)
     except OSError as error:
-        raise FileError(str(path), f"cannot be written: {_reason(error)}") from None
+        raise FileError.cannot_be("written", path, error) from None
 
 
 def _rotate(path: Path, content: bytes) -> None:
@@ -111,11 +111,6 @@ def _rotate(path: Path, content: bytes) -> None:
     spare.replace(path)  # killed before this, it leaves `previous`: `resume` knows
 
 
-def _reason(error: OSError) -> str:
-    """Return the operating system's reason in lower case."""
-    return (error.strerror or str(error)).lower()
-
-
 def load(path: Path) -> SearchState:
     """Read one checkpoint.
 
@@ -132,7 +127,7 @@ def load(path: Path) -> SearchState:
     try:
         return _parse(path.read_bytes())
     except OSError as error:
-        raise FileError(str(path), f"cannot be read: {_reason(error)}") from None
+        raise FileError.cannot_be("read", path, error) from None
     except (ValueError, KeyError, TypeError) as error:
         raise FileError(str(path), f"is no sound checkpoint: {error}") from None
 

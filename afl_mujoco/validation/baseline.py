@@ -182,7 +182,7 @@ def load_baseline(path: Path) -> Baseline:
         if baseline.file_name != path.name:
             raise InvalidValueError("its file", f"must be named {baseline.file_name}")
     except OSError as error:
-        raise FileError(str(path), f"cannot be read: {(error.strerror or '').lower()}") from None
+        raise FileError.cannot_be("read", path, error) from None
     except KeyError as error:
         raise FileError(str(path), f"is not a baseline: it has no {error}") from None
     except (ValueError, TypeError, AttributeError, RecursionError) as error:

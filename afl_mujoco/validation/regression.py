@@ -248,8 +248,7 @@ def bless(
         try:
             (folder / name).unlink()
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise FileError(str(folder / name), f"cannot be removed: {reason}") from None
+            raise FileError.cannot_be("removed", folder / name, error) from None
     said = [f"moved    {change}" for found in comparison.changes.values() for change in found]
     said += [f"new      {folder / name}" for name in comparison.missing]
     said += [f"removed  {folder / name}" for name in comparison.orphaned]

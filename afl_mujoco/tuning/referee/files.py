@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.gain_function import GAIN_NAMES
+from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_file
 from afl_mujoco.errors import AflMujocoError, FileError
 from afl_mujoco.output import write_text
 from afl_mujoco.tuning.gain_cost import GAIN_BOX
@@ -64,8 +64,7 @@ def load_result(path: Path) -> ContestResult:
 
 def shipped_result() -> ContestResult:
     """Return the result that comes with the package."""
-    file = resources.files("afl_mujoco.control") / "data" / "optimisers.json"
-    with resources.as_file(file) as path:
+    with resources.as_file(shipped_file("optimisers.json")) as path:
         return load_result(path)
 
 
