@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup validate proof docs test regression bless referee cluster tune bench faults check lock clean distclean
+.PHONY: help setup validate proof render view docs test regression bless referee cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -18,6 +18,12 @@ validate: $(READY) ## compare MuJoCo with the analytic model on every case; pass
 
 proof: $(READY) ## validate, with refinement studies, ledgers, and what the paper leaves out
 	@$(BIN)/afl-mujoco validate --full --out renders/proof $(ARGS)
+
+render: $(READY) ## film every scenario with both controllers, and a showcase (10 minutes); pass options as ARGS="..."
+	@$(BIN)/afl-mujoco render $(ARGS)
+
+view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS="step-step --controller fixed"
+	@$(BIN)/afl-mujoco view $(ARGS)
 
 docs: $(READY) ## print the criteria into docs/verification.md
 	@$(BIN)/python -m afl_mujoco.reporting.criteria_table docs/verification.md

@@ -84,3 +84,7 @@ class FileError(AflMujocoError):
 
 class LawDomainError(AflMujocoError, ValueError):
     """The control law asked for at a pole angle outside ``|phi| < pi/2``, where it has no value."""
+
+
+class GraphicsError(AflMujocoError):
+    """Nothing can be drawn on this machine as asked."""

@@ -4,9 +4,30 @@ from __future__ import annotations
 
 import ctypes.util
 import os
+import subprocess
+import sys
+
+from afl_mujoco.errors import GraphicsError
 
 BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
 """Headless backends of MuJoCo and the library each needs, the preferred one first."""
+
+PACKAGES = "install Debian's libegl1 and libgl1 (EGL), or libosmesa6 (OSMesa)"
+
+PROBE_TIMEOUT = 60.0
+"""How long a backend may take to draw its first picture [s]; a second is usual."""
+
+_PROBE = """
+import mujoco
+model = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><light pos="0 0 2"/><geom size="1"/></worldbody></mujoco>'
+)
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+with mujoco.Renderer(model, 16, 16) as renderer:
+    renderer.update_scene(data)
+    raise SystemExit(0 if renderer.render().any() else "drew nothing")
+"""
 
 
 def choose_backend() -> str:
@@ -25,3 +46,53 @@ def choose_backend() -> str:
         found = (gl for gl, library in BACKENDS.items() if ctypes.util.find_library(library))
         os.environ["MUJOCO_GL"] = next(found, "disable")
     return os.environ["MUJOCO_GL"]
+
+
+def require_backend() -> str:
+    """Set ``MUJOCO_GL`` to a backend that draws, and return it.
+
+    Each candidate draws a picture in a process of its own, because a missing library or driver can
+    end a process. What the user set is the only candidate; else EGL, then OSMesa. Call it before
+    anything imports MuJoCo.
+
+    Returns
+    -------
+    str
+        The value of ``MUJOCO_GL``.
+
+    Raises
+    ------
+    GraphicsError
+        If none draws.
+    """
+    asked = os.environ.get("MUJOCO_GL")
+    candidates = [asked] if asked else list(BACKENDS)
+    refusals = []
+    for backend in candidates:
+        refusal = _refusal(backend)
+        if not refusal:
+            os.environ["MUJOCO_GL"] = backend
+            return backend
+        refusals.append(f"{backend}: {refusal}")
+    thing = f"MUJOCO_GL={asked}" if asked else "headless rendering"
+    raise GraphicsError(thing, f"must be able to draw; {PACKAGES} ({'; '.join(refusals)})")
+
+
+def _refusal(backend: str) -> str:
+    """Return why a backend cannot draw, in one line; nothing if it can."""
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    try:
+        probe = subprocess.run(
+            [sys.executable, "-c", _PROBE],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=PROBE_TIMEOUT,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no picture within {PROBE_TIMEOUT:g} s"
+    if probe.returncode == 0:
+        return ""
+    said = probe.stderr.strip().splitlines()
+    return said[-1].strip() if said else f"ended with code {probe.returncode}"

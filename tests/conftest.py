@@ -1,12 +1,16 @@
 """Fixtures that more than one folder uses."""
 
+import os
+
 import numpy as np
 import pytest
 
 from afl_mujoco import CONTROLLERS, CartPoleParameters, Scenario, constant, piecewise_linear, step
+from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 
 SEED = 20260
+BACKEND = choose_backend()  # before a test imports mujoco
 
 
 @pytest.fixture
@@ -70,3 +74,13 @@ def random_states(rng):
     """States all over the law's domain, shape (200, 4)."""
     low, high = np.array([-3.0, -1.4, -5.0, -6.0]), np.array([3.0, 1.4, 5.0, 6.0])
     return rng.uniform(low, high, size=(200, 4))
+
+
+@pytest.fixture
+def graphics():
+    """Skip without a headless OpenGL library, or fail where one is demanded."""
+    if BACKEND == "disable":
+        reason = "no EGL or OSMesa library is installed, so MuJoCo cannot draw off screen"
+        if os.environ.get("AFL_MUJOCO_REQUIRE_GL"):
+            pytest.fail(f"AFL_MUJOCO_REQUIRE_GL is set, but {reason}")
+        pytest.skip(reason)

@@ -10,15 +10,17 @@ from collections.abc import Sequence
 import tyro
 
 from afl_mujoco.cli.regression import Regression
+from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.validate import Validate
+from afl_mujoco.cli.view import View
 from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Command = Validate | Simulate | Tune | Regression
+Command = Validate | Simulate | Render | View | Tune | Regression
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,10 +1,9 @@
-"""The dm_control environment: the plant, the contract, the pictures."""
+"""The dm_control environment: the plant, the contract."""
 
 from __future__ import annotations
 
 import copy
 import math
-import os
 import pickle
 from dataclasses import replace
 
@@ -362,63 +361,3 @@ class TestContractOfAPerfectBalance(TestContract):
 
     def make_action(self):
         return np.zeros(1)
-
-
-def _require_graphics() -> None:
-    """Skip without a headless OpenGL library, or fail where one is demanded."""
-    if BACKEND == "disable":
-        reason = "no EGL or OSMesa library is installed, so MuJoCo cannot draw off screen"
-        if os.environ.get("AFL_MUJOCO_REQUIRE_GL"):
-            pytest.fail(f"AFL_MUJOCO_REQUIRE_GL is set, but {reason}")
-        pytest.skip(reason)
-
-
-def _pole_pixels(picture: np.ndarray) -> np.ndarray:
-    """Return where a picture shows the pole: it alone is orange. Shape (N, 2), (row, column)."""
-    red, _, blue = picture.astype(int).transpose(2, 0, 1)
-    return np.argwhere(red - blue > 60)  # cart, floor and sky are bluish or grey
-
-
-@pytest.mark.parametrize("half_length", [0.2, 0.5, 1.0])
-def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(half_length):
-    _require_graphics()
-    scenario = replace(_short("nominal", 1.0), half_length=afl.constant(half_length))
-    physics = afl.load(scenario).physics
-    extents = []
-    for z in (0.0, 7.0):
-        physics.begin((z, -math.pi / 3, 0.0, 0.0))
-        seen = _pole_pixels(physics.render(240, 320, camera_id="side"))
-        assert seen.min() > 0
-        assert (seen.max(axis=0) < (239, 319)).all()
-        extents.append(np.ptp(seen, axis=0))
-    assert np.abs(extents[0] - extents[1]).max() <= 1  # the camera follows; edges round to a pixel
-
-
-def test_a_picture_shows_the_length_of_its_instant():
-    _require_graphics()
-    scenario = replace(
-        _short("nominal", 1.0, initial_state=(0, 0, 0, 0)),
-        half_length=afl.step((0.5,), (0.3, 0.9)),
-    )
-    environment = afl.load(scenario, control_period=0.1)
-    environment.reset()
-    heights = []
-    for _ in range(6):
-        picture = environment.physics.render(240, 320, camera_id="side")
-        heights.append(np.ptp(_pole_pixels(picture)[:, 0]))
-        environment.step([0.0])
-    assert len(set(heights[:5])) == 1
-    assert heights[5] > 2.0 * heights[0]
-
-
-def test_pictures_leave_the_simulation_alone():
-    _require_graphics()
-    scenario = CASES["impulses"]
-    environment, watched = (afl.load(scenario, control_period=0.05) for _ in range(2))
-    policy = law_policy(afl.CONTROLLERS["adaptive"], scenario)
-
-    def look_then_act(step):
-        watched.physics.render(60, 80, camera_id="side")
-        return policy(step)
-
-    np.testing.assert_array_equal(_states(watched, look_then_act), _states(environment, policy))

@@ -1,0 +1,92 @@
+"""`afl-mujoco render`."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from afl_mujoco.cli.terminal import SUCCESS, count_bar
+from afl_mujoco.errors import InvalidValueError
+
+Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
+
+SHOWCASE = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Render:
+    """Film runs in MuJoCo with the ideal equations as a ghost, without a display.
+
+    Example: afl-mujoco render step-step-impulse --controllers fixed,adaptive --size 1280x720
+
+    Writes one MP4 for each scenario and controller, one of the first two controllers side by side,
+    and, if no scenario is named, a showcase of the paper's four cases; and films.json, from which
+    `afl-mujoco report` takes them.
+    """
+
+    scenarios: Names = ()
+    """Scenarios by name, or TOML files; all nine of the paper and the showcase by default."""
+    controllers: tuple[str, ...] = ("fixed", "adaptive")
+    """Controllers by name: fixed, adaptive, each also -retuned or -nominal."""
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+    size: str = "1280x720"
+    """Width x height in pixels, even, at most 1920x1080."""
+    fps: int = 30
+    """Frames a second."""
+    timestep: float = 1e-3
+    """Physics step of MuJoCo [s]."""
+    control_period: float | None = None
+    """How long the force is held [s], a multiple of the timestep; one by default."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    still: float | None = None
+    """Write the frame at this time [s] as a PNG, instead of each film."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Processes to share the films among."""
+    out: Path = Path("renders")
+    """Folder for the films."""
+
+    def run(self) -> int:
+        """Make the films, or the stills."""
+        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.graphics import require_backend
+        from afl_mujoco.output import output_folder
+        from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.scenario.files import find_scenario
+
+        # What is quick to check comes before what is slow to import, the backend before MuJoCo.
+        scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
+        names = [name for given in self.controllers for name in given.split(",")]
+        controllers = [find_controller(name, self.gain_labels) for name in names]
+        size = self._size()
+        folder = output_folder(self.out)
+        require_backend()
+
+        from afl_mujoco.reporting.films.plan import plan
+        from afl_mujoco.reporting.films.replay import Deployment
+        from afl_mujoco.reporting.films.studio import make_films, write_stills
+
+        deployment = Deployment(
+            timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
+        )
+        cases = () if self.scenarios else [SCENARIOS[f"{name}-impulse"] for name in SHOWCASE]
+        films = plan(scenarios, controllers, cases, deployment=deployment, size=size, fps=self.fps)
+        if self.still is not None:
+            files = write_stills(films, self.still, folder)
+        else:
+            with count_bar(sum(film.frames for film in films), "filming") as progress:
+                files = make_films(films, folder, workers=self.workers, progress=progress)
+        print(*(f"wrote {file}" for file in files), sep="\n")
+        return SUCCESS
+
+    def _size(self) -> tuple[int, int]:
+        """Return width and height."""
+        if not (found := re.fullmatch(r"(\d{1,6})x(\d{1,6})", self.size)):
+            raise InvalidValueError("size", "must be WIDTHxHEIGHT, such as 1280x720", self.size)
+        return int(found[1]), int(found[2])

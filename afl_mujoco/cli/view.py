@@ -1,0 +1,77 @@
+"""`afl-mujoco view`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+
+from afl_mujoco.cli.simulate import Name
+from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.errors import GraphicsError, InvalidValueError
+
+FRAMES_A_SECOND = 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """Show a run in MuJoCo's interactive viewer, in real time, until the window is closed.
+
+    Example: afl-mujoco view step-step-impulse --controller adaptive
+    """
+
+    scenario: Name = "step-step-impulse"
+    """Scenario by name, or a TOML file."""
+    controller: str = "adaptive"
+    """Controller by name: fixed, adaptive, each also -retuned or -nominal."""
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+    timestep: float = 1e-3
+    """Physics step of MuJoCo [s]."""
+    control_period: float | None = None
+    """How long the force is held [s], a multiple of the timestep; one by default."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    speed: float = 1.0
+    """Seconds of the run shown in a second."""
+
+    def run(self) -> int:
+        """Run, then show."""
+        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.scenario.files import find_scenario
+
+        scenario = find_scenario(self.scenario)
+        controller = find_controller(self.controller, self.gain_labels)
+        if not 0.0 < self.speed < float("inf"):
+            raise InvalidValueError("speed", "must be positive and finite", self.speed)
+        require_display()
+        os.environ["MUJOCO_GL"] = "glfw"
+
+        from afl_mujoco.reporting.films.replay import Deployment, record
+        from afl_mujoco.reporting.viewer import view
+        from afl_mujoco.simulation.mujoco_model import CartPoleModel
+
+        deployment = Deployment(
+            timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
+        )
+        replay = record(scenario, controller, deployment, FRAMES_A_SECOND)
+        view(replay, CartPoleModel(scenario.parameters_at(0.0), file="scene.xml"), self.speed)
+        return SUCCESS
+
+
+def require_display() -> None:
+    """Raise unless there is a display for a window.
+
+    Raises
+    ------
+    GraphicsError
+        If there is none.
+    """
+    if sys.platform == "linux" and not any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    ):
+        rule = (
+            "needs a display: neither DISPLAY nor WAYLAND_DISPLAY is set; "
+            "afl-mujoco render makes films without one"
+        )
+        raise GraphicsError("view", rule)

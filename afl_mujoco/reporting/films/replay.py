@@ -1,0 +1,143 @@
+"""A run in MuJoCo and the ideal one, at the instants of a film's frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.ode import simulate_ode
+from afl_mujoco.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Deployment:
+    """How the law is deployed in the run that is filmed.
+
+    Attributes
+    ----------
+    timestep
+        Physics step [s].
+    control_period
+        How long the force is held [s]; one step by default.
+    integrator
+        MuJoCo's integrator.
+    """
+
+    timestep: float = 1e-3
+    control_period: float | None = None
+    integrator: str = "RK4"
+
+    def describe(self) -> str:
+        """Say it in a line."""
+        period = self.timestep if self.control_period is None else self.control_period
+        return (
+            f"as deployed: {self.integrator} at {1e3 * self.timestep:g} ms, "
+            f"force held for {1e3 * period:g} ms"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Replay:
+    """What a film shows, frame by frame; a run that has ended stays as it was.
+
+    Attributes
+    ----------
+    scenario, controller
+        Their names.
+    time
+        Instants of the frames [s], shape (N,).
+    state, ideal
+        States of the run in MuJoCo and of the ideal ODE, shape (N, 4).
+    force, push
+        Force of the law and disturbing force [N], shape (N,).
+    cart_mass, half_length
+        M [kg] and l [m], shape (N,).
+    pole_mass, gravity
+        m [kg] and g [m/s^2].
+    endings
+        What to say of runs that did not complete, with the time [s] from which on it is true.
+    """
+
+    scenario: str
+    controller: str
+    time: NDArray[np.float64]
+    state: NDArray[np.float64]
+    ideal: NDArray[np.float64]
+    force: NDArray[np.float64]
+    push: NDArray[np.float64]
+    cart_mass: NDArray[np.float64]
+    half_length: NDArray[np.float64]
+    pole_mass: float
+    gravity: float
+    endings: tuple[tuple[float, str], ...] = ()
+
+    @property
+    def difference(self) -> NDArray[np.float64]:
+        """|MuJoCo - ODE| of every state, shape (N, 4)."""
+        return np.abs(self.state - self.ideal)
+
+
+def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
+    """Return the instants of the frames [s], ``round(duration * fps)`` of them.
+
+    Parameters
+    ----------
+    duration
+        How long the film is [s].
+    fps
+        Frames a second.
+    """
+    return np.arange(round(duration * fps), dtype=np.float64) / fps
+
+
+def record(scenario: Scenario, controller: Controller, deployment: Deployment, fps: int) -> Replay:
+    """Run the law as deployed in MuJoCo, and the ideal ODE, for a film.
+
+    Parameters
+    ----------
+    scenario, controller
+        What happens and what is commanded.
+    deployment
+        How.
+    fps
+        Frames a second.
+    """
+    run = simulate_mujoco(
+        scenario,
+        controller,
+        "sampled",
+        timestep=deployment.timestep,
+        control_period=deployment.control_period,
+        integrator=deployment.integrator,
+    )
+    ideal = simulate_ode(scenario, controller, sample_period=deployment.timestep)
+    times = frame_times(scenario.duration, fps)
+    held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
+    return Replay(
+        scenario=scenario.name,
+        controller=controller.name,
+        time=times,
+        state=_at(run, times),
+        ideal=_at(ideal, times),
+        force=run.force[held],
+        push=scenario.pushes(times),
+        cart_mass=scenario.cart_mass(times),
+        half_length=scenario.half_length(times),
+        pole_mass=scenario.pole_mass,
+        gravity=scenario.gravity,
+        endings=tuple(
+            (end.outcome.time, f"{name} {end.outcome}")
+            for name, end in (("MuJoCo", run), ("ideal ODE", ideal))
+            if end.outcome.time < scenario.duration
+        ),
+    )
+
+
+def _at(run: Trajectory, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the states at some times, linear between instants, the last one held; shape (N, 4)."""
+    return np.column_stack([np.interp(times, run.time, column) for column in run.state.T])

@@ -1,0 +1,122 @@
+"""`afl-mujoco render` and `afl-mujoco view` as a user runs them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco.cli import main
+from afl_mujoco.cli.view import require_display
+from afl_mujoco.errors import GraphicsError
+
+SMALL = ("--size", "160x128", "--controllers", "adaptive")
+
+BAD = {
+    "unknown scenario": (["render", "step"], "scenario must be one of nominal, step-step, "),
+    "unknown controller": (
+        ["render", "nominal", "--controllers", "fixed,pid"],
+        "controller must be one of fixed, adaptive, fixed-retuned, adaptive-retuned, ",
+    ),
+    "size without a height": (
+        ["render", "nominal", "--size", "1280"],
+        "size must be WIDTHxHEIGHT, such as 1280x720, got 1280",
+    ),
+    "odd size": (
+        ["render", "nominal", "--size", "641x480"],
+        "film width must be even, for H.264, got 641",
+    ),
+    "size beyond the off-screen buffer": (
+        ["render", "nominal", "--size", "1280x1440"],
+        "film height must lie between 128 and 1080 pixels, the off-screen buffer, got 1440",
+    ),
+    "still after the end": (
+        ["render", "nominal", "--still", "99"],
+        "still must lie between 0 and 19.9667 s, got 99.0",
+    ),
+    "folder that cannot be made": (
+        ["render", "nominal", "--out", "/proc/afl"],
+        "output folder /proc/afl cannot be written: no such file or directory",
+    ),
+    "no workers": (
+        ["render", "nominal", "--workers", "0"],
+        "workers must be at least 1, got 0",
+    ),
+    "speed of a view": (["view", "--speed", "0"], "speed must be positive and finite, got 0.0"),
+}
+
+
+def started(*arguments: str, cwd: Path, **variables: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "afl_mujoco", *arguments],
+        cwd=cwd,
+        env={**os.environ, **variables},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_bad_input_is_one_line_and_leaves_no_file(
+    graphics, tmp_path, monkeypatch, capsys, case
+) -> None:
+    arguments, message = BAD[case]
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1
+    assert message in said.err
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+def test_without_a_backend_one_line_names_the_packages(tmp_path) -> None:
+    process = started("render", "nominal", *SMALL, cwd=tmp_path, MUJOCO_GL="nonsense")
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert output == ""
+    assert len(errors.splitlines()) == 1
+    assert "MUJOCO_GL=nonsense must be able to draw; install Debian's libegl1" in errors
+    assert "libosmesa6" in errors
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_ctrl_c_leaves_whole_films_and_nothing_else(graphics, tmp_path, workers) -> None:
+    arguments = ("step-step", "--size", "480x360", "--workers", workers, "--out", "out")
+    process = started("render", *arguments, cwd=tmp_path)
+    folder = tmp_path / "out"
+    while not list(folder.glob(".films-*/.*.mp4")):  # an encoder has been started
+        time.sleep(0.05)
+        assert process.poll() is None, process.communicate()
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "afl-mujoco: interrupted\n"
+    assert output == ""
+    assert list(folder.iterdir()) == []
+
+
+def test_view_without_a_display_says_what_to_do(monkeypatch, capsys) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(GraphicsError, match="afl-mujoco render makes films without one"):
+        require_display()
+    assert main(["view", "step-step"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["render", "view"])
+def test_help_shows_an_example(capsys, command) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([command, "--help"])
+    assert end.value.code == 0
+    assert f"Example: afl-mujoco {command}" in capsys.readouterr().out
