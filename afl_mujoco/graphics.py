@@ -29,6 +29,11 @@ with mujoco.Renderer(model, 16, 16) as renderer:
     raise SystemExit(0 if renderer.render().any() else "drew nothing")
 """
 
+_PROBE_WINDOW = "import glfw; raise SystemExit(None if glfw.init() else 'glfw cannot use it')"
+
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+"""Variables that name a display, on Linux."""
+
 
 def choose_backend() -> str:
     """Set ``MUJOCO_GL`` unless it is set, and return it.
@@ -78,12 +83,29 @@ def require_backend() -> str:
     raise GraphicsError(thing, f"must be able to draw; {PACKAGES} ({'; '.join(refusals)})")
 
 
-def _refusal(backend: str) -> str:
-    """Return why a backend cannot draw, in one line; nothing if it can."""
+def require_display() -> None:
+    """Raise unless there is a display on which a window can be opened.
+
+    Raises
+    ------
+    GraphicsError
+        If there is none.
+    """
+    named = [os.environ[name] for name in DISPLAYS if os.environ.get(name)]
+    if sys.platform == "linux" and not named:
+        rule = f"needs a display: neither {' nor '.join(DISPLAYS)} is set"
+        raise GraphicsError("view", f"{rule}; afl-mujoco render makes films without one")
+    if refusal := _refusal("glfw", _PROBE_WINDOW):
+        rule = "needs a display on which a window can be opened"
+        raise GraphicsError("view", f"{rule} ({refusal})", ", ".join(named) or None)
+
+
+def _refusal(backend: str, program: str = _PROBE) -> str:
+    """Return why a program cannot draw with a backend, in one line; nothing if it can."""
     environment = {**os.environ, "MUJOCO_GL": backend}
     try:
         probe = subprocess.run(
-            [sys.executable, "-c", _PROBE],
+            [sys.executable, "-c", program],
             env=environment,
             capture_output=True,
             text=True,

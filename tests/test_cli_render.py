@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from afl_mujoco.cli import main
-from afl_mujoco.cli.view import require_display
 from afl_mujoco.errors import GraphicsError
+from afl_mujoco.graphics import require_display
 
 SMALL = ("--size", "160x128", "--controllers", "adaptive")
 
@@ -112,6 +112,16 @@ def test_view_without_a_display_says_what_to_do(monkeypatch, capsys) -> None:
         require_display()
     assert main(["view", "step-step"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_view_on_a_display_that_is_not_there_is_one_line(tmp_path) -> None:
+    process = started("view", cwd=tmp_path, DISPLAY=":63", WAYLAND_DISPLAY="")
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, output) == (2, "")
+    assert errors == (
+        "afl-mujoco: view needs a display on which a window can be opened "
+        "(glfw cannot use it), got :63\n"
+    )
 
 
 @pytest.mark.parametrize("command", ["render", "view"])

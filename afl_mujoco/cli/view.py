@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import dataclass
 
 from afl_mujoco.cli.simulate import Name
 from afl_mujoco.cli.terminal import SUCCESS
-from afl_mujoco.errors import GraphicsError, InvalidValueError
+from afl_mujoco.errors import InvalidValueError
 
 FRAMES_A_SECOND = 60
 
@@ -38,6 +37,7 @@ class View:
     def run(self) -> int:
         """Run, then show."""
         from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.graphics import require_display
         from afl_mujoco.scenario.files import find_scenario
 
         scenario = find_scenario(self.scenario)
@@ -57,21 +57,3 @@ class View:
         replay = record(scenario, controller, deployment, FRAMES_A_SECOND)
         view(replay, CartPoleModel(scenario.parameters_at(0.0), file="scene.xml"), self.speed)
         return SUCCESS
-
-
-def require_display() -> None:
-    """Raise unless there is a display for a window.
-
-    Raises
-    ------
-    GraphicsError
-        If there is none.
-    """
-    if sys.platform == "linux" and not any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-    ):
-        rule = (
-            "needs a display: neither DISPLAY nor WAYLAND_DISPLAY is set; "
-            "afl-mujoco render makes films without one"
-        )
-        raise GraphicsError("view", rule)

@@ -71,7 +71,7 @@ def _show(viewer: mujoco.viewer.Handle, model: CartPoleModel, replay: Replay, in
         pose(model, replay, index)
         viewer.cam.lookat[0] += float(replay.state[index, 0]) - before
         viewer.user_scn.ngeom = 0
-        decorate(viewer.user_scn, replay, index, MARKED)
+        decorate(viewer.user_scn, replay, index, MARKED, drawn_mass=1.0)  # as the model is
     numbers = readouts(replay, index)
     ended = [text.text for text in endings(replay, index, 0.0, 0.0)]
     labels, values = zip(*numbers, strict=True)

@@ -23,6 +23,9 @@ SMOOTHING = 0.35
 TRACK = -0.3
 """Height of the track [m]."""
 
+NUMBERS_Y, NUMBERS_Z = -0.78, -0.36
+"""Where the numbers of the rail stand: in front of the track, a little lower [m]."""
+
 BEYOND_TIP = 0.15
 """Room above the longest pole [m]."""
 
@@ -41,12 +44,15 @@ class Frame:
     ----------
     left, right, top, bottom
         Margins that are kept free.
+    foot
+        Margin below the numbers of the rail.
     """
 
     left: float = 0.04
     right: float = 0.04
     top: float = 0.14
     bottom: float = 0.25
+    foot: float = 0.165
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -158,7 +164,7 @@ def _extent(
 
 
 def _standpoint(reach: float, span: float, aspect: float, frame: Frame) -> tuple[float, float]:
-    """Return the height to look at and the distance from which track, pole and `span` fit."""
+    """Return the height to look at and the distance from which track, pole and span fit."""
     slope = tan(radians(0.5 * FIELD_OF_VIEW))
     up, down = 1.0 - 2.0 * frame.top, 1.0 - 2.0 * frame.bottom  # of half the picture's height
     height = (up * TRACK + down * reach) / (up + down)
@@ -167,6 +173,9 @@ def _standpoint(reach: float, span: float, aspect: float, frame: Frame) -> tuple
         (reach - height) * (cos(tilt) / (up * slope) - sin(tilt)),
         (height - TRACK) * (cos(tilt) / (down * slope) + sin(tilt)),
     )
+    y, low = NUMBERS_Y, NUMBERS_Z - height
+    depressed = (y * sin(tilt) - low * cos(tilt)) / ((1.0 - 2.0 * frame.foot) * slope)
+    vertical = max(vertical, depressed - y * cos(tilt) - low * sin(tilt))
     across = 2.0 * (1.0 - frame.left - frame.right) * aspect * slope
     horizontal = span / across - reach * sin(tilt)
     return height, max(vertical, horizontal)

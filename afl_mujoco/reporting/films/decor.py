@@ -33,7 +33,13 @@ _BED_TOP, _BED_FRONT = -0.30, -0.70
 _FORCE_LINE, _PUSH_LINE = -0.10, -0.04
 
 
-def decorate(scene: mujoco.MjvScene, replay: Replay, index: int, places: Sequence[float]) -> None:
+def decorate(
+    scene: mujoco.MjvScene,
+    replay: Replay,
+    index: int,
+    places: Sequence[float],
+    drawn_mass: float | None = None,
+) -> None:
     """Add what belongs to no model: the ghost, the forces, the marks of the rail.
 
     Parameters
@@ -44,11 +50,13 @@ def decorate(scene: mujoco.MjvScene, replay: Replay, index: int, places: Sequenc
         The frame.
     places
         Of the marks [m].
+    drawn_mass
+        Mass as which the cart is drawn [kg]; its own by default.
     """
-    mass, length = float(replay.cart_mass[index]), float(replay.half_length[index])
+    mass = float(replay.cart_mass[index]) if drawn_mass is None else drawn_mass
     z, half = float(replay.state[index, 0]), cart_size(mass)[0]
     _add_marks(scene, places)
-    _add_ghost(scene, replay.ideal[index], mass, length)
+    _add_ghost(scene, replay.ideal[index], mass, float(replay.half_length[index]))
     _add_arrow(scene, z, float(replay.force[index]), FORCE, half, _FORCE_LINE, pulls=True)
     _add_arrow(scene, z, float(replay.push[index]), PUSH, half, _PUSH_LINE, pulls=False)
 

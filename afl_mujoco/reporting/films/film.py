@@ -27,7 +27,7 @@ from afl_mujoco.reporting.films.scene import Scene, open_scene
 from afl_mujoco.reporting.films.strips import draw_strips
 
 Picture = NDArray[np.uint8]
-HALF = Frame(top=0.16, bottom=0.30)
+HALF = Frame(top=0.16, bottom=0.30, foot=0.21)
 """Where the cart-poles stay in a picture that is a part of the film's."""
 
 DIVIDER = (70, 80, 98)

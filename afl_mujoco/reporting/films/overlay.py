@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from afl_mujoco.reporting.films.camera import CameraPath
+from afl_mujoco.reporting.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath
 from afl_mujoco.reporting.films.decor import BAR, FORCE, GHOST, PUSH, marks
 from afl_mujoco.reporting.films.replay import Replay
 
@@ -179,7 +179,7 @@ def rail_numbers(path: CameraPath, index: int, size: int = 15) -> list[Text]:
         Of the letters.
     """
     places = np.array(marks(path, index, 2.0 * BAR))
-    spots = path.project(index, places, -0.78, np.full(places.shape, -0.36))
+    spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
     return [
         Text(x, y, f"{round(place)} m", size, QUIET, "mt")
         for place, (x, y) in zip(places.tolist(), spots.tolist(), strict=True)

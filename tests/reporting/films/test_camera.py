@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco.reporting.films.camera import TRACK, Frame, follow
+from afl_mujoco.reporting.films.camera import NUMBERS_Y, NUMBERS_Z, TRACK, Frame, follow
 
 FPS = 30
 SIZES = [(1280, 720), (640, 360), (640, 480), (320, 1080), (1920, 200)]
@@ -51,7 +51,9 @@ def test_the_cart_pole_stays_in_the_frame_and_its_ghost_while_they_are_close(rep
         followed = (run.state, run.ideal) if gap < 1.0 else (run.state,)
         for states in followed:
             seen = np.array([corners(path, k, x, run.half_length[k]) for k, x in enumerate(states)])
+            numbers = path.project(0, path.x[:1], NUMBERS_Y, np.array([NUMBERS_Z]))
             slack = 1e-6
+            assert numbers[0, 1] <= (1.0 - frame.foot) * size[1] + slack
             assert seen[..., 0].min() >= frame.left * size[0] - slack
             assert seen[..., 0].max() <= (1.0 - frame.right) * size[0] + slack
             assert seen[..., 1].min() >= frame.top * size[1] - slack
