@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, scheduled_gain
+from afl_mujoco.control.gain_function import (
+    GAIN_NAMES,
+    GainFunction,
+    scheduled_gain,
+    shipped_file,
+)
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.reporting.figures import save_figure
+from afl_mujoco.reporting.figures.style import Drawn, new_figure, save_figure, styled
 
 SYMBOLS = {"switching": "K [m/s²]", "slope": "λ [1/s]", "boundary_layer": "Φ [m/s³]"}
 MASSES = (0.1, 0.5, 1.0, 2.0)
@@ -25,6 +31,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 MARKERS = ("o", "s", "^", "D")
 
 
+@styled()
 def draw_gain_table(table: GainTable, fits: dict[str, GainFunction]) -> Figure:
     """Draw the analogue of the paper's Figs. 2 to 4.
 
@@ -35,8 +42,7 @@ def draw_gain_table(table: GainTable, fits: dict[str, GainFunction]) -> Figure:
     fits
         Gain functions to draw over it, by what the legend says; the first is the paper's.
     """
-    figure = Figure(figsize=(11.0, 8.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(11.0, 8.6)
     grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.15))
     published = next(iter(fits.values()))
     for place, name in enumerate(GAIN_NAMES):
@@ -59,10 +65,15 @@ def _draw_surface(axes: Axes3D, table: GainTable, name: str, published: GainFunc
     masses, lengths, gain = _grid(table, name)
     paper = scheduled_gain(masses, lengths, getattr(published, name))
     shades = {"vmin": gain.min(), "vmax": max(gain.max(), 1.001 * gain.min())}  # no round-off
-    axes.plot_surface(masses, lengths, gain, cmap="viridis", alpha=0.9, linewidth=0, **shades)
+    facets = 20 if np.ptp(gain) > 1e-9 * gain.max() else 1  # a plane needs no more
+    axes.plot_surface(
+        masses, lengths, gain, cmap="viridis", alpha=0.9, linewidth=0, rcount=facets,
+        ccount=facets, **shades,
+    )  # fmt: skip
     axes.plot_wireframe(masses, lengths, paper, color="0.35", linewidth=0.6, rstride=2, cstride=2)
     axes.set_xlabel("M [kg]")
     axes.set_ylabel("l [m]")
+    axes.set_xticks((0.0, 0.5, 1.0, 1.5, 2.0))
     axes.set_title(f"{SYMBOLS[name]}: optima (surface), paper (wires)", fontsize=10)
     axes.view_init(elev=24, azim=38)
 
@@ -82,9 +93,45 @@ def _draw_slopes(axes: Axes, table: GainTable, fits: dict[str, GainFunction]) ->
             axes.plot(lengths, slope, style, color=colour, linewidth=1.2)
     for name, style in zip(fits, styles, strict=True):
         axes.plot([], [], style, color="0.2", label=name)
-    axes.set(xlabel="half-length l [m]", ylabel=SYMBOLS["slope"], xlim=(0.0, 1.02), ylim=(0.8, 6.2))
-    axes.grid(alpha=0.3)
+    axes.set(xlabel="half-length l [m]", ylabel=SYMBOLS["slope"], xlim=(0.0, 1.02), ylim=(0.0, 6.2))
     axes.legend(ncols=2, fontsize=9, loc="upper right")
+
+
+def draw_shipped_gains() -> Drawn:
+    """Draw the table and the functions that come with the package."""
+    table, text = GainTable.shipped(), shipped_file("gain_functions.json").read_text("utf-8")
+    spans = [f"{SYMBOLS[name]} {_span(table.column(name))}" for name in GAIN_NAMES]
+    return Drawn(
+        name="gain-table",
+        title="Optimal gains and the functions fitted to them",
+        caption="Analogue of the paper's Figs. 2 to 4: the gains that minimise the objective (O1) "
+        f"for each of {len(table.rows)} plants, found anew (surface), beside the paper's gain "
+        "functions (wires); below, the slope λ over the half-length for some cart masses, with "
+        "the functions fitted to it.",
+        alt="Three surfaces over M and l, each with a wire frame, and below them a panel of λ "
+        f"over l. Over the table the optima span {', '.join(spans)}.",
+        figure=draw_gain_table(table, _fits(json.loads(text))),
+    )
+
+
+def _span(values: NDArray[np.float64]) -> str:
+    """Say between what some values lie."""
+    return f"{values.min():.4g} to {values.max():.4g}"
+
+
+def _fits(functions: Mapping[str, Any]) -> dict[str, GainFunction]:
+    """Return the gain functions of a gain_functions.json and the paper's, by what a legend says."""
+    squares = {
+        fit["gain"]: tuple(fit["coefficients"])
+        for fit in functions["fits"]
+        if fit["method"] == "least squares"
+    }
+    chosen = {name: tuple(w) for name, w in functions["coefficients"].items()}
+    return {
+        "paper (Table 2)": GainFunction.published(),
+        "(G1), least squares on the optima": GainFunction(**squares),
+        "adaptive-retuned": GainFunction(**chosen),
+    }
 
 
 def main(folder: Path) -> None:
@@ -97,18 +144,7 @@ def main(folder: Path) -> None:
     """
     table = GainTable.load(folder / "gain_table.json")
     functions = json.loads((folder / "gain_functions.json").read_text(encoding="utf-8"))
-    squares = {
-        fit["gain"]: tuple(fit["coefficients"])
-        for fit in functions["fits"]
-        if fit["method"] == "least squares"
-    }
-    chosen = {name: tuple(w) for name, w in functions["coefficients"].items()}
-    fits = {
-        "paper (Table 2)": GainFunction.published(),
-        "(G1), least squares on the optima": GainFunction(**squares),
-        "adaptive-retuned": GainFunction(**chosen),
-    }
-    save_figure(draw_gain_table(table, fits), folder / "gain_table.png")
+    save_figure(draw_gain_table(table, _fits(functions)), folder / "gain_table.png")
     print(f"wrote {folder / 'gain_table.png'}")
 
 

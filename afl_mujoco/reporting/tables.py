@@ -190,7 +190,9 @@ def _explanations(report: Report) -> dict[str, list[dict[str, Any]]]:
     explanations = report.explanations
     tables = {
         "Error budget of the run as deployed, against the ideal ODE": [
-            e.budget.to_dict() for e in explanations if e.budget
+            {key: value for key, value in e.budget.to_dict().items() if key != "at_worst"}
+            for e in explanations
+            if e.budget
         ],
         "Ledger of energy [J] and momentum [N s]": [
             e.ledger.to_dict() for e in explanations if e.ledger

@@ -6,10 +6,10 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
+from afl_mujoco.reporting.figures.style import new_figure, styled
 from afl_mujoco.tuning.referee import ContestResult
 
 _POINTS = 600
@@ -26,6 +26,7 @@ _STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito; legible wit
 )
 
 
+@styled()
 def draw_contest(result: ContestResult) -> Figure:
     """Draw how many of the targets each optimiser has reached over evaluations of the cost.
 
@@ -35,8 +36,7 @@ def draw_contest(result: ContestResult) -> Figure:
         Of the contest.
     """
     contest = result.contest
-    figure = Figure(figsize=(8.5, 6.2), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(8.5, 6.2)
     axis = figure.subplots()
     steps = np.geomspace(1.0, contest.budget, _POINTS)
     gap = _POINTS // 11
@@ -50,12 +50,11 @@ def draw_contest(result: ContestResult) -> Figure:
     axis.yaxis.set_major_formatter(PercentFormatter(1.0))
     axis.set_xlabel("evaluations of the cost")
     axis.set_ylabel("share of all (plant, target, run) solved")
-    axis.grid(alpha=0.3)
     targets = ", ".join(f"{100.0 * target:g} %" for target in contest.targets)
     figure.suptitle(
         f"{len(contest.problems)} plants, {contest.runs} runs on each, to within {targets} "
         "of the optimal cost",
         fontsize="medium",
     )
-    figure.legend(loc="outside lower center", ncols=2, frameon=False, handlelength=4.0)
+    figure.legend(loc="outside lower center", ncols=2, handlelength=4.0)
     return figure

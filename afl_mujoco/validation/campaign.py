@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
@@ -18,60 +18,26 @@ from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
 from afl_mujoco.simulation.ode import simulate_ode
-from afl_mujoco.simulation.trajectory import Trajectory, law_along
+from afl_mujoco.simulation.trajectory import law_along
 from afl_mujoco.sweep.executors import open_executor
 from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.check import Check
-from afl_mujoco.validation.checks.closed_loop_checks import (
-    Settings,
-    closed_loop_checks,
-    closed_loop_runs,
-)
+from afl_mujoco.validation.checks.closed_loop_checks import Settings
+from afl_mujoco.validation.checks.convergence import Refinement
 from afl_mujoco.validation.checks.equation_checks import equation_checks
-from afl_mujoco.validation.checks.explanation import Explanation, explain, plateau_check
-from afl_mujoco.validation.checks.reference_checks import reference_checks
+from afl_mujoco.validation.checks.explanation import Explanation, plateau_check
+from afl_mujoco.validation.checks.reference_checks import free_swings, reference_checks
 from afl_mujoco.validation.claims.ledger import Ledger, judge_claims
 from afl_mujoco.validation.claims.schedules import FULL, QUICK
+from afl_mujoco.validation.curves import Curves
 from afl_mujoco.validation.decisions import DECISIONS
-from afl_mujoco.validation.metrics import (
-    Metrics,
-    metrics,
-    objective_scales,
-    with_objective,
-)
-
-REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
-"""Simulators whose metrics the report gives; the others are references of checks."""
+from afl_mujoco.validation.metrics import metrics, objective_scales, with_objective
+from afl_mujoco.validation.pair import Run, judge, pair_name
 
 DECISIVE = "mujoco continuous"
 """Simulator whose runs decide the paper's claims: the law as published, in MuJoCo's physics."""
 
 _PACKAGES = ("afl_mujoco", "mujoco", "dm_control", "numpy", "scipy", "numba")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
-    """One simulated run of the report.
-
-    Attributes
-    ----------
-    scenario, controller, simulator
-        What was simulated, in what.
-    outcome
-        How it ended.
-    metrics
-        Its figures.
-    """
-
-    scenario: str
-    controller: str
-    simulator: str
-    outcome: str
-    metrics: Metrics
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the run as plain data."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,12 +54,24 @@ class Report:
         Error budget, ledger and omissions of each scenario and controller.
     ledger
         The paper's claims, judged; empty unless the campaign ran all that they need.
+    studies
+        The refinement studies; empty unless the campaign was full.
+    curves
+        Every scenario and controller over time, for figures; not part of the plain data.
+    settings
+        Step sizes of the campaign.
+    command
+        What reproduces it, as typed into a shell.
     """
 
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
     explanations: tuple[Explanation, ...] = ()
     ledger: Ledger = field(default_factory=Ledger)
+    studies: tuple[Refinement, ...] = ()
+    curves: tuple[Curves, ...] = ()
+    settings: Settings = field(default_factory=Settings)
+    command: str = ""
 
     @property
     def passed(self) -> bool:
@@ -118,13 +96,12 @@ class Report:
             "random_schedules": self.ledger.comparisons_as_data(),
             "error_budgets": [e.budget.to_dict() for e in self.explanations if e.budget],
             "ledgers": [e.ledger.to_dict() for e in self.explanations if e.ledger],
+            "studies": [study.to_dict() for study in self.studies],
             "omissions": [e.omission.to_dict() for e in self.explanations if e.omission],
             "decisions": dict(DECISIONS),
+            "settings": asdict(self.settings),
+            "command": self.command,
         }
-
-
-Pair = tuple[Scenario, Controller, Settings]
-Judged = tuple[tuple[Check, ...], tuple[Run, ...], Explanation]
 
 
 def run_campaign(
@@ -161,15 +138,18 @@ def run_campaign(
     require_runnable(scenarios, controllers, settings, workers)
     pairs = [(s, c, settings) for s in scenarios for c in controllers]
     checks = list(equation_checks())
+    studies: list[Refinement] = []
     if settings.full:
-        checks += [*reference_checks(), plateau_check()]
+        swings = free_swings()
+        checks += [*reference_checks(swings), plateau_check()]
+        studies += swings
     scales = nominal_scales(settings)
     with open_executor(min(workers, len(pairs))) as executor:
         judged = compute_all(judge, pairs, executor, lambda i: progress(pair_name(pairs[i])))
         runs = tuple(
             replace(run, metrics=with_objective(run.metrics, scales))
-            for _, reported, _ in judged
-            for run in reported
+            for pair in judged
+            for run in pair.runs
         )
         published = {s.name for s in scenarios if SCENARIOS.get(s.name) == s}
         decisive = {
@@ -179,68 +159,17 @@ def run_campaign(
         }
         schedules = FULL if settings.full else QUICK
         ledger = judge_claims(decisive, scales, schedules, executor, progress)
-    for pair_checks, _, explanation in judged:
-        checks += [*pair_checks, *explanation.checks]
+    for pair in judged:
+        checks += [*pair.checks, *pair.explanation.checks]
+        studies += pair.explanation.studies
     return Report(
         checks=tuple(checks),
         runs=runs,
-        explanations=tuple(explanation for _, _, explanation in judged),
+        explanations=tuple(pair.explanation for pair in judged),
         ledger=ledger,
-    )
-
-
-def pair_name(pair: Pair) -> str:
-    """Return what a progress bar calls a pair.
-
-    Parameters
-    ----------
-    pair
-        Scenario, controller and settings.
-    """
-    return f"{pair[0].name} / {pair[1].name}"
-
-
-def judge(pair: Pair) -> Judged:
-    """Run and judge one scenario with one controller.
-
-    Parameters
-    ----------
-    pair
-        Scenario, controller and settings.
-
-    Returns
-    -------
-    tuple
-        The checks, the runs of `REPORTED` with their metrics, and what explains them.
-    """
-    scenario, controller, settings = pair
-    runs = closed_loop_runs(scenario, controller, settings)
-    reported = reported_runs(scenario, controller, runs)
-    checks = closed_loop_checks(scenario, controller, runs)
-    return checks, reported, explain(scenario, controller, runs, full=settings.full)
-
-
-def reported_runs(
-    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
-) -> tuple[Run, ...]:
-    """Return the runs of `REPORTED` with their metrics, the objective aside.
-
-    Parameters
-    ----------
-    scenario, controller
-        What was simulated.
-    runs
-        From `closed_loop_runs`.
-    """
-    return tuple(
-        Run(
-            scenario=scenario.name,
-            controller=controller.name,
-            simulator=name,
-            outcome=str(runs[name].outcome),
-            metrics=metrics(scenario, controller, runs[name]),
-        )
-        for name in REPORTED
+        studies=tuple(studies),
+        curves=tuple(pair.curves for pair in judged),
+        settings=settings,
     )
 
 

@@ -27,15 +27,10 @@ from afl_mujoco.validation.baseline import (
     changes,
     load_baseline,
 )
-from afl_mujoco.validation.campaign import (
-    Pair,
-    nominal_scales,
-    pair_name,
-    reported_runs,
-    require_runnable,
-)
+from afl_mujoco.validation.campaign import nominal_scales, require_runnable
 from afl_mujoco.validation.checks.closed_loop_checks import closed_loop_runs
 from afl_mujoco.validation.metrics import with_objective
+from afl_mujoco.validation.pair import Pair, pair_name, reported_runs
 
 REGRESSED = ("fixed", "adaptive")
 """The controllers that have baselines."""

@@ -16,7 +16,7 @@ from afl_mujoco import cli
 from afl_mujoco.errors import AflMujocoError, FileError
 from afl_mujoco.validation import baseline, regression
 from afl_mujoco.validation.baseline import Baseline, Recording, changes, load_baseline
-from afl_mujoco.validation.campaign import REPORTED
+from afl_mujoco.validation.pair import REPORTED
 
 H = baseline.SETTINGS.timestep
 METRICS = {

@@ -10,10 +10,11 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.validation.campaign import REPORTED, Report, run_campaign
+from afl_mujoco.validation.campaign import Report, run_campaign
 from afl_mujoco.validation.checks import closed_loop_checks as closed
 from afl_mujoco.validation.checks import equation_checks as equations
 from afl_mujoco.validation.criteria import CRITERIA
+from afl_mujoco.validation.pair import REPORTED
 
 SHORT = dataclasses.replace(
     afl.SCENARIOS["step-trapezoid"],
@@ -54,6 +55,33 @@ def test_the_report_has_each_check_of_each_pair_and_the_equation_checks_once(
 def test_two_workers_give_the_same_report_as_one(report: Report) -> None:
     controllers = [afl.CONTROLLERS[c] for c in ("fixed", "adaptive")]
     assert run_campaign([SHORT], controllers, SETTINGS, workers=2) == report
+
+
+def test_the_report_has_curves_of_each_pair_and_says_what_its_settings_were(
+    report: Report,
+) -> None:
+    assert [(c.scenario, c.controller) for c in report.curves] == [
+        ("short", "fixed"),
+        ("short", "adaptive"),
+    ]
+    assert all(tuple(c.states) == tuple(c.forces) == REPORTED for c in report.curves)
+    data = dataclasses.replace(report, command="make validate").to_dict()
+    assert data["settings"] == {"timestep": 1e-3, "control_period": 1e-3, "full": False}
+    assert data["command"] == "make validate"
+    assert data["studies"] == []
+    assert "curves" not in data
+    for budget, curves in zip(data["error_budgets"], report.curves, strict=True):
+        assert curves.parts["total"].max() == budget["total"]
+
+
+def test_at_its_worst_the_parts_of_the_difference_add_up_to_it(report: Report) -> None:
+    for explanation in report.explanations:
+        assert explanation.budget is not None
+        worst = dataclasses.asdict(explanation.budget.at_worst)
+        assert (worst.pop("state"), 0.0 < worst.pop("time") < SHORT.duration) == ("phi_dot", True)
+        total = worst.pop("total")
+        assert abs(total) == explanation.budget.total
+        assert sum(worst.values()) == pytest.approx(total, rel=1e-12)
 
 
 def test_the_objective_of_the_fixed_gains_on_the_nominal_plant_is_three() -> None:

@@ -11,7 +11,7 @@ import afl_mujoco as afl
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.validation.checks import error_budget, explanation, ledger
 from afl_mujoco.validation.checks.closed_loop_checks import Settings, closed_loop_runs
-from afl_mujoco.validation.checks.convergence import Study, studied
+from afl_mujoco.validation.checks.convergence import Refinement, Study, studied
 from afl_mujoco.validation.criteria import CRITERIA
 
 SHORT = dataclasses.replace(
@@ -34,7 +34,8 @@ def runs():
 
 @pytest.fixture(scope="module")
 def explained(runs):
-    return explanation.explain(SHORT, ADAPTIVE, runs, full=True)
+    parts = error_budget.budget_curves(SHORT, ADAPTIVE, runs)
+    return explanation.explain(SHORT, ADAPTIVE, runs, parts, full=True)
 
 
 def test_everything_holds_on_a_scenario_with_jump_ramp_pulse_and_impulse(explained):
@@ -42,6 +43,37 @@ def test_everything_holds_on_a_scenario_with_jump_ramp_pulse_and_impulse(explain
     assert {c.id for c in explained.checks} == {
         "A6e", "A6p", "B2o", "B4", "B4r", "B4s", "B5", "B6", "B7",
     }  # fmt: skip
+
+
+def test_the_studies_behind_the_orders_are_kept(explained):
+    rows = [study.to_dict() for study in explained.studies]
+    assert [(row["study"], row["expected"]) for row in rows] == [
+        ("continuous", 4.0),
+        ("sampled", 1.0),
+        ("schedule", 2.0),
+    ]
+    checked = {c.id: c.value for c in explained.checks}
+    for row, id in zip(rows, ("B2o", "B4", "B4s"), strict=True):
+        assert (row["scenario"], row["controller"]) == ("short", "adaptive")
+        assert len(row["steps"]) == len(row["errors"]) == 4
+        assert abs(row["order"] - row["expected"]) == checked[id]
+
+
+def test_a_study_that_did_not_finish_has_no_order_in_plain_data():
+    for errors in ((math.inf, 1.0, 0.5, 0.25), (2.0, 1.0, 0.5, 0.0)):
+        study = Study((0.4, 0.2, 0.1, 0.05), errors)
+        row = Refinement(name="sampled", study=study, expected=1.0).to_dict()
+        assert (row["scenario"], row["order"]) == ("any", None)
+        assert row["errors"] == [None if e == math.inf else e for e in errors]
+
+
+def test_the_ledger_s_curves_are_what_it_closes(explained):
+    energy, book = explained.ledger.energy, explained.ledger
+    assert abs(energy["residual"]).max() == book.energy_residual
+    assert energy["work"][-1] == book.work
+    booked = energy["work"] + energy["ramps"] + energy["jumps"]
+    assert abs(energy["gained"] - booked - energy["residual"]).max() < 1e-14
+    assert "energy" not in book.to_dict()
 
 
 def test_the_budget_names_the_held_control_as_the_largest_source(explained):
@@ -61,7 +93,9 @@ def test_the_budget_stays_open_if_a_source_is_forgotten(runs, monkeypatch):
         error_budget, "Holds", lambda control_period=None, **held: original(None, **held)
     )
     original = Holds
-    budget = error_budget.error_budget(SHORT, ADAPTIVE, runs)
+    parts = error_budget.budget_curves(SHORT, ADAPTIVE, runs)
+    times = runs["mujoco sampled"].time
+    budget = error_budget.error_budget(SHORT, ADAPTIVE, times, parts)
     assert not CRITERIA["B5"].judge(budget.residual_share).passed
 
 
@@ -83,7 +117,9 @@ def test_a_run_that_fell_is_not_explained(runs):
         name: dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
         for name, run in runs.items()
     }
-    assert explanation.explain(SHORT, ADAPTIVE, fallen, full=True) == explanation.Explanation()
+    assert error_budget.budget_curves(SHORT, ADAPTIVE, fallen) == {}
+    explained = explanation.explain(SHORT, ADAPTIVE, fallen, {}, full=True)
+    assert explained == explanation.Explanation()
 
 
 def test_the_order_of_a_power_law_is_its_exponent():

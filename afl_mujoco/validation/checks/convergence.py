@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -58,6 +59,43 @@ class Study:
         Infinite where there is no error to reduce, so that nothing is concluded from it.
         """
         return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refinement:
+    """A study for the report, with what was studied.
+
+    Attributes
+    ----------
+    scenario, controller
+        What was simulated; ``"any"`` where it does not depend on them.
+    name
+        What was refined.
+    study
+        The errors.
+    expected
+        The order they should show.
+    """
+
+    scenario: str = "any"
+    controller: str = "any"
+    name: str
+    study: Study
+    expected: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the study as plain data; what is not finite is ``None``."""
+        errors = self.study.errors
+        sloped = all(math.isfinite(error) and error > 0.0 for error in errors)
+        return {
+            "scenario": self.scenario,
+            "controller": self.controller,
+            "study": self.name,
+            "steps": list(self.study.steps),
+            "errors": [error if math.isfinite(error) else None for error in errors],
+            "order": self.study.order if sloped else None,
+            "expected": self.expected,
+        }
 
 
 def studied(scenario: Scenario) -> Scenario:

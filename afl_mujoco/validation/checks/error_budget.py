@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,10 +12,45 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controllers import Controller
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
-from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.validation.metrics import STATES
 
 SUBSTEPS = 4
 """RK4 steps in each held step of the parts: what they leave cancels in the differences."""
+
+SOURCES = (
+    "model_form",
+    "integrator",
+    "control_hold",
+    "schedule_sampling",
+    "disturbance_timing",
+)
+"""The sources of the difference."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AtWorst:
+    """The signed difference where it is largest: there the parts and the residual make the total.
+
+    Attributes
+    ----------
+    state
+        Which state: one of `metrics.STATES`.
+    time
+        When [s].
+    total, model_form, integrator, control_hold, schedule_sampling, disturbance_timing, residual
+        As of `ErrorBudget`, signed, of that state at that time.
+    """
+
+    state: str
+    time: float
+    total: float
+    model_form: float
+    integrator: float
+    control_hold: float
+    schedule_sampling: float
+    disturbance_timing: float
+    residual: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +77,8 @@ class ErrorBudget:
         Pulses and impulses moved to the steps.
     residual
         The total less the sum of the parts, as curves.
+    at_worst
+        The same, signed, of the state and at the instant of the total: there they add up.
     """
 
     scenario: str
@@ -52,6 +90,7 @@ class ErrorBudget:
     schedule_sampling: float
     disturbance_timing: float
     residual: float
+    at_worst: AtWorst
 
     @property
     def residual_share(self) -> float:
@@ -63,10 +102,10 @@ class ErrorBudget:
         return {**asdict(self), "residual_share": self.residual_share}
 
 
-def error_budget(
-    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory]
-) -> ErrorBudget | None:
-    """Return the budget of a scenario and controller; None if a run did not complete.
+def budget_curves(
+    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
+) -> dict[str, NDArray[np.float64]]:
+    """Return total, parts and residual as curves, shape (N, 4) each, at the multiples of the step.
 
     Parameters
     ----------
@@ -74,7 +113,14 @@ def error_budget(
         What was simulated.
     runs
         From `closed_loop_checks.closed_loop_runs`.
+
+    Returns
+    -------
+    dict
+        ``total``, each of `SOURCES` and ``residual``; empty if a run did not complete.
     """
+    if any(run.outcome.kind != COMPLETED for run in runs.values()):
+        return {}
     settings = runs["mujoco sampled"].provenance["settings"]
     timestep, period = settings["timestep"], settings["control_period"]
     grid = runs["mujoco sampled"].time
@@ -93,20 +139,40 @@ def error_budget(
         "disturbance_timing": part(Holds(disturbance=True)),
     }
     if any(curve is None for curve in (followed, *curves.values(), *held.values())):
-        return None
+        return {}
     total = curves["mujoco sampled"] - curves["ode"]  # type: ignore[operator]
     parts = {
         "model_form": curves["mujoco exact"] - curves["ode"],  # type: ignore[operator]
         "integrator": curves["mujoco sampled"] - curves["ode held"],  # type: ignore[operator]
         **{name: curve - followed for name, curve in held.items()},  # type: ignore[operator]
     }
-    residual = total - sum(parts.values())
+    return {"total": total, **parts, "residual": total - sum(parts.values())}
+
+
+def error_budget(
+    scenario: Scenario,
+    controller: Controller,
+    times: NDArray[np.float64],
+    curves: Mapping[str, NDArray[np.float64]],
+) -> ErrorBudget:
+    """Return the budget of a scenario and controller.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    times
+        Instants of the curves [s], shape (N,).
+    curves
+        From `budget_curves`.
+    """
+    row, column = np.unravel_index(np.abs(curves["total"]).argmax(), curves["total"].shape)
+    signed = {name: float(curve[row, column]) for name, curve in curves.items()}
     return ErrorBudget(
         scenario=scenario.name,
         controller=controller.name,
-        total=_largest(total),
-        residual=_largest(residual),
-        **{name: _largest(curve) for name, curve in parts.items()},
+        at_worst=AtWorst(state=STATES[column], time=float(times[row]), **signed),
+        **{name: float(np.abs(curve).max()) for name, curve in curves.items()},
     )
 
 
@@ -114,8 +180,3 @@ def _at(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.float64] | Non
     """Return the states at the instants of the grid; None if the run did not reach its end."""
     index = np.searchsorted(run.time, grid - 1e-9)
     return run.state[index] if index[-1] < len(run.time) else None
-
-
-def _largest(curve: NDArray[np.float64]) -> float:
-    """Return the largest absolute value."""
-    return float(np.abs(curve).max())

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from afl_mujoco.control.controllers import CONTROLLERS, Controller
 from afl_mujoco.scenario.catalogue import SCENARIOS
@@ -18,6 +21,7 @@ from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.checks.closed_loop_checks import state_difference
 from afl_mujoco.validation.checks.convergence import (
     STEPS,
+    Refinement,
     Study,
     continuous_study,
     difference,
@@ -31,6 +35,12 @@ from afl_mujoco.validation.criteria import CRITERIA
 
 CAPSULE_EXCESS = 0.13
 """By how much the inertia of the drawn capsule exceeds that of the slender rod."""
+
+ORDERS = {"continuous": 4.0, "sampled": 1.0, "schedule": 2.0}
+"""The order that each refinement study should show."""
+
+ORDER_CHECKS = {"continuous": "B2o", "sampled": "B4", "schedule": "B4s"}
+"""The check that judges it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,16 +79,24 @@ class Explanation:
         The judged figures.
     budget, ledger, omission
         The tables; ``None`` for a run that did not complete.
+    studies
+        The refinement studies behind B2o, B4 and B4s.
     """
 
     checks: tuple[Check, ...] = ()
     budget: ErrorBudget | None = None
     ledger: Ledger | None = None
     omission: Omission | None = None
+    studies: tuple[Refinement, ...] = ()
 
 
 def explain(
-    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory], *, full: bool
+    scenario: Scenario,
+    controller: Controller,
+    runs: Mapping[str, Trajectory],
+    parts: Mapping[str, NDArray[np.float64]],
+    *,
+    full: bool,
 ) -> Explanation:
     """Explain the runs of one scenario and controller.
 
@@ -90,34 +108,47 @@ def explain(
         What was simulated.
     runs
         From `closed_loop_checks.closed_loop_runs`.
+    parts
+        From `error_budget.budget_curves`.
     full
         Whether to make the refinement studies, the ledger and the comparison with what the paper
         leaves out, or only the error budget.
     """
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
         return Explanation()
-    budget = error_budget(scenario, controller, runs)
+    times = runs["mujoco sampled"].time
+    budget = error_budget(scenario, controller, times, parts) if parts else None
     values = {} if budget is None else {"B5": budget.residual_share}
     if not full:
         return Explanation(_judge(values, scenario, controller), budget)
     part = studied(scenario)
     reference = simulate_ode(part, controller, sample_period=STEPS[0])
-    continuous = continuous_study(part, controller, reference)
     sampled, residue = sampled_study(part, controller, reference)
-    schedule = schedule_study(part, controller)
+    studies = {
+        "continuous": continuous_study(part, controller, reference),
+        "sampled": sampled,
+        "schedule": schedule_study(part, controller),
+    }
+    refinements = tuple(
+        Refinement(
+            scenario=scenario.name, controller=controller.name, name=name, study=study,
+            expected=ORDERS[name],
+        )
+        for name, study in studies.items()
+        if study is not None
+    )  # fmt: skip
     book = ledger(part, controller)
     agreement, omission = _omission(part, controller, reference)
     values |= {
         "A6e": book.energy_residual,
         "A6p": book.momentum_residual,
-        "B2o": abs(continuous.order - 4.0),
-        "B4": abs(sampled.order - 1.0),
         "B4r": residue,
-        **({} if schedule is None else {"B4s": abs(schedule.order - 2.0)}),
-        "B6": continuous.reduction,
+        "B6": refinements[0].study.reduction,
         "B7": agreement,
+        **{ORDER_CHECKS[r.name]: abs(r.study.order - r.expected) for r in refinements},
     }
-    return Explanation(_judge(values, scenario, controller), budget, book, omission)
+    checks = _judge(values, scenario, controller)
+    return Explanation(checks, budget, book, omission, refinements)
 
 
 def _judge(

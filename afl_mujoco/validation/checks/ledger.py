@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import mujoco
@@ -45,6 +45,9 @@ class Ledger:
     energy_residual, momentum_residual
         The largest, over the run, of what MuJoCo's energy [J] and momentum [N s] gained and the
         ledger did not book.
+    energy
+        Over time [J]: ``time`` [s], ``gained`` (MuJoCo's own), ``work``, ``ramps``, ``jumps``, and
+        what is left, ``residual``; shape (E,) each.
     """
 
     scenario: str
@@ -57,10 +60,15 @@ class Ledger:
     momentum_of_jumps: float
     energy_residual: float
     momentum_residual: float
+    energy: Mapping[str, NDArray[np.float64]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the ledger as plain data."""
-        return asdict(self)
+        """Return the ledger as plain data, without the curves."""
+        rows = asdict(self)
+        del rows["energy"]
+        return rows
 
 
 def ledger(scenario: Scenario, controller: Controller) -> Ledger:
@@ -130,6 +138,14 @@ def _close(
         momentum_of_jumps=last[_JUMP_MOMENTUM],
         energy_residual=float(np.abs(gained[:, 0] - energy).max()),
         momentum_residual=float(np.abs(gained[:, 1] - momentum).max()),
+        energy={
+            "time": times,
+            "gained": gained[:, 0],
+            "work": states[:, _WORK],
+            "ramps": states[:, _RAMP_ENERGY],
+            "jumps": states[:, _JUMP_ENERGY],
+            "residual": gained[:, 0] - energy,
+        },
     )
 
 

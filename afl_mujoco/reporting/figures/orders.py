@@ -1,0 +1,116 @@
+"""Observed orders of accuracy: errors over steps, with the slopes they should have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from afl_mujoco.reporting.figures.style import (
+    BLACK,
+    GREY,
+    VERMILION,
+    Drawn,
+    colour_of,
+    new_figure,
+    styled,
+)
+
+Row = Mapping[str, Any]
+
+PANELS: Mapping[str, tuple[str, str, tuple[str, ...]]] = {
+    "continuous mode": ("step [ms]", "|MuJoCo - ODE| [SI]", ("continuous",)),
+    "sampled mode": ("control period [ms]", "|MuJoCo - ODE| [SI]", ("sampled",)),
+    "schedule held alone": ("step [ms]", "|held - followed| [SI]", ("schedule",)),
+    "free swing": ("step [ms]", "|MuJoCo - ODE| [SI]", ("free swing RK4", "free swing Euler")),
+}
+"""Axes and studies of each panel."""
+
+_SWINGS = {"free swing RK4": (BLACK, "D"), "free swing Euler": (VERMILION, "^")}
+_MARKERS = {"fixed": "o", "adaptive": "s"}
+
+
+@styled()
+def draw_orders(studies: Sequence[Row]) -> Drawn:
+    """Draw the error of every study over its steps.
+
+    Parameters
+    ----------
+    studies
+        The ``studies`` of a report, one at least with an order.
+    """
+    solved = [study for study in studies if study["order"] is not None]
+    panels = {
+        title: (labels, [study for study in solved if study["study"] in names])
+        for title, (*labels, names) in PANELS.items()
+    }
+    panels = {title: content for title, content in panels.items() if content[1]}
+    figure = new_figure(2.9 * len(panels) + 0.4, 3.9)
+    axes = figure.subplots(1, len(panels), squeeze=False)[0]
+    controllers: dict[str, Any] = {}
+    for axis, (title, (labels, content)) in zip(axes, panels.items(), strict=True):
+        controllers |= _draw_panel(axis, content)
+        axis.set(title=title, xlabel=labels[0], ylabel=labels[1])
+    figure.legend(
+        list(controllers.values()), list(controllers), loc="outside lower center",
+        ncols=len(controllers),
+    )  # fmt: skip
+    said = "; ".join(f"{title}: {_orders(content)}" for title, (_, content) in panels.items())
+    return Drawn(
+        name="orders",
+        title="Observed orders of accuracy",
+        caption="Largest error of any state over the step, both axes logarithmic; a line for each "
+        "scenario and controller, many of which coincide. Dashed: the slope that the method "
+        "promises. Checks A4, A4e, B2o, B4 and B4s judge the orders.",
+        alt=f"{len(panels)} panels of straight lines. Observed orders: {said}.",
+        figure=figure,
+    )
+
+
+def _draw_panel(axis: Axes, studies: Sequence[Row]) -> dict[str, Any]:
+    """Draw some studies and the slopes they should have; return the legend's lines."""
+    drawn: dict[str, Any] = {}
+    for expected in sorted({study["expected"] for study in studies}):
+        alike = [study for study in studies if study["expected"] == expected]
+        for study in alike:
+            name = study["controller"]
+            own = colour_of(name), _MARKERS.get(name, "v")
+            colour, mark = _SWINGS.get(study["study"], own)
+            label = f"{name} gains" if name != "any" else study["study"]
+            (drawn[label],) = axis.loglog(
+                study["steps"], study["errors"], color=colour, marker=mark, markersize=3.5,
+                linewidth=1.0, markerfacecolor="white",
+            )  # fmt: skip
+        _draw_slope(axis, alike, expected)
+    steps = sorted({step for study in studies for step in study["steps"]})
+    axis.set_xticks(steps, [f"{1e3 * step:g}" for step in steps])
+    low, high = np.log10(axis.get_ylim())
+    axis.set_ylim(10.0 ** np.floor(low), 10.0 ** np.ceil(high))
+    axis.minorticks_off()
+    return drawn
+
+
+def _draw_slope(axis: Axes, studies: Sequence[Row], expected: float) -> None:
+    """Draw the slope of an order below the studies that should have it."""
+    steps = np.array(sorted({step for study in studies for step in study["steps"]}))
+    ratios = [
+        e / s**expected for t in studies for s, e in zip(t["steps"], t["errors"], strict=True)
+    ]
+    line = 0.4 * min(ratios) * steps**expected
+    axis.loglog(steps, line, color=GREY, linestyle=(0, (5, 3)), linewidth=1.0)
+    axis.annotate(
+        f"order {expected:g}", (steps[1], line[1]), xytext=(6.0, -9.0), fontsize=8.0, color=GREY,
+        textcoords="offset points",
+    )  # fmt: skip
+
+
+def _orders(studies: Sequence[Row]) -> str:
+    """Say which orders some studies show."""
+    said = []
+    for expected in sorted({study["expected"] for study in studies}):
+        orders = [study["order"] for study in studies if study["expected"] == expected]
+        low, high = f"{min(orders):.2f}", f"{max(orders):.2f}"
+        said.append(low if low == high else f"{low} to {high}")
+    return " and ".join(said)

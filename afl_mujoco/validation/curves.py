@@ -1,0 +1,261 @@
+"""Curves over time for figures: some instants of a campaign's runs, and their file."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controllers import Controller
+from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.output import atomic_file
+from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.trajectory import Trajectory
+
+REFERENCE = "ode"
+"""The run from which the others' differences are measured."""
+
+DENSE = 0.1
+"""How long every instant is kept after the start and after each breakpoint [s]."""
+
+SPARSE = 0.02
+"""Spacing of the instants elsewhere [s]."""
+
+_PLAIN = ("cart_mass", "half_length", "push")
+_GROUPS = {"state": "states", "force": "forces", "part": "parts", "energy": "energy"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curves:
+    """Scenario and controller over time, in every simulator of the report.
+
+    Two are equal if every number is. A run that fell has the first K of the N instants.
+
+    Attributes
+    ----------
+    scenario, controller
+        What was simulated.
+    time
+        Instants [s], shape (N,), increasing: multiples of the timestep.
+    cart_mass, half_length, push
+        M [kg], l [m] and the disturbing force [N], shape (N,), after the jump where there is one.
+    states
+        (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s] by simulator, shape (K, 4).
+    forces
+        Force of the controller [N] by simulator, shape (K,).
+    parts
+        The error budget over time, the largest of any state, shape (N,): ``total``, each source,
+        ``residual``; empty if there is no budget.
+    energy
+        The energy's ledger [J] and its ``time`` [s], shape (E,), as of `ledger.Ledger`; empty if
+        there is no ledger.
+    """
+
+    scenario: str
+    controller: str
+    time: NDArray[np.float64]
+    cart_mass: NDArray[np.float64]
+    half_length: NDArray[np.float64]
+    push: NDArray[np.float64]
+    states: Mapping[str, NDArray[np.float64]]
+    forces: Mapping[str, NDArray[np.float64]]
+    parts: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    energy: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check their shapes."""
+        for name in ("time", *_PLAIN):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        for name in _GROUPS.values():
+            group = {key: _frozen(array) for key, array in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(group))
+        count, instants = len(self.time), len(self.energy.get("time", ()))
+        reached = {name: len(states) for name, states in self.states.items()}
+        wanted: dict[str, tuple[int, ...]] = {name: (count,) for name in ("time", *_PLAIN)}
+        wanted |= {f"state/{name}": (min(k, count), 4) for name, k in reached.items()}
+        wanted |= {f"force/{name}": (k,) for name, k in reached.items()}
+        wanted |= {f"part/{name}": (count,) for name in self.parts}
+        wanted |= {f"energy/{name}": (instants,) for name in self.energy}
+        found = {key: array.shape for key, array in self.arrays().items()}
+        if found != wanted:
+            odd = sorted(k for k in wanted | found if wanted.get(k) != found.get(k))
+            raise InvalidValueError(f"curve {odd[0]}", f"must have shape {wanted.get(odd[0])}")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Curves):
+            return NotImplemented
+        mine, theirs = self.arrays(), other.arrays()
+        return (
+            (self.scenario, self.controller) == (other.scenario, other.controller)
+            and mine.keys() == theirs.keys()
+            and all(np.array_equal(mine[key], theirs[key], equal_nan=True) for key in mine)
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A mapping proxy cannot be pickled, and an unpickled array could be written to.
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return partial(Curves, **values | {g: dict(values[g]) for g in _GROUPS.values()}), ()
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return every array by its key in the file, which names no scenario or controller."""
+        found = {name: getattr(self, name) for name in ("time", *_PLAIN)}
+        for prefix, name in _GROUPS.items():
+            found |= {f"{prefix}/{key}": array for key, array in getattr(self, name).items()}
+        return found
+
+
+def select_curves(
+    scenario: Scenario,
+    controller: Controller,
+    runs: Mapping[str, Trajectory],
+    *,
+    timestep: float,
+    parts: Mapping[str, NDArray[np.float64]],
+    energy: Mapping[str, NDArray[np.float64]],
+) -> Curves:
+    """Select what figures need of the runs of one scenario and controller.
+
+    Kept are all multiples of the timestep shortly after the start and each breakpoint, a few
+    elsewhere, and those at which a curve, or a difference from the ODE, is largest.
+
+    Parameters
+    ----------
+    scenario, controller
+        What was simulated.
+    runs
+        Runs by simulator, the ODE's among them.
+    timestep
+        Spacing of the instants of which some are kept [s].
+    parts
+        From `error_budget.budget_curves`.
+    energy
+        Of a `ledger.Ledger`, or empty.
+    """
+    count = whole_steps("duration", scenario.duration, "timestep", timestep)
+    grid = np.asarray(np.arange(count + 1) * timestep, dtype=np.float64)
+    rows = {name: _rows(run, grid) for name, run in runs.items()}
+    states = {name: run.state[rows[name]] for name, run in runs.items()}
+    forces = {name: run.force[rows[name]] for name, run in runs.items()}
+    kept = _regular(scenario, grid, timestep)
+    for name, state in states.items():
+        kept[len(state) - 1] = True
+        both = min(len(state), len(states[REFERENCE]))
+        difference = state[:both] - states[REFERENCE][:both]
+        for curve in (state, forces[name], difference):
+            kept[_extremes(curve)] = True
+    for curve in parts.values():
+        kept[_extremes(curve)] = True
+    time = grid[kept]
+    return Curves(
+        scenario=scenario.name,
+        controller=controller.name,
+        time=time,
+        cart_mass=scenario.cart_mass(time),
+        half_length=scenario.half_length(time),
+        push=scenario.pushes(time),
+        states={name: state[kept[: len(state)]] for name, state in states.items()},
+        forces={name: force[kept[: len(force)]] for name, force in forces.items()},
+        parts={name: np.abs(part).max(axis=1)[kept] for name, part in parts.items()},
+        energy=energy,
+    )
+
+
+def save_curves(path: Path, curves: Sequence[Curves]) -> None:
+    """Write curves to an npz file, whole or not at all.
+
+    A key is ``scenario/controller/`` and then ``time``, ``cart_mass``, ``half_length``, ``push``,
+    ``state/simulator``, ``force/simulator``, ``part/source`` or ``energy/entry``.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    curves
+        What to write.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    arrays = {
+        f"{one.scenario}/{one.controller}/{key}": array
+        for one in curves
+        for key, array in one.arrays().items()
+    }
+    with atomic_file(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, allow_pickle=False, **arrays)
+
+
+def load_curves(path: Path) -> tuple[Curves, ...]:
+    """Read curves that `save_curves` wrote.
+
+    Parameters
+    ----------
+    path
+        The file to read.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read or is no such file.
+    """
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            for key in file.files:
+                scenario, controller, name = key.split("/", 2)
+                values = found.setdefault((scenario, controller), defaultdict(dict))
+                prefix, _, rest = name.partition("/")
+                if rest:
+                    values[_GROUPS[prefix]][rest] = file[key]
+                else:
+                    values[name] = file[key]
+        return tuple(
+            Curves(**{"states": {}, "forces": {}, **values}, scenario=scenario, controller=name)
+            for (scenario, name), values in found.items()
+        )
+    except OSError as error:
+        raise FileError.cannot_be("read", path, error) from None
+    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise FileError(str(path), f"does not hold curves: {error}") from None
+
+
+def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a copy that cannot be written to."""
+    copy = np.array(array, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy
+
+
+def _rows(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return where a run holds the instants of the grid that it reached."""
+    rows = np.searchsorted(run.time, grid - 1e-9)
+    return rows[rows < len(run.time)]
+
+
+def _regular(scenario: Scenario, grid: NDArray[np.float64], timestep: float) -> NDArray[np.bool_]:
+    """Return which instants are kept whatever happens."""
+    kept = np.zeros(len(grid), dtype=np.bool_)
+    kept[:: max(1, round(SPARSE / timestep))] = True
+    kept[-2:] = True
+    for start in (0.0, *scenario.breakpoints):
+        # The last instant before a breakpoint is kept as well: a jump is drawn as one.
+        kept[(grid > start - 1.5 * timestep) & (grid <= start + DENSE)] = True
+    return kept
+
+
+def _extremes(curve: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return where each column of a curve is largest."""
+    columns = np.abs(curve.reshape(len(curve), -1))
+    return np.atleast_1d(np.argmax(columns, axis=0)) if len(curve) else np.empty(0, dtype=np.intp)

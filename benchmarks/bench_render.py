@@ -1,0 +1,56 @@
+"""How fast are films made? Seconds of film per second of work, by kind of film.
+
+Run: python benchmarks/bench_render.py [--size 640x480] [--workers 2]
+
+The plain film of 20 s is to be made in less than 20 s at 640x480 on two cores: ratio above 1. The
+runs that are filmed are simulated anew each time, as `afl-mujoco render` does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+from afl_mujoco.graphics import require_backend
+
+BACKEND = require_backend()  # before anything imports mujoco
+
+import afl_mujoco as afl  # noqa: E402
+from afl_mujoco.reporting.films.plan import plan  # noqa: E402
+from afl_mujoco.reporting.films.studio import make_films  # noqa: E402
+
+CONTROLLERS = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
+
+
+def main() -> None:
+    """Make one film of each kind in this process, then four plain ones on processes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", default="640x480")
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    width, height = map(int, options.size.split("x"))
+    cases = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
+    scenarios = [afl.SCENARIOS[name] for name in cases]
+    films = plan(scenarios, CONTROLLERS, scenarios, size=(width, height), fps=30)
+    print(f"{BACKEND}, {width}x{height}, 30 frames a second")
+    for film in (films[0], films[2], films[-1]):
+        report(f"one {film.kind}", [film], 1)
+    report("four films", [film for film in films if film.kind == "film"][:4], options.workers)
+
+
+def report(what: str, films: list, workers: int) -> None:
+    """Make films and print how fast."""
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        make_films(films, Path(folder), workers=workers)
+        wall = time.perf_counter() - start
+    duration = sum(film.frames / film.fps for film in films)
+    processes = f"{workers} process{'es' * (workers > 1)}"
+    print(f"  {what:<16} {processes}: {duration:5.1f} s of film in {wall:5.1f} s, "
+          f"ratio {duration / wall:.2f}")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
