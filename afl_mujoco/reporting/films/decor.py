@@ -30,7 +30,7 @@ HEAVY = 2.0
 """Cart mass whose cart has the darkest blue [kg]."""
 
 _BED_TOP, _BED_FRONT = -0.30, -0.70
-_FORCE_LINE, _PUSH_LINE = -0.10, -0.04
+_FORCE_LINE, _PUSH_LINE = -0.15, -0.03
 
 
 def decorate(
@@ -204,5 +204,5 @@ def _add_arrow(
         mujoco.mjtGeom.mjGEOM_ARROW,
         0.03,
         np.array([start, 0.0, height]),
-        np.array([start + sign * length, 0.0, height]),
+        np.array([start + 2.0 * sign * length, 0.0, height]),  # MuJoCo draws it half as long
     )

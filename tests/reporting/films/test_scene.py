@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.reporting.films.camera import Frame, follow
+from afl_mujoco.reporting.films.decor import ARROW_SCALE, cart_size
 from afl_mujoco.reporting.films.scene import open_scene
 
 SIZE = (1280, 720)
@@ -129,6 +130,24 @@ def test_the_arrows_point_along_the_forces(graphics, stage, replay):
         along = [float(np.asarray(geom.mat).reshape(3, 3)[0, 2]) for geom in drawn]
         wanted = [replay.force[index], replay.push[index]][:arrows]
         np.testing.assert_allclose(along, np.sign(wanted), atol=1e-6)
+
+
+def test_an_arrow_is_as_long_as_its_force_asks_and_ends_at_the_cart(graphics, stage, replay):
+    scene, path = stage
+    index = 10
+    picture = segments(scene, replay, index, path)
+    z, half = replay.state[index, 0], cart_size(replay.cart_mass[index])[0]
+    reach = ARROW_SCALE * np.sqrt(abs(replay.push[index]))
+    ends = np.array([z + half, z + half + reach])  # it pushes toward -z
+    expected = path.project(index, ends, 0.0, np.full(2, -0.03))[:, 0]
+    arrows = [
+        geom.objid
+        for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
+        if geom.type == mujoco.mjtGeom.mjGEOM_ARROW
+    ]
+    columns = np.nonzero((picture[..., 0] == arrows[1]) & (picture[..., 1] == 0))[1]
+    assert columns.min() == pytest.approx(expected[0], abs=8.0)  # the cart's front hides its tip
+    assert columns.max() + 1 == pytest.approx(expected[1], abs=NEAR)
 
 
 def test_drawing_leaves_the_model_as_a_fresh_compile_would_have_it(graphics, stage, replay):
