@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup validate proof render view docs test regression bless referee cluster tune bench faults check lock clean distclean
+.PHONY: help setup validate proof render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -24,6 +24,9 @@ render: $(READY) ## film every scenario with both controllers, and a showcase (1
 
 view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS="step-step --controller fixed"
 	@$(BIN)/afl-mujoco view $(ARGS)
+
+report: $(READY) ## make renders/validation/report.html anew, with the films of make render
+	@$(BIN)/afl-mujoco report $(ARGS)
 
 docs: $(READY) ## print the criteria into docs/verification.md
 	@$(BIN)/python -m afl_mujoco.reporting.criteria_table docs/verification.md

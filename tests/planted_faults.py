@@ -31,7 +31,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 NEEDED = ("afl_mujoco", "models", "tests", "docs", "pyproject.toml", "README.md")
 VERDICT = (
-    *("validate", "--full", "step-trapezoid", "trapezoid-step-impulse"),
+    *("validate", "--full", "--no-page", "step-trapezoid", "trapezoid-step-impulse"),
     *("--controllers", "adaptive", "--workers", "1"),
 )
 TESTS = ("tests/control", "tests/plant", "tests/scenario", "tests/simulation")

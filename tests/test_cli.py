@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,8 +43,10 @@ def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A working folder that holds one good scenario file."""
+    """A working folder that holds one good scenario file, and a bad list of films."""
     (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "films").mkdir()
+    (tmp_path / "films" / "films.json").write_text("{}")
     return tmp_path
 
 
@@ -119,7 +123,18 @@ BAD_ARGUMENTS = {
     ),
     "unknown option": (["validate", "--fast"], "Unrecognized options: --fast"),
     "unknown command": (["validat"], "Unrecognized options: validat"),
-    "no command": ([], "Expected one of {validate, simulate, tune, regression}"),
+    "no command": (
+        [],
+        "Expected one of {validate, report, simulate, render, view, tune, regression}",
+    ),
+    "report of a folder that is not there": (
+        ["report", "nowhere"],
+        "nowhere/report.json cannot be read: no such file or directory: run afl-mujoco validate",
+    ),
+    "films that are not understood": (
+        ["validate", "short.toml", "--films", "films"],
+        "films/films.json does not list films: 'schema' is missing: run afl-mujoco render",
+    ),
     "unknown simulator": (
         ["simulate", "short.toml", "--simulator", "drake"],
         "simulator must be one of ode, exact, continuous, sampled, got 'drake'",
@@ -169,11 +184,37 @@ def test_validate_writes_a_report_that_passes(folder: Path) -> None:
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "pass"
     written = {p.name for p in (folder / "out").iterdir()}
-    assert written == {"report.json", "report.md", "junit.xml"}
+    texts = {"report.json", "report.md", "junit.xml", "report.html"}
+    assert written == texts | {"curves.npz", "figures"}
+    assert report["command"] == "afl-mujoco validate short.toml"
+    page = (folder / "out" / "report.html").read_bytes()
+    result = run("report", "out", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert (folder / "out" / "report.html").read_bytes() == page
+
+
+def test_what_reproduces_a_validation_names_every_option_that_matters_and_no_other(
+    folder: Path,
+) -> None:
+    shutil.copy(folder / "short.toml", folder / "my case.toml")
+    (folder / "out").mkdir()
+    (folder / "out" / "report.html").write_text("of a run before: it would mislead")
+    options = ["--controllers", "adaptive", "--control-period", "0.002", "--gain-labels", "table1"]
+    rest = ["--no-page", "--workers", "1", "--out", "out"]
+    result = run("validate", "my case.toml", *options, *rest, cwd=folder)
+    assert result.returncode == 0, result.stderr
+    report = json.loads((folder / "out" / "report.json").read_text())
+    said = shlex.split(report["command"])
+    assert said[:3] == ["afl-mujoco", "validate", "my case.toml"]
+    assert (
+        " ".join(said[3:]) == "--controllers adaptive --gain-labels table1 --control-period 0.002"
+    )
+    written = {p.name for p in (folder / "out").iterdir()}
+    assert written == {"report.json", "report.md", "junit.xml", "curves.npz"}
 
 
 def test_validate_exits_with_1_when_a_check_fails(folder: Path) -> None:
-    coarse = ["--timestep", "0.01", "--workers", "1"]  # RK4 at 10 ms misses B3 by far
+    coarse = ["--timestep", "0.01", "--workers", "1", "--no-page"]  # RK4 at 10 ms misses B3 by far
     result = run("validate", "short.toml", *coarse, "--out", "out", cwd=folder)
     assert result.returncode == 1
     assert result.stdout.rstrip().splitlines()[-1].startswith("FAIL: ")
@@ -216,7 +257,10 @@ def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, wor
     assert list((folder / "out").iterdir()) == []
 
 
-@pytest.mark.parametrize("command", [[], ["validate"], ["simulate"], ["regression"]], ids=str)
+COMMANDS = ([], ["validate"], ["report"], ["simulate"], ["regression"])
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=str)
 def test_help_shows_an_example(folder: Path, command: list[str]) -> None:
     result = run(*command, "--help", cwd=folder)
     assert result.returncode == 0

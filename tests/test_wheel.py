@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "afl_mujoco" / "reporting" / "page"
+PAGE_FILES = (".j2", ".css", ".js", ".LICENSE")
 
 PROGRAM = """
 import afl_mujoco
@@ -49,6 +51,7 @@ def test_a_wheel_installed_elsewhere_finds_its_models(installed: Path, tmp_path:
 def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
     expected = {
         *(path.relative_to(ROOT) for path in ROOT.glob("afl_mujoco/**/data/*.json")),
+        *(path.relative_to(ROOT) for path in PAGE.rglob("*") if path.suffix in PAGE_FILES),
         *(Path("afl_mujoco") / path.relative_to(ROOT) for path in ROOT.glob("models/*.xml")),
     }
     assert expected

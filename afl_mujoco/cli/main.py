@@ -11,6 +11,7 @@ import tyro
 
 from afl_mujoco.cli.regression import Regression
 from afl_mujoco.cli.render import Render
+from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
 from afl_mujoco.cli.tune import Tune
@@ -20,7 +21,7 @@ from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Command = Validate | Simulate | Render | View | Tune | Regression
+Command = Validate | Report | Simulate | Render | View | Tune | Regression
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

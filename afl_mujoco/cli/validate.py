@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar
 
+if TYPE_CHECKING:
+    from afl_mujoco.reporting.page.inputs.films import Film
+    from afl_mujoco.validation.campaign import Report
+
 Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
+
+INDIFFERENT = ("out", "films", "page", "workers")
+"""Options that leave the numbers as they are, and so are no part of what reproduces them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +30,8 @@ class Validate:
 
     Example: afl-mujoco validate step-step my-scenario.toml --controllers fixed adaptive
 
-    Writes report.json, report.md and junit.xml. Exit code 0 if every check holds, 1 if one fails.
+    Writes report.html, which needs no other file; report.json, report.md, junit.xml, curves.npz and
+    figures. Exit code 0 if every check holds, 1 if one fails.
     """
 
     scenarios: Names = ()
@@ -38,7 +48,11 @@ class Validate:
     """How long sampled mode holds the force [s], a multiple of the timestep; one by default."""
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
-    out: Path = Path("renders/validate")
+    page: bool = True
+    """Draw the figures and write report.html."""
+    films: Path = Path("renders")
+    """Folder with films.json, which `afl-mujoco render` writes: films for the page, if there."""
+    out: Path = Path("renders/validation")
     """Folder for the report."""
 
     def run(self) -> int:
@@ -53,6 +67,7 @@ class Validate:
 
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.output import output_folder
+        from afl_mujoco.reporting.page.folder import forget_page
         from afl_mujoco.reporting.tables import print_report, write_report
         from afl_mujoco.validation.campaign import require_runnable, run_campaign
         from afl_mujoco.validation.checks.closed_loop_checks import Settings
@@ -62,13 +77,54 @@ class Validate:
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
         require_runnable(scenarios, controllers, settings, self.workers)
+        films = self._films()
         folder = output_folder(self.out)
         total = len(scenarios) * len(controllers) + (FULL if self.full else QUICK)
         with progress_bar(total, "validating") as progress:
             report = run_campaign(
                 scenarios, controllers, settings, workers=self.workers, progress=progress
             )
-        files = write_report(report, folder)
+        report = replace(report, command=self.command)
+        forget_page(folder)
+        files = [*write_report(report, folder), *self._write_page(report, folder, films)]
         print(f"wrote {', '.join(str(file) for file in files)}")
         print_report(report, Console(width=None if sys.stdout.isatty() else 140))
         return SUCCESS if report.passed else CHECK_FAILED
+
+    @property
+    def command(self) -> str:
+        """What reproduces the numbers, as typed into a shell: options that are not the default."""
+        words = ["afl-mujoco", "validate", *self.scenarios]
+        for option in fields(self)[1:]:
+            value = getattr(self, option.name)
+            if option.name in INDIFFERENT or value == option.default:
+                continue
+            words.append(f"--{option.name.replace('_', '-')}")
+            if value is not True:
+                words += value if isinstance(value, tuple) else [str(value)]
+        return shlex.join(words)
+
+    def _films(self) -> tuple[Film, ...]:
+        """Return the films for the page."""
+        from afl_mujoco.reporting.page.inputs.films import load_films
+
+        return load_films(self.films, self.out) if self.page else ()
+
+    def _write_page(self, report: Report, folder: Path, films: Sequence[Film]) -> list[Path]:
+        """Write the curves, the figures and the page."""
+        from afl_mujoco.reporting.page.folder import (
+            CURVES,
+            FIGURES,
+            figure_count,
+            write_gallery,
+            write_page,
+        )
+        from afl_mujoco.validation.curves import save_curves
+
+        save_curves(folder / CURVES, report.curves)
+        if not self.page:
+            return [folder / CURVES]
+        data = report.to_dict()
+        with progress_bar(figure_count(data, report.curves), "drawing") as progress:
+            write_gallery(folder, data, report.curves, workers=self.workers, progress=progress)
+        return [folder / CURVES, folder / FIGURES, write_page(folder, films)]

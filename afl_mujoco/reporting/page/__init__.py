@@ -1,0 +1,1 @@
+"""The report as one HTML file, from the files of a validation."""

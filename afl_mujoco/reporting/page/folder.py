@@ -1,0 +1,188 @@
+"""The folder of a validation: its figures with their list, and the page made from what is there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from afl_mujoco.errors import FileError
+from afl_mujoco.output import output_folder, write_text
+from afl_mujoco.reporting.figures.gallery import plans, write_figures
+from afl_mujoco.reporting.page.inputs.films import Film
+from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
+from afl_mujoco.reporting.page.inputs.report_data import AGAIN, Row, load_report
+from afl_mujoco.reporting.page.page import render_page
+from afl_mujoco.validation.curves import REFERENCE, Curves, load_curves
+
+REPORT, CURVES, PAGE = "report.json", "curves.npz", "report.html"
+FIGURES, LISTING = "figures", "figures.json"
+LINKED = ("report.json", "report.md", "junit.xml", "curves.npz", "figures/figures.json")
+"""Files of the folder that the page links to, where they are there."""
+
+PLACES = {
+    "schedules": "#scenarios",
+    "impulse": "#scenarios",
+    "errors": "#checks",
+    "budget": "#budget",
+    "orders": "#studies",
+    "energy": "#studies",
+    "claims": "#claims",
+    "gain-table": "#gains",
+}
+"""Section of each figure by name; the others belong to the scenario of their title."""
+
+
+def figure_count(report: Row, curves: Sequence[Curves]) -> int:
+    """Return how many figures `write_gallery` draws.
+
+    Parameters
+    ----------
+    report, curves
+        Of one campaign.
+    """
+    return len(plans(report, curves))
+
+
+def write_gallery(
+    folder: Path,
+    report: Row,
+    curves: Sequence[Curves],
+    *,
+    workers: int = 1,
+    progress: Callable[[str], None] = lambda done: None,
+) -> Path:
+    """Draw every figure and list them, with what they were drawn from.
+
+    Parameters
+    ----------
+    folder
+        Holds report.json and curves.npz already; the figures go below it.
+    report, curves
+        What these files hold.
+    workers
+        Processes to share the work among; the files do not depend on it.
+    progress
+        Called with the name of each figure as it is written.
+
+    Returns
+    -------
+    Path
+        The list.
+    """
+    place = output_folder(folder / FIGURES)
+    figures = write_figures(report, curves, place, workers=workers, progress=progress)
+    listing = {"schema": 1, "drawn_from": _fingerprints(folder), "figures": figures}
+    write_text(place / LISTING, json.dumps(listing, indent=1, ensure_ascii=False) + "\n")
+    return place / LISTING
+
+
+def forget_page(folder: Path) -> None:
+    """Remove the page and the list of figures of a validation that went before.
+
+    Parameters
+    ----------
+    folder
+        Where a new one is about to be written: beside its report an old page would mislead.
+
+    Raises
+    ------
+    FileError
+        If one of them cannot be removed.
+    """
+    for path in (folder / PAGE, folder / FIGURES / LISTING):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise FileError.cannot_be("written", path, error) from None
+
+
+def write_page(folder: Path, films: Sequence[Film] = ()) -> Path:
+    """Write report.html from the files of a folder, whole or not at all; nothing is computed.
+
+    Parameters
+    ----------
+    folder
+        Holds report.json and curves.npz, and figures if they were drawn.
+    films
+        From `load_films`.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read, is malformed or belongs to another run.
+    """
+    report = load_report(folder / REPORT)
+    curves = _curves(folder / CURVES, report)
+    pictures = load_pictures(folder, [run["scenario"] for run in report["runs"]])
+    there = [name for name in LINKED if (folder / name).is_file()]
+    text = render_page(report, curves, pictures, films, files=there)
+    write_text(folder / PAGE, text)
+    return folder / PAGE
+
+
+def load_pictures(folder: Path, scenarios: Iterable[str]) -> tuple[Picture, ...]:
+    """Return the figures of a folder; none where none were drawn.
+
+    Parameters
+    ----------
+    folder
+        The folder of a validation.
+    scenarios
+        Those of its report.
+
+    Raises
+    ------
+    FileError
+        If the list of figures is malformed, or they were drawn from another report or curves.
+    """
+    listing = folder / FIGURES / LISTING
+    if not listing.exists():
+        return ()
+    known = set(scenarios)
+    try:
+        data = json.loads(listing.read_text(encoding="utf-8"))
+        if data["drawn_from"] != _fingerprints(folder):
+            raise ValueError(f"its figures must be drawn from {REPORT} and {CURVES} as they are")
+        return tuple(
+            load_picture(entry, listing.parent, _place(entry, known)) for entry in data["figures"]
+        )
+    except OSError as error:
+        raise FileError.cannot_be("read", listing, error) from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        said = f"{error} is missing" if isinstance(error, KeyError) else error
+        raise FileError(str(listing), f"does not list figures: {said}: {AGAIN}") from None
+
+
+def _place(entry: Mapping[str, Any], scenarios: set[str]) -> str:
+    """Return where a figure belongs."""
+    place = PLACES.get(entry["name"])
+    return place or (entry["title"] if entry["title"] in scenarios else "#scenarios")
+
+
+def _curves(path: Path, report: Row) -> tuple[Curves, ...]:
+    """Read the curves, which must be those of the report's runs."""
+    try:
+        curves = load_curves(path)
+    except FileError as error:
+        raise FileError(error.thing, f"{error.rule}: {AGAIN}") from None
+    here = {(one.scenario, one.controller) for one in curves}
+    wanted = {(run["scenario"], run["controller"]) for run in report["runs"]}
+    drawable = all(len(one.states.get(REFERENCE, ())) > 1 for one in curves)
+    if here != wanted or not drawable:
+        raise FileError(str(path), f"must hold the runs of {REPORT} beside it: {AGAIN}")
+    return curves
+
+
+def _fingerprints(folder: Path) -> dict[str, str]:
+    """Return what tells report and curves from any others."""
+    return {
+        name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in (REPORT, CURVES)
+    }

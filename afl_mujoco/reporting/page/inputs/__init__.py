@@ -1,0 +1,1 @@
+"""What the page is made from: report, figures and films, read and held to their form."""

@@ -1,0 +1,78 @@
+"""The figures of the page, inside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from afl_mujoco.errors import FileError
+from afl_mujoco.reporting.page.inputs.films import data_uri
+
+LARGE = 400_000
+"""Size from which a vector drawing gives way to its bitmap, if that is smaller [bytes]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A figure as the page shows it.
+
+    Attributes
+    ----------
+    place
+        The scenario that it shows, or ``#`` and the section it belongs to.
+    title, caption, alt
+        What it shows.
+    source
+        Its data URI.
+    width, height
+        Of the bitmap [pixels].
+    """
+
+    place: str
+    title: str
+    caption: str
+    alt: str
+    source: str
+    width: int
+    height: int
+
+
+def load_picture(entry: Mapping[str, Any], folder: Path, place: str) -> Picture:
+    """Read a figure, as vectors unless these are large.
+
+    Parameters
+    ----------
+    entry
+        ``title``, ``caption``, ``alt``, and the files ``svg`` and ``png``.
+    folder
+        Where the files are.
+    place
+        Where it belongs.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read.
+    """
+    svg, png = (_read(folder / entry[kind]) for kind in ("svg", "png"))
+    vectors = len(svg) <= max(LARGE, len(png))
+    width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
+    return Picture(
+        place=place,
+        title=entry["title"],
+        caption=entry["caption"],
+        alt=entry["alt"],
+        source=data_uri("image/svg+xml", svg) if vectors else data_uri("image/png", png),
+        width=width,
+        height=height,
+    )
+
+
+def _read(path: Path) -> bytes:
+    """Return the content of a file."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError.cannot_be("read", path, error) from None

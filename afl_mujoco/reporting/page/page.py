@@ -1,0 +1,200 @@
+"""The report as one HTML page: a pure function of what was found, the same bytes each time."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from functools import cache
+from importlib import resources
+from typing import Any, TypeVar
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from afl_mujoco.reporting.page import numbers
+from afl_mujoco.reporting.page.chart_data import chart_data
+from afl_mujoco.reporting.page.checks import criterion_rows, tiers, verdict_of
+from afl_mujoco.reporting.page.decisions import (
+    claim_rows,
+    decision_list,
+    section_decisions,
+    tally,
+)
+from afl_mujoco.reporting.page.evidence import evidence
+from afl_mujoco.reporting.page.inputs.films import Film, data_uri
+from afl_mujoco.reporting.page.inputs.pictures import Picture
+from afl_mujoco.reporting.page.inputs.report_data import Row
+from afl_mujoco.reporting.page.scenarios import HEADLINE, scenario_sections
+from afl_mujoco.reporting.page.summary import STATES, five_sentences
+from afl_mujoco.validation.curves import Curves
+from afl_mujoco.validation.metrics import UNITS
+
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
+
+PACKAGE = "afl_mujoco.reporting.page"
+
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
+    'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
+)
+
+
+def render_page(
+    report: Row,
+    curves: Sequence[Curves],
+    pictures: Sequence[Picture],
+    films: Sequence[Film],
+    *,
+    files: Sequence[str] = (),
+) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    report
+        What a report.json holds, from `load_report`.
+    curves
+        Of every scenario and controller of the report.
+    pictures
+        The figures, each with where it belongs.
+    films
+        The films.
+    files
+        Files beside the page that it links to.
+    """
+    style, script = _style(), _script()
+    claims = claim_rows(report["claims"], report["decisions"])
+    return (
+        _environment()
+        .get_template("page.html.j2")
+        .render(
+            policy=content_policy(style, script),
+            style=style,
+            script=script,
+            icon=data_uri("image/svg+xml", _ICON.encode()),
+            sections=section_decisions(report["decisions"]),
+            texts=report["decisions"],
+            figures=_grouped(pictures, lambda picture: picture.place),
+            sentences=five_sentences(report),
+            files=files,
+            claims=claims,
+            tally=tally(claims),
+            decisions=decision_list(report["decisions"], claims),
+            **_checks(report),
+            **_scenarios(report, curves, films),
+            **evidence(report),
+        )
+        + "\n"
+    )
+
+
+def _checks(report: Row) -> dict[str, Any]:
+    """Return what the verdict and the checks show."""
+    criteria = criterion_rows(report["checks"])
+    return {
+        "verdict": verdict_of(report["checks"]),
+        "failures": [row for row in criteria if not row.passed],
+        "criteria": criteria,
+        "judged": {row.id for row in criteria},
+        "tiers": tiers(criteria),
+    }
+
+
+def _scenarios(report: Row, curves: Sequence[Curves], films: Sequence[Film]) -> dict[str, Any]:
+    """Return what the scenarios show."""
+    drawn = _grouped(curves, lambda one: one.scenario)
+    scenarios = scenario_sections(report, drawn, UNITS)
+    names = {scenario.name for scenario in scenarios}
+    return {
+        "headline": HEADLINE,
+        "scenarios": scenarios,
+        "charts": {
+            s.anchor: {"anchor": s.anchor, "data": chart_data(drawn[s.name])}
+            for s in scenarios
+            if s.name in drawn
+        },
+        "films": _grouped(
+            sorted((f for f in films if f.scenario in names), key=lambda film: not film.wide),
+            lambda film: film.scenario,
+        ),
+        "showcase": [film for film in films if film.scenario is None],
+        "no_films": not films,
+    }
+
+
+def content_policy(style: str, script: str) -> str:
+    """Return the page's Content-Security-Policy: what is inside it, pictures and films beside it.
+
+    Parameters
+    ----------
+    style, script
+        The only ones that may act.
+    """
+    beside = "'self' data: file:"
+    return (
+        f"default-src 'none'; img-src {beside}; media-src {beside}; "
+        f"style-src {_hash(style)}; script-src {_hash(script)}; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    """Return a text's hash as a policy names it."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+@cache
+def _environment() -> Environment:
+    """Return the templates, which escape whatever they are given."""
+    environment = Environment(
+        loader=PackageLoader(PACKAGE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(
+        scientific=numbers.scientific,
+        short=numbers.short,
+        fixed=numbers.fixed,
+        percent=numbers.percent,
+        symbol=lambda state: STATES.get(state, (state,))[0],
+        size=numbers.size,
+        setting=_setting,
+        upper_first=lambda text: text[:1].upper() + text[1:],
+    )
+    return environment
+
+
+def _setting(value: object) -> str:
+    """Return a setting of a campaign in words: a switch, or a stretch of time."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{numbers.short(value)} s" if isinstance(value, int | float) else str(value)
+
+
+@cache
+def _asset(name: str) -> str:
+    """Return a file of the package."""
+    return resources.files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
+
+
+def _style() -> Markup:
+    """Return the style sheet."""
+    return Markup(_asset("vendor/uPlot.min.css") + "\n" + _asset("assets/page.css"))
+
+
+def _script() -> Markup:
+    """Return the script, with the licence of what is in it."""
+    licence = f"/*! uPlot\n{_asset('vendor/uPlot.LICENSE')}*/\n"
+    parts = ("vendor/uPlot.iife.min.js", "assets/charts.js", "assets/page.js")
+    return Markup(licence + "\n".join(_asset(part) for part in parts))
+
+
+def _grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return items by a key, in their order."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups

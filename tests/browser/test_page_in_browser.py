@@ -1,0 +1,348 @@
+"""The page in a real browser: Debian's Chromium, or CHROME_BIN, without a display.
+
+Skipped where they are not installed; failed instead where AFL_MUJOCO_REQUIRE_BROWSER is set.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+import os
+import re
+import shutil
+import urllib.parse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import mediapy
+import numpy as np
+import pytest
+from page_case import NASTY, film_entry, make_curves, make_pictures, make_report, write_listing
+
+from afl_mujoco.reporting.page.inputs.films import load_films
+from afl_mujoco.reporting.page.page import render_page
+
+CHROMIUM = Path(os.environ.get("CHROME_BIN", "/usr/bin/chromium"))
+DRIVER = Path("/usr/bin/chromedriver")
+OPTIONS = (
+    "headless=new", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run",
+    "disable-background-networking", "disable-component-update", "disable-sync",
+    "disable-dev-shm-usage",
+)  # fmt: skip
+WIDTHS = (390, 820, 1440)
+FRAMES, SIZE, FPS = 20, (48, 64), 10
+PATIENCE = 10.0  # [s]
+
+missing = [str(path) for path in (CHROMIUM, DRIVER) if not path.exists()]
+if missing and not os.environ.get("AFL_MUJOCO_REQUIRE_BROWSER"):
+    reason = "Debian's packages chromium and chromium-driver are not installed"
+    pytest.skip(f"{reason}: no {', '.join(missing)}", allow_module_level=True)
+
+from selenium import webdriver  # noqa: E402
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+from selenium.webdriver.remote.webelement import WebElement  # noqa: E402
+from selenium.webdriver.support.wait import WebDriverWait  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page with a film inside it, one linked, and one that went away after the page was made."""
+    films = tmp_path_factory.mktemp("rend ers & more")
+    folder = films / "validation"
+    folder.mkdir()
+    mediapy.set_ffmpeg(imageio_ffmpeg.get_ffmpeg_exe())
+    frames = np.zeros((FRAMES, *SIZE, 3), dtype=np.uint8)
+    for index, frame in enumerate(frames):
+        frame[:, 3 * index : 3 * index + 6] = 255
+    names = ("inside.mp4", "linked.mp4", "gone.mp4")
+    mediapy.write_video(films / names[0], frames, fps=FPS)
+    for name in names[1:]:
+        shutil.copy(films / names[0], films / name)
+    room = 4 * (films / names[0]).stat().st_size // 3 + 100
+    write_listing(films, *(film_entry(name) for name in names))
+    found = load_films(films, folder, room=room)
+    assert [film.embedded for film in found] == [True, False, False]
+    (films / names[2]).unlink()
+    (folder / "report.json").write_text("{}")
+    text = render_page(
+        make_report(), make_curves(), make_pictures(folder), found, files=("report.json",)
+    )
+    path = folder / "report.html"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
+    """One Chromium for all tests, with a profile of its own."""
+    if missing:
+        pytest.fail(f"AFL_MUJOCO_REQUIRE_BROWSER is set, but there is no {', '.join(missing)}")
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    for option in OPTIONS:
+        options.add_argument(f"--{option}")
+    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.ChromeService(executable_path=str(DRIVER))
+    with webdriver.Chrome(options=options, service=service) as chromium:
+        chromium.set_script_timeout(PATIENCE)
+        yield chromium
+
+
+@pytest.fixture
+def opened(browser: webdriver.Chrome, page: Path) -> webdriver.Chrome:
+    """The browser with the page freshly loaded, light, 1440 pixels wide."""
+    resize(browser, 1440)
+    prefer(browser, "light")
+    browser.get(page.as_uri())
+    browser.get_log("browser")  # a film that is gone is reported on every load
+    return browser
+
+
+def resize(browser: webdriver.Chrome, width: int) -> None:
+    metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+
+def prefer(browser: webdriver.Chrome, scheme: str) -> None:
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+def ask(browser: webdriver.Chrome, script: str, *arguments: Any) -> Any:
+    return browser.execute_script(f"return {script}", *arguments)
+
+
+def wait(browser: webdriver.Chrome, script: str, *arguments: Any) -> Any:
+    """Wait until a script returns something true, and return it."""
+    return WebDriverWait(browser, PATIENCE, 0.05).until(lambda b: ask(b, script, *arguments))
+
+
+def charts(browser: webdriver.Chrome) -> WebElement:
+    """Return the charts of the first scenario, drawn."""
+    found = browser.find_element(By.CSS_SELECTOR, ".charts")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", found)
+    wait(browser, "arguments[0].querySelectorAll('canvas').length === 2", found)
+    return found
+
+
+def shown(browser: webdriver.Chrome, found: WebElement) -> tuple[float, float]:
+    """Return the stretch of time that the charts show [s]."""
+    low, high = ask(browser, "[arguments[0].dataset.low, arguments[0].dataset.high]", found)
+    return float(low), float(high)
+
+
+def test_it_opens_without_a_word_on_the_console_but_for_the_film_that_is_gone(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    browser.get(page.as_uri())
+    wait(browser, "document.readyState === 'complete'")
+    charts(browser)
+    said = [entry["message"] for entry in browser.get_log("browser")]
+    assert [message for message in said if "gone.mp4" not in message] == []
+    assert ask(browser, "document.title").startswith("PASS")
+
+
+def test_a_name_that_is_a_script_does_not_run(opened: webdriver.Chrome) -> None:
+    assert NASTY in opened.find_element(By.TAG_NAME, "nav").get_attribute("textContent")
+    assert ask(opened, "document.scripts.length") == 3
+
+
+def test_every_image_loads(opened: webdriver.Chrome) -> None:
+    images = wait(
+        opened,
+        "[...document.images].every(i => i.complete) && "
+        "[...document.images].map(i => [i.alt, i.naturalWidth, i.naturalHeight])",
+    )
+    assert len(images) == 7
+    assert all(alt and width > 100 and height > 100 for alt, width, height in images)
+
+
+@pytest.mark.parametrize("name", ["inside.mp4", "linked.mp4"])
+def test_a_film_plays(opened: webdriver.Chrome, name: str) -> None:
+    video = opened.find_element(By.CSS_SELECTOR, f"video[data-name='{name}']")
+    wait(opened, "arguments[0].readyState >= 1", video)
+    found = ask(
+        opened, "[arguments[0].duration, arguments[0].videoHeight, arguments[0].videoWidth]", video
+    )
+    assert found == pytest.approx([FRAMES / FPS, *SIZE], abs=0.05)
+    opened.execute_script("arguments[0].muted = true; arguments[0].play()", video)
+    wait(opened, "arguments[0].currentTime > 0.1", video)
+    opened.execute_script("arguments[0].pause()", video)
+
+
+def test_a_film_that_is_gone_is_a_line_and_no_broken_player(opened: webdriver.Chrome) -> None:
+    wait(opened, "!document.querySelector('video[data-name=\"gone.mp4\"]')")
+    line = opened.find_element(By.CSS_SELECTOR, "p.missing").text
+    assert line.startswith("gone.mp4 is not where this page looks for it")
+
+
+def test_every_link_leads_somewhere(opened: webdriver.Chrome, page: Path) -> None:
+    links = ask(opened, "[...document.links].map(a => a.getAttribute('href'))")
+    assert len(links) > 50
+    beside = []
+    for link in links:
+        if link.startswith("#"):
+            assert ask(opened, "!!document.getElementById(arguments[0])", link[1:]), link
+        else:
+            beside.append(link)
+            there = page.parent / urllib.parse.unquote(link)
+            assert there.exists() or there.name == "gone.mp4", link
+    assert {"report.json", "../linked.mp4"} <= set(beside)
+
+
+def test_a_link_to_something_folded_away_opens_it(opened: webdriver.Chrome) -> None:
+    folded = opened.find_element(By.ID, "scenario-2")
+    assert not ask(opened, "arguments[0].open", folded)
+    opened.find_element(By.CSS_SELECTOR, "nav a[href='#scenario-2']").click()
+    wait(opened, "arguments[0].open && arguments[0].getBoundingClientRect().top < 300", folded)
+
+
+@pytest.mark.parametrize("unfolded", [False, True], ids=["as it opens", "all unfolded"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_nothing_sticks_out_sideways(opened: webdriver.Chrome, width: int, unfolded: bool) -> None:
+    resize(opened, width)
+    if unfolded:
+        opened.execute_script("document.querySelectorAll('details').forEach(d => d.open = true)")
+    charts(opened)
+    wait(opened, "document.documentElement.scrollWidth <= arguments[0]", width)
+    cut = ask(
+        opened,
+        "[...document.querySelectorAll('main p, main h1, main h2, main dd, main li, main button')]"
+        ".filter(e => e.checkVisibility() && !e.closest('.scroll, .canvas') && "
+        "e.getBoundingClientRect().right > arguments[0] + 1).map(e => e.textContent)",
+        width,
+    )
+    assert cut == []
+
+
+def test_charts_draw_and_zoom_by_button_keyboard_and_pointer(opened: webdriver.Chrome) -> None:
+    found = charts(opened)
+    painted = ask(
+        opened,
+        "(c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(x => x))"
+        "(arguments[0].querySelector('canvas'))",
+        found,
+    )
+    assert painted
+    assert shown(opened, found) == (0.0, 2.0)
+    found.find_element(By.CSS_SELECTOR, "[data-zoom=in]").click()
+    assert shown(opened, found) == (0.5, 1.5)
+    found.find_element(By.CSS_SELECTOR, ".plot").send_keys(Keys.ARROW_RIGHT)
+    assert shown(opened, found) == (0.75, 1.75)
+    found.find_element(By.CSS_SELECTOR, ".plot").send_keys("-")
+    assert shown(opened, found) == (0.0, 2.0)
+    over = found.find_elements(By.CSS_SELECTOR, ".u-over")[1]  # below: both zoom together
+    actions = ActionChains(opened).move_to_element(over).click_and_hold()
+    actions.move_by_offset(over.size["width"] // 4, 0).release().perform()
+    low, high = shown(opened, found)
+    assert (low, high) == pytest.approx((1.0, 1.5), abs=0.02)
+    scales = ask(opened, "[...arguments[0].querySelectorAll('.u-axis')].length", found)
+    assert scales == 4
+    ActionChains(opened).double_click(over).perform()
+    assert shown(opened, found) == (0.0, 2.0)
+    found.find_element(By.XPATH, ".//button[text()='start']").click()
+    assert shown(opened, found) == (0.0, 0.05)
+
+
+def test_charts_show_another_quantity_and_its_values_under_the_pointer(
+    opened: webdriver.Chrome,
+) -> None:
+    found = charts(opened)
+    fieldset = found.find_element(By.TAG_NAME, "fieldset")
+    fieldset.find_element(By.CSS_SELECTOR, "input:checked").send_keys(Keys.ARROW_RIGHT)
+    assert ask(opened, "arguments[0].querySelector('input:checked').value", fieldset) == "phi"
+    over = found.find_element(By.CSS_SELECTOR, ".u-over")
+    ActionChains(opened).move_to_element_with_offset(over, 3 - over.size["width"] // 2, 5).perform()
+    legend = "arguments[0].querySelector('.u-legend').innerText"
+    text = wait(opened, f"(t => t.includes('−') && t)({legend})", found)
+    said = re.search(r"t(\d\.\d+) sfixed, ideal−(\d\.\d+)", re.sub(r"[:\n\t]", "", text))
+    assert said is not None, text
+    time, angle = (float(number) for number in said.groups())
+    assert angle == pytest.approx(1.047 * math.exp(-3.0 * time), rel=1e-3)
+    legends = found.find_elements(By.CSS_SELECTOR, ".u-legend")
+    assert len(legends) == 2
+    assert "exact" in legends[1].text
+
+
+def test_a_curve_is_hidden_from_the_keyboard(opened: webdriver.Chrome) -> None:
+    found = charts(opened)
+    name = found.find_elements(By.CSS_SELECTOR, ".u-series th[role=button]")[0]
+    assert name.get_attribute("aria-pressed") == "true"
+    name.send_keys(Keys.ENTER)
+    wait(opened, "arguments[0].getAttribute('aria-pressed') === 'false'", name)
+
+
+def test_dark_is_dark_and_light_is_light_and_charts_follow(opened: webdriver.Chrome) -> None:
+    def ground() -> list[float]:
+        colour = ask(opened, "getComputedStyle(document.documentElement).backgroundColor")
+        return [float(x) for x in colour.strip("rgba()").split(",")[:3]]
+
+    charts(opened)
+    light = ground()
+    prefer(opened, "dark")
+    wait(opened, "matchMedia('(prefers-color-scheme: dark)').matches")
+    assert min(light) > 200.0
+    assert max(ground()) < 60.0
+    stroke = "getComputedStyle(document.querySelectorAll('.u-marker')[1]).borderTopColor"
+    dark_line = wait(opened, stroke)
+    prefer(opened, "light")
+    wait(opened, f"{stroke} !== arguments[0]", dark_line)
+
+
+def test_the_keyboard_reaches_skip_link_contents_and_charts(opened: webdriver.Chrome) -> None:
+    focus = "(e => e.getAttribute('href') || e.tagName.toLowerCase())(document.activeElement)"
+    reached = []
+    for _ in range(8):
+        ActionChains(opened).send_keys(Keys.TAB).perform()
+        reached.append(ask(opened, focus))
+    assert reached[0] == "#main"
+    assert {"#summary", "#checks"} <= set(reached)
+    skip = opened.find_element(By.CSS_SELECTOR, ".skip")
+    opened.execute_script("arguments[0].focus()", skip)
+    assert ask(opened, "arguments[0].getBoundingClientRect().top >= 0", skip)
+    skip.send_keys(Keys.ENTER)
+    assert ask(opened, "document.activeElement.id") == "main"
+    plot = charts(opened).find_element(By.CSS_SELECTOR, ".plot")
+    opened.execute_script("arguments[0].focus()", plot)
+    assert ask(opened, "getComputedStyle(arguments[0]).outlineStyle", plot) != "none"
+
+
+def test_contents_fold_away_on_a_small_screen(opened: webdriver.Chrome) -> None:
+    resize(opened, 390)
+    contents = opened.find_element(By.CSS_SELECTOR, ".contents details")
+    link = contents.find_element(By.CSS_SELECTOR, "a[href='#claims']")
+    wait(opened, "!arguments[0].open", contents)
+    assert not link.is_displayed()
+    contents.find_element(By.TAG_NAME, "summary").click()
+    link.click()
+    wait(opened, "!arguments[0].open", contents)
+    wait(opened, "Math.abs(document.getElementById('claims').getBoundingClientRect().top) < 120")
+
+
+def test_without_script_everything_but_the_charts_is_there(
+    opened: webdriver.Chrome, page: Path
+) -> None:
+    opened.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        opened.get(page.as_uri())
+        main = opened.find_element(By.TAG_NAME, "main")
+        assert "all 22 checks hold" in main.text
+        assert "need JavaScript" in main.text
+        assert not opened.find_element(By.CSS_SELECTOR, ".charts").is_displayed()
+        assert opened.find_element(By.TAG_NAME, "video").is_displayed()
+    finally:
+        opened.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+
+
+def test_it_prints(opened: webdriver.Chrome) -> None:
+    printed = opened.execute_cdp_cmd("Page.printToPDF", {"paperWidth": 8.27, "paperHeight": 11.69})
+    document = base64.b64decode(printed["data"])
+    assert document.startswith(b"%PDF")
+    pages = document.count(b"/Type /Page\n") + document.count(b"/Type /Page/")
+    assert 3 <= pages <= 20
+    assert not ask(opened, "document.getElementById('scenario-2').open")  # folded again
