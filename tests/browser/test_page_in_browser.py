@@ -33,7 +33,7 @@ OPTIONS = (
 )  # fmt: skip
 WIDTHS = (390, 820, 1440)
 FRAMES, SIZE, FPS = 20, (48, 64), 10
-PATIENCE = 10.0  # [s]
+PATIENCE = 60.0
 
 missing = [str(path) for path in (CHROMIUM, DRIVER) if not path.exists()]
 if missing and not os.environ.get("AFL_MUJOCO_REQUIRE_BROWSER"):

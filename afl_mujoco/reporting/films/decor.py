@@ -108,6 +108,7 @@ def _add(
     rgba = np.array(colour, dtype=np.float32)
     mujoco.mjv_initGeom(geom, kind, np.array(size), np.array(position), turned.ravel(), rgba)
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+    geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN  # the place may have been a model geom's before
     geom.segid = geom.objid = scene.ngeom  # so that a segmentation tells them apart
     scene.ngeom += 1
     return geom
