@@ -53,11 +53,12 @@ tune: $(READY) ## search the gain table and fit the gain functions, the whole of
 	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
 	@$(BIN)/python -m afl_mujoco.reporting.gain_figures renders/tuning
 
-bench: $(READY) ## what things cost, as ratios: the loop, the ensemble, the optimisers, the gain functions (15 minutes)
+bench: $(READY) ## what things cost, as ratios: the loop, the ensemble, the optimisers, the gain functions, the films (16 minutes)
 	@$(BIN)/python benchmarks/bench_rollout.py
 	@$(BIN)/python benchmarks/bench_ensemble.py
 	@$(BIN)/python benchmarks/bench_optimisers.py --out renders/bench
 	@$(BIN)/python benchmarks/bench_gain_functions.py
+	@$(BIN)/python benchmarks/bench_render.py
 
 faults: $(READY) ## plant physical faults one at a time and see which check catches each (10 to 30 minutes)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)

@@ -29,7 +29,13 @@ with mujoco.Renderer(model, 16, 16) as renderer:
     raise SystemExit(0 if renderer.render().any() else "drew nothing")
 """
 
-_PROBE_WINDOW = "import glfw; raise SystemExit(None if glfw.init() else 'glfw cannot use it')"
+_PROBE_WINDOW = """
+import glfw
+if not glfw.init():
+    raise SystemExit("glfw cannot use it")
+glfw.window_hint(glfw.VISIBLE, 0)
+raise SystemExit(None if glfw.create_window(64, 64, "", None, None) else "glfw opens no window")
+"""
 
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 """Variables that name a display, on Linux."""

@@ -10,10 +10,13 @@ from typing import Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar
+from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
 from afl_mujoco.errors import InvalidValueError
 
 Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
+
+INDIFFERENT = ("out", "workers")
+"""Options that leave the films as they are."""
 
 SHOWCASE = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 
@@ -65,7 +68,6 @@ class Render:
         names = [name for given in self.controllers for name in given.split(",")]
         controllers = [find_controller(name, self.gain_labels) for name in names]
         size = self._size()
-        folder = output_folder(self.out)
         require_backend()
 
         from afl_mujoco.reporting.films.plan import plan
@@ -76,7 +78,16 @@ class Render:
             timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
         )
         cases = () if self.scenarios else [SCENARIOS[f"{name}-impulse"] for name in SHOWCASE]
-        films = plan(scenarios, controllers, cases, deployment=deployment, size=size, fps=self.fps)
+        films = plan(
+            scenarios,
+            controllers,
+            cases,
+            deployment=deployment,
+            size=size,
+            fps=self.fps,
+            command=typed("render", self, INDIFFERENT),
+        )
+        folder = output_folder(self.out)
         if self.still is not None:
             files = write_stills(films, self.still, folder)
         else:

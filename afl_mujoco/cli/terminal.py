@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+import shlex
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -52,6 +54,30 @@ def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
     with _bar() as bar:
         task = bar.add_task(doing, total=total)
         yield lambda done: bar.update(task, completed=done)
+
+
+def typed(command: str, options: Any, leave_out: Collection[str]) -> str:
+    """Return a command as typed into a shell, options that are not the default written out.
+
+    Parameters
+    ----------
+    command
+        Its name.
+    options
+        The dataclass of its options; the first field holds the names that stand without option.
+    leave_out
+        Options that are not written.
+    """
+    first, *rest = fields(options)
+    words = ["afl-mujoco", command, *getattr(options, first.name)]
+    for option in rest:
+        value = getattr(options, option.name)
+        if option.name in leave_out or value == option.default:
+            continue
+        words.append(f"--{option.name.replace('_', '-')}")
+        if value is not True:
+            words += value if isinstance(value, tuple) else [str(value)]
+    return shlex.join(words)
 
 
 def _bar() -> Progress:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.reporting.page.inputs.films import Film
@@ -73,7 +72,8 @@ class Validate:
         from afl_mujoco.validation.checks.closed_loop_checks import Settings
         from afl_mujoco.validation.claims.schedules import FULL, QUICK
 
-        controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
+        names = [name for given in self.controllers for name in given.split(",")]
+        controllers = [find_controller(name, self.gain_labels) for name in names]
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
         require_runnable(scenarios, controllers, settings, self.workers)
@@ -94,15 +94,7 @@ class Validate:
     @property
     def command(self) -> str:
         """What reproduces the numbers, as typed into a shell: options that are not the default."""
-        words = ["afl-mujoco", "validate", *self.scenarios]
-        for option in fields(self)[1:]:
-            value = getattr(self, option.name)
-            if option.name in INDIFFERENT or value == option.default:
-                continue
-            words.append(f"--{option.name.replace('_', '-')}")
-            if value is not True:
-                words += value if isinstance(value, tuple) else [str(value)]
-        return shlex.join(words)
+        return typed("validate", self, INDIFFERENT)
 
     def _films(self) -> tuple[Film, ...]:
         """Return the films for the page."""

@@ -232,6 +232,9 @@ def _deflections(curves: Sequence[Curves]) -> str:
     for one in curves:
         time, states = one.time[: len(one.states[DEPLOYED])], one.states[DEPLOYED]
         later = np.abs(states[time >= 10.0])
+        if not len(later):
+            said.append(f"{one.controller} fell before the disturbance")
+            continue
         z, phi = (in_words(float(later[:, column].max())) for column in (0, 1))
         said.append(f"{one.controller} {phi} rad and {z} m")
     return f"{curves[0].scenario}: {', '.join(said)}."

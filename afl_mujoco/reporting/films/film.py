@@ -216,7 +216,8 @@ def result_card(replays: Sequence[Replay], size: tuple[int, int]) -> Picture:
     head = "Largest |MuJoCo - ideal ODE| in the frames shown"
     texts = [Text(0.5 * width, 190 * s, head, 34, anchor="ms")]
     for row, replay in enumerate(replays):
-        y, apart = (280 + 62 * row) * s, replay.difference.max(axis=0)
+        both = replay.time <= min((end for end, _ in replay.endings), default=np.inf)
+        y, apart = (280 + 62 * row) * s, replay.difference[both].max(axis=0)
         texts.append(Text(0.47 * width, y, replay.scenario, 24, anchor="rs"))
         numbers = f"{apart[0]:.0e} m   {apart[1]:.0e} rad"
         texts.append(Text(0.5 * width, y, numbers, 24, mono=True))

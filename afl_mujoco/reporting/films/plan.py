@@ -38,6 +38,8 @@ class Film:
         Width and height [px].
     fps
         Frames a second.
+    command
+        What makes it, as typed into a shell.
     """
 
     kind: str
@@ -47,12 +49,17 @@ class Film:
     deployment: Deployment = field(default_factory=Deployment)
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
+    command: str = ""
 
     def __post_init__(self) -> None:
         """Validate size and frame rate."""
         require_size(*self.size)
         if not 1 <= self.fps <= FPS_LIMIT:
             raise InvalidValueError("fps", f"must lie between 1 and {FPS_LIMIT}", self.fps)
+        scenario = self.runs[0][0]
+        if self.running < 1:
+            rule = f"must last a frame at {self.fps} frames a second"
+            raise InvalidValueError(f"scenario {scenario.name!r}", rule, f"{scenario.duration} s")
 
     @property
     def file(self) -> str:
@@ -97,6 +104,7 @@ class Film:
             "frames": self.frames,
             "duration": self.frames / self.fps,
             "deployment": asdict(self.deployment),
+            "command": self.command,
         }
 
 
@@ -115,7 +123,7 @@ def plan(
     showcase
         The four scenarios of a showcase, under the last controller; none by default.
     settings
-        `deployment`, `size` and `fps` of each `Film`.
+        `deployment`, `size`, `fps` and `command` of each `Film`.
     """
     planned = []
     for s in scenarios:
@@ -150,4 +158,8 @@ def plan(
                 **settings,
             )
         )
+    names = [film.name for film in planned]
+    for name in names:
+        if names.count(name) > 1:
+            raise InvalidValueError("film names", "must differ", f"{name!r} twice")
     return planned

@@ -43,7 +43,7 @@ class Deployment:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Replay:
-    """What a film shows, frame by frame; a run that has ended stays as it was.
+    """What a film shows, frame by frame; a run that has ended stays as it was, without forces.
 
     Attributes
     ----------
@@ -118,16 +118,18 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     ideal = simulate_ode(scenario, controller, sample_period=deployment.timestep)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
+    runs_on = times <= run.outcome.time
+    there = np.minimum(times, run.outcome.time)
     return Replay(
         scenario=scenario.name,
         controller=controller.name,
         time=times,
         state=_at(run, times),
         ideal=_at(ideal, times),
-        force=run.force[held],
-        push=scenario.pushes(times),
-        cart_mass=scenario.cart_mass(times),
-        half_length=scenario.half_length(times),
+        force=np.where(runs_on, run.force[held], 0.0),
+        push=np.where(runs_on, scenario.pushes(times), 0.0),
+        cart_mass=scenario.cart_mass(there),
+        half_length=scenario.half_length(there),
         pole_mass=scenario.pole_mass,
         gravity=scenario.gravity,
         endings=tuple(

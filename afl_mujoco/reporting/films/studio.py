@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
@@ -131,7 +132,8 @@ def make_films(
     workers = min(workers, len(planned))
     if workers > 1:  # else each process would draw with as many threads as there are cores
         os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".films-", ignore_cleanup_errors=True) as t:
+    _listed(folder / INDEX)  # a list that cannot be read is refused before anything is filmed
+    with _hidden(folder) as t:
         hidden, done = Path(t), itertools.count(1)
         each = (lambda: progress(next(done))) if workers == 1 else None
         try:
@@ -143,6 +145,19 @@ def make_films(
         except FileError as error:
             raise FileError(error.thing.replace(t, str(folder)), error.rule, error.value) from None
     return [folder / film.file for film in planned]
+
+
+@contextlib.contextmanager
+def _hidden(folder: Path) -> Iterator[str]:
+    """Give a hidden folder inside a folder, and remove it."""
+    try:
+        hidden = tempfile.TemporaryDirectory(
+            dir=folder, prefix=".films-", ignore_cleanup_errors=True
+        )
+    except OSError as error:
+        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
+    with hidden as name:
+        yield name
 
 
 def _made(
@@ -196,7 +211,10 @@ def _with_cards(
 def _publish(film: Film, hidden: Path, folder: Path) -> None:
     """Move a film to where it belongs, and list it."""
     for name in (film.poster, film.file):
-        (hidden / name).replace(folder / name)
+        try:
+            (hidden / name).replace(folder / name)
+        except OSError as error:
+            raise FileError.cannot_be("written", folder / name, error) from None
     kept = [entry for entry in _listed(folder / INDEX) if entry["file"] != film.file]
     entries = sorted([*kept, film.describe()], key=lambda entry: str(entry["file"]))
     text = json.dumps({"schema": 1, "films": entries}, indent=1, allow_nan=False)

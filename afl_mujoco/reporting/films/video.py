@@ -54,8 +54,8 @@ def write_video(
                 writer.__enter__()
             for picture in pictures:
                 writer.add_image(picture)
-        except BrokenPipeError:
-            refusal = "the encoder ended early"
+        except (BrokenPipeError, RuntimeError) as error:
+            refusal = str(error) if isinstance(error, RuntimeError) else "the encoder ended early"
         finally:
             refusal = _end(writer) or refusal
         if refusal:

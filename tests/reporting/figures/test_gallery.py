@@ -206,6 +206,17 @@ def test_a_run_that_fell_is_drawn_as_far_as_it_went(report: Data, curves: Curved
     assert max(figures["errors"]().figure.axes[0].lines[0].get_xdata()) <= ended
 
 
+def test_a_run_that_fell_before_the_disturbance_is_said_to_have_fallen(
+    report: Data, curves: Curved
+) -> None:
+    struck = next(one for one in curves if one.scenario.endswith("-impulse"))
+    early = dataclasses.replace(
+        struck, states={**struck.states, "mujoco sampled": struck.states["mujoco sampled"][:50]},
+        forces={**struck.forces, "mujoco sampled": struck.forces["mujoco sampled"][:50]},
+    )  # fmt: skip
+    assert "fell before the disturbance" in plans(report, [early])["impulse"]().alt
+
+
 def test_the_last_change_of_a_plant_is_found(curves: Curved) -> None:
     assert last_change(curves[0]) == pytest.approx(3.0)
     assert last_change(curves[2]) == pytest.approx(8.0)

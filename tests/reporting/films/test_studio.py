@@ -17,6 +17,7 @@ import afl_mujoco as afl
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.reporting.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.reporting.films.plan import COMPARISON, SHOWCASE, SINGLE, plan
+from afl_mujoco.reporting.films.replay import Deployment, record
 from afl_mujoco.reporting.films.studio import INDEX, make_films, write_stills
 from afl_mujoco.reporting.films.video import write_video
 
@@ -103,6 +104,39 @@ def test_a_still_is_the_frame_of_its_instant(graphics, films, tmp_path):
 def test_what_cannot_be_filmed_is_refused_at_once(growing, size, fps, message):
     with pytest.raises(InvalidValueError, match=message):
         plan([growing], CONTROLLERS, size=size, fps=fps)
+
+
+def test_two_films_of_one_name_are_refused(growing):
+    with pytest.raises(
+        InvalidValueError, match="film names must differ, got 'growing-fixed' twice"
+    ):
+        plan([growing], [CONTROLLERS[0], CONTROLLERS[0]], size=SIZE)
+
+
+def test_a_scenario_shorter_than_a_frame_is_refused(growing):
+    blink = replace(growing, disturbances=(), duration=0.01)
+    with pytest.raises(InvalidValueError, match=r"must last a frame at 30 frames .*got 0\.01 s"):
+        plan([blink], CONTROLLERS, size=SIZE)
+
+
+def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, tmp_path):
+    (tmp_path / INDEX).write_text("{}")
+    with pytest.raises(FileError, match=r"films\.json is no list of films; remove it"):
+        make_films(films, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [INDEX]
+
+
+def test_a_run_that_has_fallen_stands_still_without_forces(growing):
+    tipping = replace(growing, initial_state=(0.0, 1.5, 0.0, 8.0))
+    fallen = record(tipping, CONTROLLERS[0], Deployment(), 30)
+    (time, said), *_ = fallen.endings
+    after = fallen.time > time
+    assert said.startswith("MuJoCo fell")
+    assert after.sum() > 5
+    assert not fallen.force[after].any()
+    assert not fallen.push[after].any()
+    for array in (fallen.state, fallen.cart_mass, fallen.half_length):
+        assert len(np.unique(array[after], axis=0)) == 1
 
 
 def test_an_interrupt_leaves_no_half_of_a_film(tmp_path):

@@ -104,13 +104,20 @@ def load_films(folder: Path, page_folder: Path, *, room: int = ROOM) -> tuple[Fi
         If films.json cannot be understood or a poster is no picture.
     """
     listing = folder / "films.json"
-    if not listing.exists():
-        return ()
+    try:
+        if not listing.exists():
+            return ()
+    except OSError as error:
+        raise FileError.cannot_be("read", listing, error) from None
     entries = _entries(listing)
     order = sorted(range(len(entries)), key=lambda i: _PRIORITY.get(entries[i]["kind"], 2))
     films: dict[int, Film] = {}
     for index in order:
-        films[index] = _film(entries[index], folder, page_folder, room)
+        try:
+            films[index] = _film(entries[index], folder, page_folder, room)
+        except OSError as error:
+            path = folder / entries[index]["file"]
+            raise FileError.cannot_be("read", path, error) from None
         room -= len(films[index].source) + len(films[index].poster)
     return tuple(films[index] for index in range(len(entries)))
 
@@ -136,18 +143,25 @@ def _required(entry: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(entry[name], str):
             raise ValueError(f"{name} must be a text, got {entry[name]!r}")
     for name in ("width", "height", "duration"):
-        if not isinstance(entry[name], int | float) or not entry[name] > 0:
+        if not isinstance(entry[name], int | float) or not 0 < entry[name] < 1e9:
             raise ValueError(f"{name} must be a positive number, got {entry[name]!r}")
     for name in ("scenario", "command", "poster"):
         if not isinstance(entry.get(name), str | None):
             raise ValueError(f"{name} must be a text or null, got {entry[name]!r}")
+    if not isinstance(entry.get("controllers", []), list):
+        raise ValueError(f"controllers must be a list, got {entry['controllers']!r}")
+    _require_beside(entry)
+    return entry
+
+
+def _require_beside(entry: dict[str, Any]) -> None:
+    """Raise unless the files of an entry lie beside the list, and the film is an MP4."""
     for name in filter(None, (entry["file"], entry.get("poster"))):
         path = Path(name)
         if path.is_absolute() or ".." in path.parts:
             raise ValueError(f"file must lie beside films.json, got {name!r}")
     if not entry["file"].endswith(".mp4"):
         raise ValueError(f"file must end in .mp4, got {entry['file']!r}")
-    return entry
 
 
 def _film(entry: dict[str, Any], folder: Path, page_folder: Path, room: int) -> Film:
