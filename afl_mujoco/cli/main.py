@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 import tyro
 
+from afl_mujoco.cli.attraction import Attraction
+from afl_mujoco.cli.margins import Margins
 from afl_mujoco.cli.regression import Regression
 from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.simulate import Simulate
@@ -20,7 +22,7 @@ from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Command = Validate | Simulate | Render | View | Tune | Regression
+Command = Validate | Simulate | Render | View | Tune | Margins | Attraction | Regression
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

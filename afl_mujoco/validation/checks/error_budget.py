@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
@@ -64,7 +64,7 @@ class ErrorBudget:
 
 
 def error_budget(
-    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory]
+    scenario: Scenario, controller: Law, runs: dict[str, Trajectory]
 ) -> ErrorBudget | None:
     """Return the budget of a scenario and controller; None if a run did not complete.
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import mujoco
 
-from afl_mujoco.control.controllers import CONTROLLERS, Controller
+from afl_mujoco.control.controllers import CONTROLLERS
+from afl_mujoco.control.law import Law
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameter_change import MOMENTA, QUASI_STATIC, STRETCHING_ROD, VELOCITIES
 from afl_mujoco.scenario.scenario import Scenario
@@ -78,7 +79,7 @@ class Explanation:
 
 
 def explain(
-    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory], *, full: bool
+    scenario: Scenario, controller: Law, runs: dict[str, Trajectory], *, full: bool
 ) -> Explanation:
     """Explain the runs of one scenario and controller.
 
@@ -120,9 +121,7 @@ def explain(
     return Explanation(_judge(values, scenario, controller), budget, book, omission)
 
 
-def _judge(
-    values: dict[str, float], scenario: Scenario, controller: Controller
-) -> tuple[Check, ...]:
+def _judge(values: dict[str, float], scenario: Scenario, controller: Law) -> tuple[Check, ...]:
     """Return the checks of measured values, in the order of the criteria."""
     return tuple(
         CRITERIA[id].judge(values[id], scenario.name, controller.name)
@@ -131,9 +130,7 @@ def _judge(
     )
 
 
-def _omission(
-    scenario: Scenario, controller: Controller, paper: Trajectory
-) -> tuple[float, Omission]:
+def _omission(scenario: Scenario, controller: Law, paper: Trajectory) -> tuple[float, Omission]:
     """Return how far both sides agree on what the paper omits, and how much it matters."""
     h = STEPS[0]
 
