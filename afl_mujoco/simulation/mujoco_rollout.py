@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -100,7 +101,7 @@ def simulate_mujoco(
         if not change.is_the_papers:
             raise InvalidValueError("dynamics and jumps", "must be the paper's in sampled mode")
         settings |= {"control_period": period, "integrator": integrator}
-        if scenario.realism != IDEAL or isinstance(controller, PythonLaw):
+        if scenario.realism != IDEAL or isinstance(controller, PythonLaw | EstimatedLaw):
             return simulate_rig(scenario, controller, **settings, model=model)
         return _sampled(model, scenario, controller, settings)
     settings |= change.describe()

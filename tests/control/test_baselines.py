@@ -279,3 +279,14 @@ def test_every_baseline_balances_from_the_paper_s_start(name, scenario):
     run = afl.simulate_mujoco(afl.SCENARIOS[scenario], CONTROLLERS[name], "sampled")
     assert str(run.outcome) == "completed"
     assert np.abs(run.state[-1]).max() < 0.02
+
+
+def test_from_eighty_degrees_the_paper_s_law_balances_and_the_baselines_do_not():
+    steep = dataclasses.replace(
+        afl.SCENARIOS["nominal"], initial_state=(0.0, -np.radians(80.0), 0.0, 0.0)
+    )
+    outcomes = {
+        name: afl.simulate_mujoco(steep, CONTROLLERS[name], "sampled").outcome.kind
+        for name in ("fixed", *BASELINES)
+    }
+    assert outcomes == {"fixed": "completed", **dict.fromkeys(BASELINES, "fell")}

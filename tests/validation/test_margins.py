@@ -76,6 +76,20 @@ def test_a_held_unstable_lag_has_the_gains_at_which_its_pole_leaves_the_circle(p
     assert margins.gain_increase == pytest.approx(most / gain, rel=1e-7)
 
 
+@pytest.mark.parametrize("period", [0.01, 0.3], ids=str)
+def test_a_held_unstable_lag_has_the_crossover_of_its_closed_form(period):
+    gain, growth = 2.5, math.exp(period)
+    margins = loop_margins(unstable_lag(gain), period)
+    # L = gain (growth - 1) / (z - growth) has size 1 at this turn of z from sample to sample
+    swing = gain * (growth - 1.0)
+    turn = math.acos((1.0 + growth**2 - swing**2) / (2.0 * growth))
+    z = complex(math.cos(turn), math.sin(turn))
+    lag = math.pi - abs(math.atan2((1 / (z - growth)).imag, (1 / (z - growth)).real))
+    assert margins.crossover == pytest.approx(turn / period, rel=1e-7)
+    assert math.radians(margins.phase) == pytest.approx(lag, rel=1e-6)
+    assert margins.delay == pytest.approx(lag / turn * period, rel=1e-6)
+
+
 def test_a_double_integrator_has_the_margins_of_its_closed_forms():
     stiffness, damping = 7.0, 3.0
     loop = Loop(np.eye(2, k=1), np.array([0.0, 1.0]), np.array([stiffness, damping]))

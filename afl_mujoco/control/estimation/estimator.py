@@ -30,13 +30,18 @@ _ROWS = _PRODUCT + STATES * STATES
 MEMORY_SIZE = _ROWS + 2 * STATES
 """Length of the memory."""
 
+LARGEST_TURN = 0.5
+"""The filter starts anew, with the M and l it has, when the pole would turn more in a period [rad]:
+no such state has been measured, and none can be predicted on."""
+
 _LN_START, _LN_VARIANCE = given.LN_START, given.LN_VARIANCE
 _LN_LOWEST, _LN_HIGHEST = given.LN_LOWEST, given.LN_HIGHEST
 _LEAST_VARIANCE, _LEAST_EXCITATION = given.LEAST_VARIANCE, given.LEAST_EXCITATION
 _POSITION_VARIANCE, _ANGLE_VARIANCE = given.POSITION_VARIANCE, given.ANGLE_VARIANCE
 _SPEED_VARIANCE, _RATE_VARIANCE = given.SPEED_VARIANCE, given.RATE_VARIANCE
 _EXCITATION_MEMORY = given.EXCITATION_MEMORY
-_FORCE_INTENSITY, _POLE_MASS, _GRAVITY = given.FORCE_INTENSITY, given.POLE_MASS, given.GRAVITY
+_ACCELERATION_INTENSITY = given.ACCELERATION_INTENSITY
+_POLE_MASS, _GRAVITY = given.POLE_MASS, given.GRAVITY
 
 
 def blank_memory() -> NDArray[np.float64]:
@@ -113,6 +118,8 @@ def update(memory, settings, z, phi, force, dt):
     """
     covariance = memory[COVARIANCE:SURPRISE].reshape(STATES, STATES)
     _predict(memory, settings, force, dt, covariance)
+    if not abs(memory[3]) * dt < LARGEST_TURN:
+        return _start_anew(memory, settings, z, phi)
     learns_mass = _learns(memory, settings, covariance, 0)
     learns_length = _learns(memory, settings, covariance, 1)
     learns = (learns_mass, learns_length)
@@ -125,6 +132,15 @@ def update(memory, settings, z, phi, force, dt):
         if learns[i] and _excited(memory, settings, i):
             covariance[j, j] = max(covariance[j, j], settings[_LEAST_VARIANCE + i])
         memory[j] = min(max(memory[j], settings[_LN_LOWEST + i]), settings[_LN_HIGHEST + i])
+    return estimate(memory)
+
+
+@kernel
+def _start_anew(memory, settings, z, phi):
+    """Begin again with a measurement, but with the M and l that are believed."""
+    kept = (memory[4], memory[5])
+    start(memory, settings, z, phi)
+    memory[4], memory[5] = kept
     return estimate(memory)
 
 
@@ -149,12 +165,12 @@ def _predict(memory, settings, force, dt, covariance):
     phi = 0.5 * (memory[1] + after[1])
     phi_dot = 0.5 * (memory[3] + after[3])
     cart_row, pole_row = memory[_ROWS : _ROWS + STATES], memory[_ROWS + STATES :]
-    by_force = linearise(phi, phi_dot, force, plant, cart_row, pole_row)
+    coupling, cart, pole = linearise(phi, phi_dot, force, plant, cart_row, pole_row)
     transition = memory[_TRANSITION:_PRODUCT].reshape(STATES, STATES)
     fill_transition(cart_row, pole_row, dt, transition)
     product = memory[_PRODUCT:_ROWS].reshape(STATES, STATES)
-    noise = 0.5 * dt * settings[_FORCE_INTENSITY]
-    _add_noise(covariance, noise, by_force[0], by_force[1])
+    noise = 0.5 * dt * settings[_ACCELERATION_INTENSITY]
+    _add_noise(covariance, noise, coupling)
     for i in range(STATES):
         for j in range(STATES):
             sum_ = 0.0
@@ -167,20 +183,20 @@ def _predict(memory, settings, force, dt, covariance):
             for k in range(STATES):
                 sum_ += product[i, k] * transition[j, k]
             covariance[i, j] = covariance[j, i] = sum_
-    _add_noise(covariance, noise, by_force[0], by_force[1])
+    _add_noise(covariance, noise, coupling)
     memory[0], memory[1], memory[2], memory[3] = after
     share = dt / (dt + settings[_EXCITATION_MEMORY])
-    memory[EXCITATION] += share * (by_force[2] - memory[EXCITATION])
-    memory[EXCITATION + 1] += share * (plant[2] * by_force[3] - memory[EXCITATION + 1])
+    memory[EXCITATION] += share * (cart - memory[EXCITATION])
+    memory[EXCITATION + 1] += share * (plant[2] * pole - memory[EXCITATION + 1])
 
 
 @kernel
-def _add_noise(covariance, noise, cart, pole):
-    """Add half of what an unknown force does to the velocities in a period, Eq. (E5)."""
-    covariance[2, 2] += noise * cart * cart
-    covariance[2, 3] += noise * cart * pole
+def _add_noise(covariance, noise, coupling):
+    """Add half of what an unknown acceleration of the cart does in a period, Eq. (E5)."""
+    covariance[2, 2] += noise
+    covariance[2, 3] += noise * coupling
     covariance[3, 2] = covariance[2, 3]
-    covariance[3, 3] += noise * pole * pole
+    covariance[3, 3] += noise * coupling * coupling * (1.0 + covariance[5, 5])
 
 
 @kernel

@@ -65,7 +65,7 @@ def moved(z, phi, z_dot, phi_dot, force, plant, dt):
 
 @kernel
 def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
-    """Write the derivatives of z'' and phi'' by the states, Eq. (E3); return those by the force.
+    """Write the derivatives of z'' and phi'' by the states, Eq. (E3).
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
     Returns
     -------
     tuple
-        dz''/dF, dphi''/dF, and z'', phi'' themselves.
+        dphi''/dz'' of the pole's equation, and z'', phi'' themselves.
     """
     cart_mass, pole_mass, half_length, gravity = plant
     sin, cos = np.sin(phi), np.cos(phi)
@@ -100,7 +100,7 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
     pole_row[1] += 0.75 / half_length * (gravity * cos - cart * sin)
     pole_row[2] = 0.0
     pole_row[5] -= pole
-    return 1.0 / inertia, coupling / inertia, cart, pole
+    return coupling, cart, pole
 
 
 @kernel

@@ -12,7 +12,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL, require_positive, require_type
 
 # Places in the array of settings.
-POSITION_VARIANCE, ANGLE_VARIANCE, FORCE_INTENSITY = 0, 1, 2
+POSITION_VARIANCE, ANGLE_VARIANCE, ACCELERATION_INTENSITY = 0, 1, 2
 LEAST_VARIANCE, LEAST_EXCITATION = 3, 5  # each of M, then of l
 LN_START, LN_VARIANCE, LN_LOWEST, LN_HIGHEST = 7, 9, 11, 13  # each of M, then of l
 SPEED_VARIANCE, RATE_VARIANCE, EXCITATION_MEMORY, POLE_MASS, GRAVITY = 15, 16, 17, 18, 19
@@ -30,9 +30,10 @@ class EstimatorSettings:
     position_noise, angle_noise
         Standard deviation of the measured z [m] and phi [rad]; of an encoder that only rounds, its
         step over the square root of 12. The defaults are those of 0.35 mm and 3600 counts a turn.
-    force_noise
-        Intensity of the white force on the cart that the model does not know [N/sqrt(Hz)]. The
-        default forgives an unknown force of 0.1 N that lasts 0.1 s.
+    acceleration_noise
+        Intensity of the white acceleration of the cart that the model does not know, from forces
+        that nobody measures [m/s^2/sqrt(Hz)]. More makes M robust against friction, and at rest
+        more biased: the law acts on the noise that the filter lets through.
     cart_mass_accuracy, half_length_accuracy
         Relative accuracy of M and l that an excited estimate never claims to surpass [1]: what it
         learns beyond that it forgets again, so that it stays able to learn.
@@ -63,7 +64,7 @@ class EstimatorSettings:
 
     position_noise: float = 1e-4
     angle_noise: float = 5e-4
-    force_noise: float = 0.03
+    acceleration_noise: float = 0.01
     cart_mass_accuracy: float = 0.1
     half_length_accuracy: float = 0.1
     least_cart_acceleration: float = 0.05
@@ -102,7 +103,7 @@ class EstimatorSettings:
             [
                 self.position_noise**2,
                 self.angle_noise**2,
-                self.force_noise**2,
+                self.acceleration_noise**2,
                 self.cart_mass_accuracy**2,
                 self.half_length_accuracy**2,
                 self.least_cart_acceleration,

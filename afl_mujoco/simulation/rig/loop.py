@@ -5,7 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from afl_mujoco.compiled import borrowing_kernel, load, store
-from afl_mujoco.control.compiled_law import given_force
+from afl_mujoco.control.compiled_law import given_force, law_force
+from afl_mujoco.control.estimation.estimator import filtered_state
+from afl_mujoco.control.estimation.estimator import start as begin_estimate
+from afl_mujoco.control.estimation.estimator import update as update_estimate
+from afl_mujoco.control.estimation.settings import GRAVITY, POLE_MASS
 from afl_mujoco.simulation.mujoco_model import (
     CONTROL,
     DATA,
@@ -28,6 +32,7 @@ from afl_mujoco.simulation.rig.channels import (
     IAE_PHI,
     IAE_Z,
     MAX_FORCE,
+    MEAN_FORCE,
     PEAK_PHI,
     PEAK_Z,
     RUNNING,
@@ -180,6 +185,7 @@ def advance(at, plan, actuator, course, memory, record, command):
         if len(record) > 0:
             record[first, 4] = command
         return
+    memory[MEAN_FORCE] = 0.0
     for k in range(first, min(first + plan.hold, plan.steps)):
         force = actuate(actuator, memory, command, k)
         if len(record) > 0:
@@ -192,6 +198,7 @@ def advance(at, plan, actuator, course, memory, record, command):
         if not within_limits(after):
             memory[STATUS] = ending_of(before)
             return
+        memory[MEAN_FORCE] += force / plan.hold
         memory[MAX_FORCE] = max(memory[MAX_FORCE], abs(force))
         memory[IAE_Z] += half * (abs(before[0]) + abs(after[0]))
         memory[IAE_PHI] += half * (abs(before[1]) + abs(after[1]))
@@ -236,5 +243,38 @@ def march(at, plan, course, memory, record, initial_state, sensors, actuator, ki
     while memory[STATUS] == RUNNING:
         measured = sense(at, sensors, memory, tick)
         command = commanded(kind, given, measured, tick)
+        advance(at, plan, actuator, course, memory, record, command)
+        tick += 1
+
+
+@borrowing_kernel
+def march_estimating(
+    at, plan, course, memory, record, initial_state, sensors, actuator, law, filter_memory, settings
+):
+    """Run the closed loop with a law that an estimator tells M, l and the state.
+
+    Parameters
+    ----------
+    at, plan, course, memory, record, initial_state, sensors, actuator
+        As of `march`; the estimator gets the measured positions, and the force over each control
+        period as the drive exerts it.
+    law
+        A `CompiledLaw`.
+    filter_memory, settings
+        Of the estimator, as of `estimator.start`.
+    """
+    kind, table, masses, lengths = law
+    start(at, plan, course, memory, record, initial_state)
+    tick = 0
+    while memory[STATUS] == RUNNING:
+        z, phi, _, _ = sense(at, sensors, memory, tick)
+        if tick == 0:
+            mass, length = begin_estimate(filter_memory, settings, z, phi)
+        else:
+            force, period = memory[MEAN_FORCE], sensors.period
+            mass, length = update_estimate(filter_memory, settings, z, phi, force, period)
+        z, phi, z_dot, phi_dot = filtered_state(filter_memory)
+        believed = (mass, settings[POLE_MASS], length, settings[GRAVITY])
+        command = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed)
         advance(at, plan, actuator, course, memory, record, command)
         tick += 1

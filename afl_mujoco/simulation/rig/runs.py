@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.estimation.estimator import blank_memory as blank_estimator
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
@@ -190,6 +192,10 @@ def perform(
     at, plan, memory = model.addresses, run.plan, blank_memory(run.actuator)
     rows = np.empty((plan.steps + 1 if record else 0, 5))
     march = (at, plan, run.course, memory, rows, run.initial_state)
+    if isinstance(law, EstimatedLaw):
+        told = (law.law.compiled, blank_estimator(), law.settings.array)
+        loop.march_estimating(*march, run.sensors, run.actuator, *told)
+        return memory, rows
     if not isinstance(law, PythonLaw):
         loop.march(*march, run.sensors, run.actuator, law.compiled.kind, run.given)
         return memory, rows
@@ -220,7 +226,7 @@ def simulate_rig(
     scenario
         What happens, and what departs from the ideal.
     law
-        What is commanded; a `PythonLaw` runs in Python.
+        What is commanded; a `PythonLaw` runs in Python, an `EstimatedLaw` with its estimator.
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     model
