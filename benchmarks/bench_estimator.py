@@ -87,7 +87,8 @@ def tracking(seeds: int) -> None:
                 worst = [f"{1e3 * np.median(t):4.0f}" for t in times]
                 texts.append(", ".join(worst) if shapes[i] == "step" else "         -")
             print(
-                f"  {label:<10} {case:<30} {early[0]:5.3f}/{early[1]:5.3f}  {late[0]:5.3f}/{late[1]:5.3f}"
+                f"  {label:<10} {case:<30} {early[0]:5.3f}/{early[1]:5.3f}"
+                f"  {late[0]:5.3f}/{late[1]:5.3f}"
                 f"   {texts[0]:>11}     {texts[1]:>11}"
             )
     print("\n(T3) lag [ms] on the ramps from 0 to 2 s: mean of (truth - estimate) / rate, 0.2-2 s")
@@ -142,7 +143,7 @@ def start(seeds: int) -> None:
 
 def pulse(seeds: int) -> None:
     print(
-        "\n(T5) the pulse of -10 N at 10 s: rms of ln M / ln l before, during, after; in the last 5 s"
+        "\n(T5) pulse of -10 N at 10 s: rms of ln M / ln l before, during, after, in the last 5 s"
     )
     spans = ((9.0, 10.0), (10.0, 10.1), (10.1, 10.3), (10.3, 11.0), (15.0, 20.0))
     for label, rig in (("no noise", IDEAL), ("usual", USUAL)):
@@ -153,15 +154,13 @@ def pulse(seeds: int) -> None:
             told = run(afl.SCENARIOS[f"{case}-impulse"], IDEAL, told=TRUE, fed=0)
             was = np.abs(told.state[10_000:, :2]).max(axis=0)
             print(
-                f"  {label:<10} {case:<22} {text}   peak |z|, |phi| {after[0]:.3f} m, {after[1]:.3f}"
+                f"  {label:<10} {case:<22} {text}   peaks {after[0]:.3f} m, {after[1]:.3f} rad"
                 f" (told: {was[0]:.3f}, {was[1]:.3f})"
             )
 
 
 def rest(seeds: int) -> None:
-    print(
-        "\n(T6) towards rest: constant plants, usual noise; error of ln M / ln l at 4 s, 8 s and 20 s,"
-    )
+    print("\n(T6) constant plants, usual noise: error of ln M / ln l at 4 s, 8 s and 20 s,")
     print("  mean over the seeds, and at 20 s its standard deviation")
     plants = [(m, x) for m in (0.1, 0.5, 2.0) for x in (0.05, 0.2, 1.0)]
     never = {"least_cart_acceleration": 1e-9, "least_pole_acceleration": 1e-9}

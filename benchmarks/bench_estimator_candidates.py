@@ -12,7 +12,6 @@ clipped to the same box.
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Callable
 
@@ -33,10 +32,11 @@ CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 NOISES = {"none": (0.0, 0.0), "fine": (1e-4, 1e-4), "coarse": (1e-4, 1e-3)}
 WINDOWS = {"20-100 ms": (20, 100), "0.1-1 s": (100, 1000), "1-6 s": (1000, 6000)}
 REST = (8000, 19_999)  # of step-step, where nothing changes any more
-ACCELERATION_NOISE, ACCURACY, SPREAD = 0.01, 0.1, (1.5, 1.0)
-LEAST_EXCITATION, EXCITATION_MEMORY = (0.05, 0.03), 0.3
+ACCELERATION_NOISE, ACCURACY = 0.01, 0.1
+SPREAD, INVERSE_SPREAD = np.array((1.5, 1.0)), np.array((7.0, 6.0))
+LEAST_EXCITATION, EXCITATION_MEMORY = np.array((0.05, 0.03)), 0.3
 POLE_MASS, GRAVITY = 0.05, 9.81
-START = (math.log(0.1), math.log(0.5))
+START = np.log([0.1, 0.5])
 LOW, HIGH = np.log([0.08, 0.04]), np.log([2.5, 1.25])
 LN, INVERSE = 0, 1
 
@@ -86,53 +86,58 @@ def by_cubature(x, cov, force, kind):
 
 
 @njit
+def predicted(x, cov, force, kind, cubature, excitation):
+    """State and covariance a period later, and the excitations."""
+    length = parameters(x, kind)[1]
+    direction = np.zeros(6)
+    direction[2], direction[3] = 1.0, 0.75 / length * np.cos(x[1])
+    unknown = np.outer(direction, direction) * (0.5 * ACCELERATION_NOISE**2 * DT)
+    unknown[3, 3] *= 1.0 + cov[5, 5] / (1.0 if kind == LN else x[5]) ** 2
+    if cubature:
+        after, cov = by_cubature(x, cov + unknown, force, kind)
+    else:
+        after, cov = by_differences(x, cov + unknown, force, kind)
+    now = (after[2:4] - x[2:4]) / DT * np.array((1.0, length))
+    excitation += DT / (DT + EXCITATION_MEMORY) * (now - excitation)
+    return after, cov + unknown
+
+
+@njit
+def corrected(x, cov, measured, noise, learns):
+    """State and covariance with a measurement, by Joseph's form; zeros in `learns` freeze."""
+    for i in range(2):
+        gain = cov[:, i] / (cov[i, i] + noise[i] ** 2)
+        gain[4:] *= learns
+        x = x + gain * (measured[i] - x[i])
+        left = np.eye(6)
+        left[:, i] -= gain
+        cov = left @ cov @ left.T + np.outer(gain, gain) * noise[i] ** 2
+    return x, cov
+
+
+@njit
 def kalman(z, phi, force, noise, out, kind, cubature, walk):
     """A filter on (z, phi, z', phi', two parameters); `walk` [1/sqrt(s)]: random walks instead."""
-    x, cov = np.zeros(6), np.zeros((6, 6))
-    x[0], x[1] = z[0], phi[0]
-    cov[0, 0], cov[1, 1], cov[2, 2], cov[3, 3] = noise[0] ** 2, noise[1] ** 2, 1.0, 1.0
-    for i in range(2):
-        x[4 + i] = START[i] if kind == LN else np.exp(-START[i])
-        spread = SPREAD[i] if kind == LN else (0.7, 3.0)[i] * x[4 + i]
-        cov[4 + i, 4 + i] = spread**2
+    x, cov = np.array((z[0], phi[0], 0.0, 0.0, START[0], START[1])), np.eye(6)
+    cov[0, 0], cov[1, 1] = noise[0] ** 2, noise[1] ** 2
+    low, high, spread = LOW, HIGH, SPREAD
+    if kind == INVERSE:
+        x[4:], low, high, spread = np.exp(-x[4:]), np.exp(-HIGH), np.exp(-LOW), INVERSE_SPREAD
+    cov[4, 4], cov[5, 5] = spread[0] ** 2, spread[1] ** 2
     excitation = np.zeros(2)
     for k in range(1, len(z)):
-        mass, length = parameters(x, kind)
-        before = x[2:4].copy()
-        direction = np.zeros(6)
-        direction[2], direction[3] = 1.0, 0.75 / length * np.cos(x[1])
-        unknown = np.outer(direction, direction) * (0.5 * ACCELERATION_NOISE**2 * DT)
-        unknown[3, 3] *= 1.0 + cov[5, 5] / (1.0 if kind == LN else x[5]) ** 2
-        if cubature:
-            x, cov = by_cubature(x, cov + unknown, force[k - 1], kind)
-        else:
-            x, cov = by_differences(x, cov + unknown, force[k - 1], kind)
-        cov += unknown
-        now = np.array([(x[2] - before[0]) / DT, (x[3] - before[1]) / DT * length])
-        excitation += DT / (DT + EXCITATION_MEMORY) * (now - excitation)
-        unit = np.ones(2) if kind == LN else x[4:].copy()
-        learns = np.ones(2)
-        for i in range(2):
-            known = cov[4 + i, 4 + i] <= (ACCURACY * unit[i]) ** 2
-            if walk == 0.0 and known and abs(excitation[i]) <= LEAST_EXCITATION[i]:
-                learns[i] = 0.0
-        for i, measured in ((0, z[k]), (1, phi[k])):
-            gain = cov[:, i] / (cov[i, i] + noise[i] ** 2)
-            gain[4:] *= learns
-            x = x + gain * (measured - x[i])
-            left = np.eye(6)
-            left[:, i] -= gain
-            cov = left @ cov @ left.T + np.outer(gain, gain) * noise[i] ** 2
-        for i in range(2):
-            j = 4 + i
+        x, cov = predicted(x, cov, force[k - 1], kind, cubature, excitation)
+        least = (ACCURACY * (np.ones(2) if kind == LN else x[4:])) ** 2
+        variance = np.array((cov[4, 4], cov[5, 5]))
+        excited = np.abs(excitation) > LEAST_EXCITATION
+        learns = 1.0 * (excited | (variance > least) | (walk > 0.0))
+        x, cov = corrected(x, cov, (z[k], phi[k]), noise, learns)
+        x[4:] = np.minimum(np.maximum(x[4:], low), high)
+        for j in range(4, 6):
             if walk > 0.0:
-                cov[j, j] += (walk * unit[i]) ** 2 * DT
-            elif abs(excitation[i]) > LEAST_EXCITATION[i]:
-                cov[j, j] = max(cov[j, j], (ACCURACY * unit[i]) ** 2)
-            if kind == LN:
-                x[j] = min(max(x[j], LOW[i]), HIGH[i])
-            else:
-                x[j] = min(max(x[j], np.exp(-HIGH[i])), np.exp(-LOW[i]))
+                cov[j, j] += walk**2 * DT * least[j - 4] / ACCURACY**2
+            elif excited[j - 4]:
+                cov[j, j] = max(cov[j, j], least[j - 4])
         out[k] = parameters(x, kind)
 
 
@@ -147,8 +152,8 @@ def least_squares(z, phi, force, noise, out, pole, forgetting):
     signal, once, twice = np.zeros(5), np.zeros(5), np.zeros(5)  # what drives starts from zero
     signal[0], signal[1], signal[2] = z[0], phi[0], np.sin(phi[0])
     once[:3], twice[:3] = signal[:3], signal[:3]
-    theta = np.exp(-np.array(START))
-    cov = (np.array((0.7, 3.0)) * theta) ** 2
+    theta = np.exp(-START)
+    cov = INVERSE_SPREAD**2
     for k in range(1, len(z)):
         signal[0], signal[1], signal[2], signal[3] = z[k], phi[k], np.sin(phi[k]), force[k - 1]
         signal[4] = signal[2]

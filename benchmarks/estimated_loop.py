@@ -36,13 +36,38 @@ write_parameters, write_state, mj_step = mm.write_parameters, mm.write_state, mm
 
 
 @njit
+def measured(state, noise, step):
+    """What the sensors say of (z, phi)."""
+    z, phi = state[0] + noise[0], state[1] + noise[1]
+    if step[0] > 0.0:
+        return step[0] * np.rint(z / step[0]), step[1] * np.rint(phi / step[1])
+    return z, phi
+
+
+@njit
+def commanded(state, seen, true, memory, settings, gains, told, fed):
+    """The force of the law; `told` says what it believes, `fed` which state it gets."""
+    belief = estimator.estimate(memory)
+    if told == TRUE:
+        belief = true
+    if told == NOMINAL:
+        belief = (1.0, 0.5)
+    x = (state[0], state[1], state[2], state[3])
+    if fed == FILTERED:
+        x = estimator.filtered_state(memory)
+    if fed == MEASURED:
+        x = (seen[0], seen[1], memory[2], memory[3])
+    believed = (belief[0], settings[POLE_MASS], belief[1], settings[GRAVITY])
+    return scheduled_force(x[0], x[1], x[2], x[3], believed, gains)
+
+
+@njit
 def march(at, initial, truth, push, noise, step, gains, told, fed, settings, hold, late):
     """March by `mj_step`; return states, forces and (M, l) as estimated, until the pole falls.
 
-    `truth` has (M, l) for each step, `noise` and `step` are of (z, phi), `told` says what the law
-    believes, `fed` which state it gets; the force acts `late` steps after it is commanded.
+    `truth` has (M, l) for each step, `noise` and `step` are of (z, phi); the force acts `late`
+    steps after it is commanded, of which the estimator knows nothing.
     """
-    pole_mass, gravity = settings[POLE_MASS], settings[GRAVITY]
     count = len(push)
     states, forces, found = np.empty((count + 1, 4)), np.zeros(count + 1), np.empty((count + 1, 2))
     memory = np.zeros(estimator.MEMORY_SIZE)
@@ -50,34 +75,19 @@ def march(at, initial, truth, push, noise, step, gains, told, fed, settings, hol
     write_state(at, initial[0], initial[1], initial[2], initial[3])
     force = 0.0
     for k in range(count + 1):
-        s = states[k]
-        mass, length = truth[min(k, count - 1)]
+        s, true = states[k], (truth[min(k, count - 1), 0], truth[min(k, count - 1), 1])
         if k % hold == 0:
-            z, phi = s[0] + noise[k, 0], s[1] + noise[k, 1]
-            if step[0] > 0.0:
-                z, phi = step[0] * np.rint(z / step[0]), step[1] * np.rint(phi / step[1])
+            seen = measured(s, noise[k], step)
             if k == 0:
-                belief = estimator.start(memory, settings, z, phi)
+                estimator.start(memory, settings, seen[0], seen[1])
             else:
-                belief = estimator.update(memory, settings, z, phi, force, DT * hold)
-            if told == TRUE:
-                belief = (mass, length)
-            if told == NOMINAL:
-                belief = (1.0, 0.5)
-            x = (s[0], s[1], s[2], s[3])
-            if fed == FILTERED:
-                x = estimator.filtered_state(memory)
-            if fed == MEASURED:
-                x = (z, phi, memory[2], memory[3])
-            believed = (belief[0], pole_mass, belief[1], gravity)
-            force = scheduled_force(x[0], x[1], x[2], x[3], believed, gains)
+                estimator.update(memory, settings, seen[0], seen[1], force, DT * hold)
+            force = commanded(s, seen, true, memory, settings, gains, told, fed)
         forces[k] = force
         found[k, 0], found[k, 1] = estimator.estimate(memory)
-        if not (abs(s[1]) < 1.57 and abs(force) < 1e6):
+        if k == count or not (abs(s[1]) < 1.57 and abs(force) < 1e6):
             return states[: k + 1], forces[: k + 1], found[: k + 1]
-        if k == count:
-            break
-        write_parameters(at, mass, pole_mass, length, gravity)
+        write_parameters(at, true[0], settings[POLE_MASS], true[1], settings[GRAVITY])
         store(at[CONTROL], forces[k - late] if k >= late else 0.0)
         store(at[PUSH], push[k])
         mj_step(at[MODEL], at[DATA])

@@ -8,6 +8,7 @@ import pytest
 from afl_mujoco import (
     CONTROLLERS,
     Scenario,
+    Trajectory,
     constant,
     find_scenario,
     piecewise_linear,
@@ -15,6 +16,7 @@ from afl_mujoco import (
     simulate_mujoco,
     step,
 )
+from afl_mujoco.cli.main import main
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.realism import Realism
@@ -96,6 +98,20 @@ def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
             theirs = metrics(scenario, adaptive, run)
             assert many.iae_z[i] == pytest.approx(theirs["iae_z"], rel=1e-12)
             assert many.iae_phi[i] == pytest.approx(theirs["iae_phi"], rel=1e-12)
+
+
+def test_the_command_line_replays_a_failure_from_its_file(scenarios, adaptive, tmp_path):
+    many = run_rollouts(scenarios, adaptive, **SETTINGS)
+    worst = int(np.argmax((many.status > 0) & (np.arange(len(many)) % 3 > 0)))  # a real one
+    assert many.outcome(worst).kind == "fell"
+    save_scenario(scenarios[worst], tmp_path / "failure.toml")
+    options = ["--integrator", "Euler", "--control-period", "0.002", "--out", str(tmp_path)]
+    assert main(["simulate", str(tmp_path / "failure.toml"), *options]) == 0
+    run = Trajectory.load(tmp_path / f"{scenarios[worst].name}-adaptive-sampled.npz")
+    assert run.outcome == many.outcome(worst)
+    assert np.abs(run.state[:, 0]).max() == many.peak_z[worst]
+    alone = simulate_mujoco(scenarios[worst], adaptive, "sampled", **SETTINGS)
+    assert run.state.tobytes() == alone.state.tobytes()
 
 
 def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
