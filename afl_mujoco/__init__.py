@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from afl_mujoco.control.afl import control_force, sliding_variable
+    from afl_mujoco.control.baselines.gain_grid import GainGrid
+    from afl_mujoco.control.baselines.state_feedback import StateFeedback
     from afl_mujoco.control.controllers import CONTROLLERS, Controller, find_controller
     from afl_mujoco.control.gain_function import GainFunction
     from afl_mujoco.control.gains import FIXED_GAINS, Gains
+    from afl_mujoco.control.law import Law
     from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.plant.dynamics import acceleration, mass_matrix
     from afl_mujoco.plant.energy import linear_momentum, total_energy
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
     from afl_mujoco.scenario.files import find_scenario, load_scenario, save_scenario
     from afl_mujoco.scenario.parameters import CartPoleParameters
+    from afl_mujoco.scenario.realism import Realism
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.scenario.schedules import (
         Schedule,
@@ -34,14 +38,18 @@ if TYPE_CHECKING:
     from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
     from afl_mujoco.simulation.ode import simulate_ode
     from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
+    from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
     from afl_mujoco.simulation.task import load
     from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 _HOMES = {
     "control.afl": ("control_force", "sliding_variable"),
+    "control.baselines.gain_grid": ("GainGrid",),
+    "control.baselines.state_feedback": ("StateFeedback",),
     "control.controllers": ("CONTROLLERS", "Controller", "find_controller"),
     "control.gain_function": ("GainFunction",),
     "control.gains": ("FIXED_GAINS", "Gains"),
+    "control.law": ("Law",),
     "errors": ("AflMujocoError",),
     "plant.dynamics": ("acceleration", "mass_matrix"),
     "plant.energy": ("linear_momentum", "total_energy"),
@@ -49,6 +57,7 @@ _HOMES = {
     "scenario.disturbances": ("ForcePulse", "Impulse"),
     "scenario.files": ("find_scenario", "load_scenario", "save_scenario"),
     "scenario.parameters": ("CartPoleParameters",),
+    "scenario.realism": ("Realism",),
     "scenario.scenario": ("Scenario",),
     "scenario.schedules": (
         "Schedule",
@@ -62,6 +71,7 @@ _HOMES = {
     "simulation.mujoco_rollout": ("simulate_mujoco",),
     "simulation.ode": ("simulate_ode",),
     "simulation.ode_fixed_step": ("simulate_ode_held", "simulate_ode_rk4"),
+    "simulation.rig.rollouts": ("Rollouts", "run_rollouts"),
     "simulation.task": ("load",),
     "simulation.trajectory": ("Outcome", "Trajectory"),
 }
@@ -77,11 +87,16 @@ __all__ = [
     "Controller",
     "ForcePulse",
     "GainFunction",
+    "GainGrid",
     "Gains",
     "Impulse",
+    "Law",
     "Outcome",
+    "Realism",
+    "Rollouts",
     "Scenario",
     "Schedule",
+    "StateFeedback",
     "Trajectory",
     "acceleration",
     "constant",
@@ -94,6 +109,7 @@ __all__ = [
     "load_scenario",
     "mass_matrix",
     "piecewise_linear",
+    "run_rollouts",
     "save_scenario",
     "simulate_mujoco",
     "simulate_ode",
@@ -118,3 +134,6 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """List the public names."""
     return sorted(__all__)
+
+
+import_module(f"{__name__}.simulation.gym_env.registration").register_with_gymnasium()

@@ -68,7 +68,32 @@ def kernel(function: Callable[..., Any]) -> Any:
     Any
         The compiled function.
     """
-    dispatcher: Any = njit(nogil=True, error_model="numpy")(function)
+    return _compiled(function)
+
+
+def borrowing_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function that only borrows its arrays, as `kernel` does.
+
+    Numba counts a reference to every array at every call, by two atomic instructions: too slow for
+    what is called many times in a microsecond. Here it does not, so the function may neither make
+    an array nor return one, and its caller must keep the arrays alive.
+
+    Parameters
+    ----------
+    function
+        What to compile.
+
+    Returns
+    -------
+    Any
+        The compiled function.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    """Return a compiled function whose code is kept on disk."""
+    dispatcher: Any = njit(nogil=True, error_model="numpy", **options)(function)
     dispatcher._cache = _Cache(dispatcher.py_func)  # type: ignore[no-untyped-call]
     return dispatcher
 

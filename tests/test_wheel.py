@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.metadata import Distribution
 from pathlib import Path
 
 import pytest
+
+from afl_mujoco.simulation.gym_env.registration import register
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "afl_mujoco" / "reporting" / "page"
@@ -56,3 +59,9 @@ def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
     }
     assert expected
     assert [path for path in sorted(expected) if not (installed / path).is_file()] == []
+
+
+def test_a_wheel_names_its_environments_to_gymnasium(installed: Path) -> None:
+    distribution = Distribution.at(*installed.glob("afl_mujoco-*.dist-info"))
+    (entry,) = distribution.entry_points.select(group="gymnasium.envs")
+    assert (entry.name, entry.load()) == ("afl_mujoco", register)

@@ -35,7 +35,8 @@ class Render:
     scenarios: Names = ()
     """Scenarios by name, or TOML files; all nine of the paper and the showcase by default."""
     controllers: tuple[str, ...] = ("fixed", "adaptive")
-    """Controllers by name: fixed, adaptive, each also -retuned or -nominal."""
+    """Controllers by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
+    partial-linearization."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     size: str = "1280x720"

@@ -12,7 +12,7 @@ from afl_mujoco.cli.terminal import SUCCESS
 from afl_mujoco.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from afl_mujoco.control.controllers import Controller
+    from afl_mujoco.control.law import Law
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.simulation.trajectory import Trajectory
 
@@ -31,7 +31,8 @@ class Simulate:
     scenario: Name = "nominal"
     """Scenario by name, or a TOML file."""
     controller: str = "adaptive"
-    """Controller by name: fixed, adaptive, each also -retuned or -nominal."""
+    """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
+    partial-linearization; or a law in Python, my_module:my_law (ode and exact)."""
     simulator: str = "sampled"
     """ode, or a mode of MuJoCo: exact, continuous, sampled."""
     compare: bool = False
@@ -84,7 +85,7 @@ class Simulate:
         print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
         return SUCCESS
 
-    def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
+    def _simulate(self, scenario: Scenario, controller: Law, simulator: str) -> Trajectory:
         """Run one simulator."""
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.ode import simulate_ode

@@ -22,7 +22,8 @@ class View:
     scenario: Name = "step-step-impulse"
     """Scenario by name, or a TOML file."""
     controller: str = "adaptive"
-    """Controller by name: fixed, adaptive, each also -retuned or -nominal."""
+    """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
+    partial-linearization."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     timestep: float = 1e-3

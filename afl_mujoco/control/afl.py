@@ -76,23 +76,6 @@ def force_given(state, law):
     )  # fmt: skip
 
 
-@kernel
-def forces_along(states, law):
-    """Return the force at each of many states, shape (N,).
-
-    Parameters
-    ----------
-    states
-        Shape (N, 4).
-    law
-        As of `force_given`, shape (N, 7).
-    """
-    forces = np.empty(len(states))
-    for i in range(len(states)):
-        forces[i] = force_given(states[i], law[i])
-    return forces
-
-
 def control_force(
     state: ArrayLike, parameters: CartPoleParameters, gains: Gains
 ) -> NDArray[np.float64]:

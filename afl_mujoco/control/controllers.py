@@ -1,7 +1,8 @@
-"""The controllers by name: fixed or adaptive gains, with what each believes of the plant."""
+"""The controllers by name: the paper's law with fixed or adaptive gains, and the baselines."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -10,53 +11,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.compiled import kernel
-from afl_mujoco.control.afl import force_kernel, forces_along, sliding_and_drift
-from afl_mujoco.control.gain_function import (
-    GAIN_NAMES,
-    GainFunction,
-    scheduled_gain,
-    shipped_data,
-)
+from afl_mujoco.control.afl import sliding_and_drift
+from afl_mujoco.control.baselines.state_feedback import baselines
+from afl_mujoco.control.compiled_law import AFL, CompiledLaw
+from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
-from afl_mujoco.errors import InvalidValueError, LawDomainError, UnknownNameError
+from afl_mujoco.control.law import Law, belief_as_data
+from afl_mujoco.control.user_law.loading import load_python_law
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_type
 
 
-@kernel
-def scheduled_force(z, phi, z_dot, phi_dot, believed, w):
-    """Return the force [N] of the law with the gains of (G1), or NaN where it has no value.
-
-    Parameters
-    ----------
-    z, phi, z_dot, phi_dot
-        The state.
-    believed
-        (M, m, l, g) as the law takes them to be.
-    w
-        Coefficients of the gain function, shape (3, 5).
-    """
-    cart_mass, pole_mass, half_length, gravity = believed
-    return force_kernel(
-        z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
-        scheduled_gain(cart_mass, half_length, w[0]),
-        scheduled_gain(cart_mass, half_length, w[1]),
-        scheduled_gain(cart_mass, half_length, w[2]),
-    )  # fmt: skip
-
-
-@kernel
-def _gains_along(cart_mass, half_length, coefficients):
-    """Return (K, lambda, Phi) of (G1) for each plant, shape (N, 3)."""
-    gains = np.empty((len(cart_mass), 3))
-    for i in range(len(cart_mass)):
-        for j in range(3):
-            gains[i, j] = scheduled_gain(cart_mass[i], half_length[i], coefficients[j])
-    return gains
+@functools.lru_cache(maxsize=256)
+def _compiled(gain_function: GainFunction) -> CompiledLaw:
+    """Return the paper's law with a gain function as compiled loops take it."""
+    none = np.zeros(1)
+    return CompiledLaw(AFL, gain_function.coefficients[None], none, none)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Controller:
+class Controller(Law):
     """The law (L1)-(L10) with its gains and its belief.
 
     Attributes
@@ -80,43 +54,10 @@ class Controller:
         require_type("gain_function", self.gain_function, GainFunction)
         require_type("belief", self.belief, CartPoleParameters | None)
 
-    def believed(
-        self, cart_mass: float, pole_mass: float, half_length: float, gravity: float
-    ) -> tuple[float, float, float, float]:
-        """Return what the law takes (M, m, l, g) to be when they are truly as given.
-
-        Parameters
-        ----------
-        cart_mass, pole_mass, half_length, gravity
-            The plant's true parameters now [kg, kg, m, m/s^2].
-        """
-        b = self.belief
-        if b is None:
-            return cart_mass, pole_mass, half_length, gravity
-        return b.cart_mass, b.pole_mass, b.half_length, b.gravity
-
-    def force(self, state: ArrayLike, truth: CartPoleParameters) -> float:
-        """Return the force [N] at one state, from the compiled law.
-
-        Parameters
-        ----------
-        state
-            (z, phi, z_dot, phi_dot), shape (4,).
-        truth
-            The plant's true parameters now.
-
-        Raises
-        ------
-        LawDomainError
-            If the pole angle is not inside ``|phi| < pi/2``.
-        """
-        z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
-        if not abs(phi) < 0.5 * np.pi:
-            raise LawDomainError("pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad")
-        p = truth
-        believed = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        coefficients = self.gain_function.coefficients
-        return float(scheduled_force(z, phi, z_dot, phi_dot, believed, coefficients))
+    @property
+    def compiled(self) -> CompiledLaw:
+        """The law as compiled loops take it."""
+        return _compiled(self.gain_function)
 
     def law_inputs(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
@@ -140,31 +81,9 @@ class Controller:
         InvalidValueError
             If the gain function gives a gain that is not positive.
         """
-        masses = np.asarray(cart_mass, dtype=np.float64)
-        lengths = np.asarray(half_length, dtype=np.float64)
-        if self.belief is not None:
-            masses = np.full_like(masses, self.belief.cart_mass)
-            lengths = np.full_like(lengths, self.belief.half_length)
-            pole_mass, gravity = self.belief.pole_mass, self.belief.gravity
-        gains = _gains_along(masses.ravel(), lengths.ravel(), self.gain_function.coefficients)
-        law = np.empty((masses.size, 7))
-        law[:, 0], law[:, 1] = masses.ravel(), pole_mass
-        law[:, 2], law[:, 3] = lengths.ravel(), gravity
-        law[:, 4:] = gains
-        _require_positive_gains(law)
-        return law.reshape((*masses.shape, 7))
-
-    def forces(self, states: NDArray[np.float64], law: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the force [N] at each of many states; NaN outside the law's domain.
-
-        Parameters
-        ----------
-        states
-            Shape (N, 4).
-        law
-            From `law_inputs`, shape (N, 7).
-        """
-        return np.asarray(forces_along(np.ascontiguousarray(states), np.ascontiguousarray(law)))
+        law = Law.law_inputs(self, cart_mass, half_length, pole_mass, gravity)
+        _require_positive_gains(law.reshape(-1, 7))
+        return law
 
     def saturation_ratio(
         self, states: NDArray[np.float64], law: NDArray[np.float64]
@@ -187,9 +106,7 @@ class Controller:
         return {
             "name": self.name,
             "gain_function": {n: list(getattr(self.gain_function, n)) for n in GAIN_NAMES},
-            "belief": "true"
-            if self.belief is None
-            else {k: getattr(self.belief, k) for k in self.belief.__slots__},
+            "belief": belief_as_data(self.belief),
         }
 
 
@@ -206,7 +123,7 @@ def _require_positive_gains(law: NDArray[np.float64]) -> None:
             )
 
 
-def _build() -> dict[str, Controller]:
+def _build() -> dict[str, Law]:
     """Return the catalogue."""
     retuned = shipped_data("gain_functions.json")
     functions = {
@@ -215,27 +132,28 @@ def _build() -> dict[str, Controller]:
         "fixed-retuned": GainFunction.constant(Gains(**retuned["fixed"])),
         "adaptive-retuned": GainFunction.retuned(),
     }
-    catalogue = [Controller(name=name, gain_function=f) for name, f in functions.items()]
+    catalogue: list[Law] = [Controller(name=n, gain_function=f) for n, f in functions.items()]
     for name in ("fixed", "adaptive"):
         catalogue.append(
             Controller(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
         )
+    catalogue += baselines()
     return {controller.name: controller for controller in catalogue}
 
 
-CONTROLLERS: Mapping[str, Controller] = MappingProxyType(_build())
+CONTROLLERS: Mapping[str, Law] = MappingProxyType(_build())
 """Every controller by name; those that end in ``-nominal`` are never told M(t) and l(t)."""
 
 
-def find_controller(name: str, gain_labels: str = "table2") -> Controller:
-    """Return a controller of the catalogue, in either reading of the paper's gain columns.
+def find_controller(name: str, gain_labels: str = "table2") -> Law:
+    """Return a controller by its name, in either reading of the paper's gain columns.
 
-    The retuned gains are not the paper's and have one reading.
+    The retuned gains and the baselines are not the paper's and have one reading.
 
     Parameters
     ----------
     name
-        A key of `CONTROLLERS`.
+        A key of `CONTROLLERS`, or ``module:function`` of a law in Python.
     gain_labels
         A key of `GAIN_LABELS`, decision D2.
 
@@ -243,12 +161,18 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     ------
     UnknownNameError
         If `name` or `gain_labels` is not known.
+    InvalidValueError
+        If there is no such function, or it cannot be a law.
     """
-    if name not in CONTROLLERS:
-        raise UnknownNameError.among("controller", name, CONTROLLERS)
     if gain_labels not in GAIN_LABELS:
         raise UnknownNameError.among("gain labels", gain_labels, GAIN_LABELS)
+    if ":" in name:
+        return load_python_law(name)
+    if name not in CONTROLLERS:
+        raise UnknownNameError.among("controller", name, CONTROLLERS)
     controller = CONTROLLERS[name]
+    if not isinstance(controller, Controller):
+        return controller
     if gain_labels == "table2" or name.endswith("-retuned"):
         return controller
     return Controller(

@@ -13,6 +13,7 @@ from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, Unkn
 from afl_mujoco.output import write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.realism import IDEAL, realism_from_table, realism_to_table
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
     Schedule,
@@ -76,7 +77,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
-    """Write a scenario to a TOML file, every default written out.
+    """Write a scenario to a TOML file, every default but an ideal `realism` written out.
 
     Parameters
     ----------
@@ -123,7 +124,9 @@ def scenario_from_table(table: Table, default_name: str) -> Scenario:
     default_name
         The name to give it if it has none.
     """
-    _require_keys(table, ("name", *_SCALARS, "initial_state", "schedule", "disturbances"))
+    _require_keys(
+        table, ("name", *_SCALARS, "initial_state", "schedule", "disturbances", "realism")
+    )
     schedules = _table("schedule", table.get("schedule", {}))
     try:
         _require_keys(schedules, ("cart_mass", "half_length"))
@@ -139,6 +142,11 @@ def scenario_from_table(table: Table, default_name: str) -> Scenario:
         fields["initial_state"] = _list("initial_state", table["initial_state"])
     listed = _list("disturbances", table.get("disturbances", []))
     fields["disturbances"] = tuple(_disturbance(i, entry) for i, entry in enumerate(listed))
+    options = _table("realism", table.get("realism", {}))
+    try:
+        fields["realism"] = realism_from_table(options)
+    except AflMujocoError as error:
+        raise error.within("realism.") from None
     name = table.get("name", default_name)
     if not isinstance(name, str):
         raise InvalidValueError("name", "must be text", repr(name))
@@ -146,7 +154,9 @@ def scenario_from_table(table: Table, default_name: str) -> Scenario:
 
 
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
-    """Return the resolved scenario as the table of a TOML file, with every default written out.
+    """Return the resolved scenario as the table of a TOML file.
+
+    Every default is written out, but for `realism`, of which only what is not ideal.
 
     Parameters
     ----------
@@ -172,6 +182,7 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
             for shape, (kind, keys) in _DISTURBANCES.items()
             if type(disturbance) is kind
         ],
+        **({} if scenario.realism == IDEAL else {"realism": realism_to_table(scenario.realism)}),
     }
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.scenario.scenario import Scenario
 
@@ -102,6 +103,28 @@ def steps(scenario: Scenario, period: float) -> Steps:
         push=np.array([segment.push for segment in segments])[index],
         impulse=impulse,
     )
+
+
+def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the ideal impulse [N s] that strikes at the start of each step, shape (N,).
+
+    An impulse strikes at the first step that starts at its time or after it.
+
+    Parameters
+    ----------
+    scenario
+        Gives the impulses.
+    starts
+        Starts of the steps and the horizon [s], shape (N + 1,).
+    """
+    edges = np.concatenate([[-np.inf], starts[:-1]]) + SNAP * (starts[1] - starts[0])
+    edges[-1] = np.inf  # one that comes after the last start strikes there
+    hits = np.zeros(len(starts) - 1)
+    for disturbance in scenario.disturbances:
+        if isinstance(disturbance, Impulse):
+            k = int(np.searchsorted(edges, disturbance.time, side="right")) - 1
+            hits[k] = scenario.impulse_within(float(edges[k]), float(edges[k + 1]))
+    return hits
 
 
 def _require_few(unit: str, length: float, step: float) -> None:

@@ -19,6 +19,7 @@ from afl_mujoco.scenario.parameters import (
     require_positive,
     require_type,
 )
+from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.schedules import Schedule, constant
 
 
@@ -76,6 +77,8 @@ class Scenario:
         (z, phi, z_dot, phi_dot) at t = 0 [m, rad, m/s, rad/s].
     duration
         Horizon T [s].
+    realism
+        Departures from the ideal loop, which only sampled mode simulates.
 
     Raises
     ------
@@ -91,6 +94,7 @@ class Scenario:
     disturbances: tuple[ForcePulse | Impulse, ...] = ()
     initial_state: tuple[float, float, float, float] = (0.0, -math.pi / 3, 0.0, 0.0)
     duration: float = 20.0
+    realism: Realism = IDEAL
 
     def __post_init__(self) -> None:
         """Validate every field and normalise its type."""
@@ -110,6 +114,11 @@ class Scenario:
         if len(state) != 4:
             raise InvalidValueError("initial_state", "must hold four numbers", len(state))
         object.__setattr__(self, "initial_state", state)
+        require_type("realism", self.realism, Realism)
+        rail = self.realism.rail_half_length
+        if rail is not None and abs(state[0]) >= rail:
+            rule = f"must lie within rail_half_length, {rail:g} m"
+            raise InvalidValueError("initial_state z", rule, f"{state[0]:g} m")
         require_type("disturbances", self.disturbances, Iterable)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))
         for disturbance in self.disturbances:
@@ -191,4 +200,19 @@ class Scenario:
         times
             Times [s], shape (N,).
         """
-        return np.array([self.push_at(float(t)) for t in times])
+        pulses = [d for d in self.disturbances if isinstance(d, ForcePulse)]
+        edges = sorted({edge for pulse in pulses for edge in pulse.breakpoints})
+        levels = np.array([0.0, *(self.push_at(edge) for edge in edges)])
+        return levels[np.searchsorted(edges, times, side="right")]
+
+    def require_ideal(self) -> None:
+        """Raise if anything departs from the ideal loop.
+
+        Raises
+        ------
+        InvalidValueError
+            If it does.
+        """
+        if self.realism != IDEAL:
+            rule = "has realism, which only sampled mode simulates"
+            raise InvalidValueError(f"scenario {self.name!r}", rule)

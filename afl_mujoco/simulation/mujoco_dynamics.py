@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.scenario.parameter_change import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import mujoco_loops as loops
@@ -15,7 +16,7 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike, w
 
 
 def closed_loop(
-    model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
+    model: CartPoleModel, scenario: Scenario, controller: Law, change: ParameterChange
 ) -> Derivative:
     """Return the right-hand side of the closed loop of MuJoCo's forward dynamics and the law.
 
@@ -30,7 +31,9 @@ def closed_loop(
     change
         What a change of M and l does.
     """
-    at, coefficients = model.addresses, controller.gain_function.coefficients
+    if isinstance(controller, PythonLaw):
+        return _interpreted(model, scenario, controller, change)
+    at, law = model.addresses, tuple(controller.compiled)
     pole_mass, gravity = scenario.pole_mass, scenario.gravity
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
@@ -38,7 +41,26 @@ def closed_loop(
         true = (mass, pole_mass, length, gravity)
         rate = segment.half_length[1] if change.stretching else 0.0
         result: tuple[float, ...] = loops.exact_derivative(
-            at, state, true, controller.believed(*true), coefficients, segment.push, rate
+            at, state, true, controller.believed(*true), law, segment.push, rate
+        )
+        return result
+
+    return derivative
+
+
+def _interpreted(
+    model: CartPoleModel, scenario: Scenario, controller: PythonLaw, change: ParameterChange
+) -> Derivative:
+    """Return the right-hand side under a law in Python; arguments as of `closed_loop`."""
+    at, pole_mass, gravity = model.addresses, scenario.pole_mass, scenario.gravity
+
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
+        mass, length = segment.parameters_at(time)
+        true = (mass, pole_mass, length, gravity)
+        force = controller.command(time, state[:4], np.array(controller.believed(*true)))
+        rate = segment.half_length[1] if change.stretching else 0.0
+        result: tuple[float, ...] = loops.forced_derivative(
+            at, state, true, force, segment.push, rate
         )
         return result
 

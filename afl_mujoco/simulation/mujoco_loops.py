@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from afl_mujoco.compiled import kernel, load, store
-from afl_mujoco.control.afl import force_given
-from afl_mujoco.control.controllers import scheduled_force
+from afl_mujoco.control.compiled_law import given_force, law_force
 from afl_mujoco.simulation.mujoco_model import (
     CONTROL,
     DATA,
@@ -53,7 +52,20 @@ def _derivative(at, state, force, push, pole_mass, half_length, rate):
 
 
 @kernel
-def exact_derivative(at, state, true, believed, coefficients, push, rate):
+def forced_derivative(at, state, true, force, push, rate):
+    """Return (z_dot, phi_dot, z'', phi'') under a given force; arguments as of `exact_derivative`.
+
+    Parameters
+    ----------
+    force
+        Of the law [N]; NaN where it has none.
+    """
+    write_parameters(at, true[0], true[1], true[2], true[3])
+    return _derivative(at, state, force, push, true[1], true[2], rate)
+
+
+@kernel
+def exact_derivative(at, state, true, believed, law, push, rate):
     """Return (z_dot, phi_dot, z'', phi'') under the law.
 
     Parameters
@@ -64,20 +76,23 @@ def exact_derivative(at, state, true, believed, coefficients, push, rate):
         (z, phi, z_dot, phi_dot), shape (4,) or longer.
     true, believed
         (M, m, l, g) as they are, and as the law takes them to be.
-    coefficients
-        Of the gain function, shape (3, 5).
+    law
+        As of `CompiledLaw`.
     push
         Disturbing force [N].
     rate
         Rate of the half-length that acts on the rod [m/s].
     """
-    force = scheduled_force(state[0], state[1], state[2], state[3], believed, coefficients)
-    write_parameters(at, true[0], true[1], true[2], true[3])
-    return _derivative(at, state, force, push, true[1], true[2], rate)
+    kind, table, masses, lengths = law
+    z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
+    force = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed)
+    return forced_derivative(at, state, true, force, push, rate)
 
 
 @kernel
-def march_continuous(at, initial_state, times, cart_mass, half_length, constants, acting, law):
+def march_continuous(
+    at, initial_state, times, cart_mass, half_length, constants, acting, kind, law
+):
     """March through one segment by RK4, law and parameters in every stage.
 
     Parameters
@@ -94,8 +109,10 @@ def march_continuous(at, initial_state, times, cart_mass, half_length, constants
         (m, g).
     acting
         Disturbing force [N] and acting rate of the half-length [m/s].
+    kind
+        Of the law, as of `CompiledLaw`.
     law
-        What the law is given in each stage, shape (N, 3, 7).
+        What the law is given in each stage, shape (N, 3, 7) or (N, 3, 8).
 
     Returns
     -------
@@ -122,7 +139,7 @@ def march_continuous(at, initial_state, times, cart_mass, half_length, constants
                 write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
                 written = wanted
             state = states[k] + (share[i] * dt) * slopes[i - 1] if i else states[k]
-            force = force_given(state, law[k, stage])
+            force = given_force(kind, state, law[k, stage])
             z1, p1, z2, p2 = _derivative(at, state, force, push, pole_mass, wanted[1], rate)
             slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = z1, p1, z2, p2
         after = states[k] + (dt / 6.0) * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
@@ -133,7 +150,9 @@ def march_continuous(at, initial_state, times, cart_mass, half_length, constants
 
 
 @kernel
-def march_sampled(at, initial_state, hold, cart_mass, half_length, constants, push, impulse, law):
+def march_sampled(
+    at, initial_state, hold, cart_mass, half_length, constants, push, impulse, kind, law
+):
     """March by `mj_step` and return states, shape (K, 4), held forces, shape (K,), and status."""
     pole_mass, gravity = constants
     count = len(push)
@@ -159,7 +178,7 @@ def march_sampled(at, initial_state, hold, cart_mass, half_length, constants, pu
             s[3] += jump[1]
             write_state(at, s[0], s[1], s[2], s[3])
         if k % hold == 0:
-            force = force_given(s, law[k])
+            force = given_force(kind, s, law[k])
         forces[k] = force
         if not abs(force) < STATE_LIMIT:
             return states[: k + 1], forces[: k + 1], ending_of(s)

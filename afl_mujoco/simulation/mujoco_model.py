@@ -7,7 +7,6 @@ Compiled loops reach MuJoCo's structures through an array of addresses and its l
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -19,18 +18,19 @@ from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive
+from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.simulation.rig.description import (
+    AXIAL_SHARE,
+    CART_HALF_SIZE,
+    PASSIVE,
+    describe,
+    model_file,
+    passive_arrays,
+    pole_inertia,
+)
 
 choose_backend()
 import mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
-
-CART_HALF_SIZE = (0.2, 0.15, 0.1)
-"""Half-size of the cart's box [m]; its inertia is that of a uniform box, and nothing turns it."""
-
-POLE_RADIUS = 0.02
-"""Radius of the drawn pole [m]; the pole of the physics is a slender rod."""
-
-AXIAL_SHARE = 0.01
-"""Inertia about the pole's own axis, about which nothing turns, as a share of that across it."""
 
 INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
@@ -54,6 +54,7 @@ def _load_library() -> None:
 _load_library()
 _void_model_data = types.void(types.intp, types.intp)
 mj_forward = types.ExternalFunction("mj_forward", _void_model_data)
+mj_reset_data = types.ExternalFunction("mj_resetData", _void_model_data)
 mj_step = types.ExternalFunction("mj_step", _void_model_data)
 _mj_set_const = types.ExternalFunction("mj_setConst", _void_model_data)
 
@@ -62,7 +63,7 @@ MODEL, DATA, SCRATCH = 0, 1, 2
 CART_MASS, CART_INERTIA, POLE_MASS, POLE_INERTIA, POLE_COM = 3, 4, 5, 6, 7
 GEOM_HALF_LENGTH, GEOM_CENTRE, TIP, GRAVITY = 8, 9, 10, 11
 Z, PHI, Z_DOT, PHI_DOT, CONTROL, PUSH, Z_DDOT, PHI_DDOT = 12, 13, 14, 15, 16, 17, 18, 19
-TORQUE = 20
+TORQUE, SHAPE, Z_DDOT_SMOOTH, PHI_DDOT_SMOOTH = 20, 21, 22, 23
 
 
 @kernel
@@ -83,10 +84,12 @@ def write_parameters(at, cart_mass, pole_mass, half_length, gravity):
     store(at[CART_INERTIA] + 16, cart_mass * ((x2 + y2) / 3.0))
     rod = pole_mass * half_length * half_length / 3.0
     store(at[POLE_MASS], pole_mass)
-    store(at[POLE_INERTIA], rod)
-    store(at[POLE_INERTIA] + 8, rod)
-    store(at[POLE_INERTIA] + 16, AXIAL_SHARE * rod)
-    store(at[POLE_COM], half_length)
+    tip_share, radius = load(at[SHAPE]), load(at[SHAPE] + 8)
+    across = pole_inertia(rod, pole_mass, half_length, tip_share, radius)
+    store(at[POLE_INERTIA], across)
+    store(at[POLE_INERTIA] + 8, across)
+    store(at[POLE_INERTIA] + 16, AXIAL_SHARE * across)
+    store(at[POLE_COM], (1.0 + tip_share) * half_length)
     store(at[GEOM_HALF_LENGTH], half_length)
     store(at[GEOM_CENTRE], half_length)
     store(at[TIP], 2.0 * half_length)
@@ -118,24 +121,13 @@ def forward(at, z, phi, z_dot, phi_dot, force, push, torque=0.0):
 def strike(at, z, phi, z_dot, phi_dot, impulse):
     """Return the jump of (z_dot, phi_dot) under an ideal impulse on the cart.
 
-    Accelerations are linear in the force, so the difference that the force `impulse` makes to them
-    is the inverse mass matrix times the impulse.
+    Without friction and stops, which an impulse outruns, accelerations are linear in the force: the
+    difference that the force `impulse` makes is the inverse mass matrix times the impulse.
     """
-    z_with, phi_with = forward(at, z, phi, z_dot, phi_dot, 0.0, impulse)
-    z_without, phi_without = forward(at, z, phi, z_dot, phi_dot, 0.0, 0.0)
-    return z_with - z_without, phi_with - phi_without
-
-
-def model_file(name: str) -> Path:
-    """Return the path of a file of `models/`, in an installed wheel or in the source tree.
-
-    Parameters
-    ----------
-    name
-        ``"cartpole.xml"`` or ``"scene.xml"``.
-    """
-    packaged = Path(str(resources.files("afl_mujoco") / "models" / name))
-    return packaged if packaged.exists() else packaged.parents[2] / "models" / name
+    forward(at, z, phi, z_dot, phi_dot, 0.0, impulse)
+    z_with, phi_with = load(at[Z_DDOT_SMOOTH]), load(at[PHI_DDOT_SMOOTH])
+    forward(at, z, phi, z_dot, phi_dot, 0.0, 0.0)
+    return z_with - load(at[Z_DDOT_SMOOTH]), phi_with - load(at[PHI_DDOT_SMOOTH])
 
 
 class CartPoleModel:
@@ -153,13 +145,15 @@ class CartPoleModel:
         The MJCF of `models/`: ``"cartpole.xml"``, or ``"scene.xml"`` for pictures.
     edit
         Called with the `mujoco.MjSpec` before it is compiled, to add what the paper leaves out.
+    realism
+        Passive physics and mass distribution, on top of what `edit` adds.
 
     Attributes
     ----------
     mj_model, mj_data
         The compiled `mujoco.MjModel` and its `mujoco.MjData`.
     addresses
-        Where compiled code finds them, shape (21,), int64.
+        Where compiled code finds them, shape (24,), int64.
 
     Raises
     ------
@@ -175,6 +169,7 @@ class CartPoleModel:
         integrator: str = "RK4",
         file: str = "cartpole.xml",
         edit: Callable[[mujoco.MjSpec], None] | None = None,
+        realism: Realism = IDEAL,
     ) -> None:
         if integrator not in INTEGRATORS:
             raise UnknownNameError.among("integrator", integrator, INTEGRATORS)
@@ -185,7 +180,7 @@ class CartPoleModel:
             raise FileError(str(path), f"is no MJCF: {error}") from None
         spec.option.timestep = require_positive("timestep", timestep)
         spec.option.integrator = INTEGRATORS[integrator]
-        _describe(spec, parameters)
+        describe(spec, parameters)
         if edit is not None:
             edit(spec)
         try:
@@ -194,8 +189,11 @@ class CartPoleModel:
             reason = " ".join(str(error).split())
             raise InvalidValueError("MuJoCo model", f"must compile: {reason}") from None
         self.mj_data = mujoco.MjData(self.mj_model)
-        self._scratch = mujoco.MjData(self.mj_model)
-        self.addresses = _addresses(self.mj_model, self.mj_data, self._scratch)
+        self._scratch, self._shape = mujoco.MjData(self.mj_model), np.zeros(2)
+        self._compiled = {name: getattr(self.mj_model, name).copy() for name in PASSIVE}
+        self.drive(self.mj_data)
+        if realism != IDEAL:
+            self.set_realism(realism, parameters)
 
     def drive(self, data: mujoco.MjData) -> None:
         """Make `data` the state that compiled code reads and writes.
@@ -206,7 +204,7 @@ class CartPoleModel:
             An MjData of this model, for example that of a dm_control Physics.
         """
         self.mj_data = data
-        self.addresses = _addresses(self.mj_model, data, self._scratch)
+        self.addresses = _addresses(self.mj_model, data, self._scratch, self._shape)
 
     def set_parameters(self, parameters: CartPoleParameters) -> None:
         """Change the plant: absolute values, derived constants refreshed, state kept.
@@ -219,28 +217,30 @@ class CartPoleModel:
         p = parameters
         write_parameters(self.addresses, p.cart_mass, p.pole_mass, p.half_length, p.gravity)
 
+    def set_realism(self, realism: Realism, parameters: CartPoleParameters) -> None:
+        """Change passive physics and mass distribution: those of `realism`, and no others set here.
 
-def _describe(spec: mujoco.MjSpec, p: CartPoleParameters) -> None:
-    """Write the parameters into the description that is about to be compiled."""
-    x2, y2, z2 = (half * half for half in CART_HALF_SIZE)
-    rod = p.pole_mass * p.half_length * p.half_length / 3.0
-    cart, pole, geom = spec.body("cart"), spec.body("pole"), spec.geom("pole")
-    cart.mass = p.cart_mass
-    cart.inertia = [p.cart_mass * (sum_ / 3.0) for sum_ in (y2 + z2, x2 + z2, x2 + y2)]
-    pole.mass = p.pole_mass
-    pole.inertia = [rod, rod, AXIAL_SHARE * rod]
-    pole.ipos = [0.0, 0.0, p.half_length]
-    spec.geom("cart").size = CART_HALF_SIZE
-    geom.size = [POLE_RADIUS, p.half_length, 0.0]
-    geom.pos = [0.0, 0.0, p.half_length]
-    spec.site("tip").pos = [0.0, 0.0, 2.0 * p.half_length]
-    spec.option.gravity = [0.0, 0.0, -p.gravity]
+        Parameters
+        ----------
+        realism
+            Damping, friction, armature and end stops are added to the model as it was compiled.
+        parameters
+            The plant.
+        """
+        joints = self.mj_model.joint("slider"), self.mj_model.joint("hinge")
+        for name, array in passive_arrays(self._compiled, realism, *joints).items():
+            getattr(self.mj_model, name)[:] = array
+        self._shape[:] = realism.tip_mass_share, realism.pole_radius
+        self.set_parameters(parameters)
 
 
 def _addresses(
-    model: mujoco.MjModel, data: mujoco.MjData, scratch: mujoco.MjData
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    scratch: mujoco.MjData,
+    shape: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Return the addresses of everything that compiled code reads and writes, shape (21,)."""
+    """Return the addresses of everything that compiled code reads and writes, shape (24,)."""
 
     def element(array: NDArray[np.float64], *index: int) -> int:
         if array.dtype != np.float64:
@@ -253,29 +253,30 @@ def _addresses(
     slider, hinge = model.joint("slider"), model.joint("hinge")
     z, phi = slider.qposadr[0], hinge.qposadr[0]
     z_dof, phi_dof = slider.dofadr[0], hinge.dofadr[0]
-    return np.array(
-        [
-            model._address,
-            data._address,
-            scratch._address,
-            element(model.body_mass, cart),
-            element(model.body_inertia, cart, 0),
-            element(model.body_mass, pole),
-            element(model.body_inertia, pole, 0),
-            element(model.body_ipos, pole, 2),
-            element(model.geom_size, geom, 1),
-            element(model.geom_pos, geom, 2),
-            element(model.site_pos, tip, 2),
-            element(model.opt.gravity, 2),
-            element(data.qpos, z),
-            element(data.qpos, phi),
-            element(data.qvel, z_dof),
-            element(data.qvel, phi_dof),
-            element(data.ctrl, model.actuator("force").id),
-            element(data.qfrc_applied, z_dof),
-            element(data.qacc, z_dof),
-            element(data.qacc, phi_dof),
-            element(data.qfrc_applied, phi_dof),
-        ],
-        dtype=np.int64,
-    )
+    addresses = [
+        model._address,
+        data._address,
+        scratch._address,
+        element(model.body_mass, cart),
+        element(model.body_inertia, cart, 0),
+        element(model.body_mass, pole),
+        element(model.body_inertia, pole, 0),
+        element(model.body_ipos, pole, 2),
+        element(model.geom_size, geom, 1),
+        element(model.geom_pos, geom, 2),
+        element(model.site_pos, tip, 2),
+        element(model.opt.gravity, 2),
+        element(data.qpos, z),
+        element(data.qpos, phi),
+        element(data.qvel, z_dof),
+        element(data.qvel, phi_dof),
+        element(data.ctrl, model.actuator("force").id),
+        element(data.qfrc_applied, z_dof),
+        element(data.qacc, z_dof),
+        element(data.qacc, phi_dof),
+        element(data.qfrc_applied, phi_dof),
+        element(shape, 0),
+        element(data.qacc_smooth, z_dof),
+        element(data.qacc_smooth, phi_dof),
+    ]
+    return np.array(addresses, dtype=np.int64)

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.sampling import impulses_by_step, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
-from afl_mujoco.simulation.mujoco_rollout import impulses_by_step
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
 
 choose_backend()
@@ -116,6 +115,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     """
 
     def __init__(self, scenario: Scenario, *, timestep: float, integrator: str) -> None:
+        scenario.require_ideal()
         self.scenario = scenario
         self._course = _course(scenario, timestep)
         self._constants = (scenario.pole_mass, scenario.gravity)

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
-from afl_mujoco.scenario.sampling import SNAP, steps, time_grid, whole_steps
+from afl_mujoco.scenario.realism import IDEAL
+from afl_mujoco.scenario.sampling import impulses_by_step, steps, time_grid, whole_steps
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import mujoco_loops as loops
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
 from afl_mujoco.simulation.mujoco_dynamics import closed_loop, transition
-from afl_mujoco.simulation.mujoco_model import (
-    CartPoleModel,
-)
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.rig.runs import control_period_of, simulate_rig
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     OUTCOMES,
@@ -35,7 +35,7 @@ MODES = ("exact", "continuous", "sampled")
 
 def simulate_mujoco(
     scenario: Scenario,
-    controller: Controller,
+    controller: Law,
     mode: str = "exact",
     *,
     timestep: float = 1e-3,
@@ -57,11 +57,13 @@ def simulate_mujoco(
         ``"exact"``: MuJoCo's forward dynamics under the integrator of `simulate_ode`;
         ``"continuous"``: RK4 around MuJoCo's forward dynamics, law and parameters in every stage,
         steps that end on every breakpoint; ``"sampled"``: as deployed, `mj_step` with the control
-        held for `control_period` and the parameters of the middle of each step.
+        held for `control_period`, the parameters of the middle of each step, and the scenario's
+        realism, which no other mode has.
     timestep
         Physics step [s]; in exact mode the spacing of the reported instants.
     control_period
-        How long sampled mode holds the force [s], a multiple of `timestep` (default: one step).
+        How long sampled mode holds the force [s], a multiple of `timestep` (default: what the
+        scenario's realism says, else one step).
     integrator
         MuJoCo's integrator in sampled mode: ``"RK4"``, ``"Euler"``, ``"implicit"`` or
         ``"implicitfast"``.
@@ -82,10 +84,16 @@ def simulate_mujoco(
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)
+    if mode != "sampled":
+        scenario.require_ideal()
     model = CartPoleModel(
-        scenario.parameters_at(0.0), timestep=timestep, integrator=integrator, edit=edit
+        scenario.parameters_at(0.0),
+        timestep=timestep,
+        integrator=integrator,
+        edit=edit,
+        realism=scenario.realism,
     )
-    period = timestep if control_period is None else control_period
+    period = control_period_of(scenario, control_period, timestep)
     whole_steps("control_period", period, "timestep", timestep)
     settings: dict[str, Any] = {"timestep": timestep}
     change = ParameterChange(dynamics=dynamics, jumps=jumps)
@@ -93,6 +101,8 @@ def simulate_mujoco(
         if not change.is_the_papers:
             raise InvalidValueError("dynamics and jumps", "must be the paper's in sampled mode")
         settings |= {"control_period": period, "integrator": integrator}
+        if scenario.realism != IDEAL or isinstance(controller, PythonLaw | EstimatedLaw):
+            return simulate_rig(scenario, controller, **settings, model=model)
         return _sampled(model, scenario, controller, settings)
     settings |= change.describe()
     if mode == "continuous":
@@ -103,7 +113,7 @@ def simulate_mujoco(
 def _exact(
     model: CartPoleModel,
     scenario: Scenario,
-    controller: Controller,
+    controller: Law,
     change: ParameterChange,
     settings: dict[str, Any],
 ) -> Trajectory:
@@ -123,7 +133,7 @@ def _exact(
 def _continuous(
     model: CartPoleModel,
     scenario: Scenario,
-    controller: Controller,
+    controller: Law,
     change: ParameterChange,
     settings: dict[str, Any],
 ) -> Trajectory:
@@ -148,6 +158,7 @@ def _continuous(
             march.half_length[part],
             (scenario.pole_mass, scenario.gravity),
             (segment.push, segment.half_length[1] if change.stretching else 0.0),
+            controller.compiled.kind,
             law[part],
         )
         state, status = states[-1], OUTCOMES[code]
@@ -162,7 +173,7 @@ def _continuous(
 
 
 def _sampled(
-    model: CartPoleModel, scenario: Scenario, controller: Controller, settings: dict[str, Any]
+    model: CartPoleModel, scenario: Scenario, controller: Law, settings: dict[str, Any]
 ) -> Trajectory:
     """As deployed: `mj_step`, the control held, the parameters of each step's middle."""
     timestep, period = settings["timestep"], settings["control_period"]
@@ -179,26 +190,10 @@ def _sampled(
         (scenario.pole_mass, scenario.gravity),
         scenario.pushes(middles),
         impulses_by_step(scenario, starts),
+        controller.compiled.kind,
         law_along(scenario, controller, starts),
     )
     outcome = Outcome(OUTCOMES[status], float(starts[len(states) - 1]))
     return assemble(
         scenario, controller, "mujoco sampled", settings, starts, states, outcome, forces
     )
-
-
-def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the ideal impulse [N s] that strikes at the start of each step, shape (N,).
-
-    An impulse strikes at the first step that starts at its time or after it.
-
-    Parameters
-    ----------
-    scenario
-        Gives the impulses.
-    starts
-        Starts of the steps and the horizon [s], shape (N + 1,).
-    """
-    edges = np.concatenate([[-np.inf], starts[:-1]]) + SNAP * (starts[1] - starts[0])
-    edges[-1] = np.inf  # one that comes after the last start strikes there
-    return np.array([scenario.impulse_within(a, b) for a, b in itertools.pairwise(edges)])

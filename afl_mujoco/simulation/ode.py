@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.controllers import Controller, scheduled_force
+from afl_mujoco.control.compiled_law import law_force
+from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
@@ -35,7 +37,7 @@ SAMPLE_PERIOD = 1e-3
 
 def simulate_ode(
     scenario: Scenario,
-    controller: Controller,
+    controller: Law,
     *,
     sample_period: float = SAMPLE_PERIOD,
     method: str = "DOP853",
@@ -74,6 +76,7 @@ def simulate_ode(
     """
     if method not in METHODS:
         raise UnknownNameError.among("method", method, METHODS)
+    scenario.require_ideal()
     change = ParameterChange(dynamics=dynamics, jumps=jumps)
     times = time_grid(scenario, sample_period)
     law_along(scenario, controller, times)  # raises before the run if a gain is not positive
@@ -98,12 +101,19 @@ def _acting(force, push):
 
 
 @kernel
-def _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, believed, w):
-    """Return (z_dot, phi_dot, z'', phi'') under the law; NaN where the law has no value."""
-    z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = _acting(scheduled_force(z, phi, z_dot, phi_dot, believed, w), push)
+def _commanded(state, believed, law):
+    """Return the force of a compiled law [N]."""
+    kind, table, masses, lengths = law
+    return law_force(kind, table, masses, lengths, state[0], state[1], state[2], state[3], believed)
+
+
+@kernel
+def _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, force):
+    """Return (z_dot, phi_dot, z'', phi'') under a force of the law, NaN where it has none."""
+    phi, phi_dot = state[1], state[3]
+    force = _acting(force, push)
     return (
-        z_dot,
+        state[2],
         phi_dot,
         cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity),
         pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity),
@@ -111,17 +121,29 @@ def _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, belie
 
 
 @kernel
-def _stretching(state, cart_mass, pole_mass, half_length, gravity, push, believed, w, rate):
+def _stretching(state, cart_mass, pole_mass, half_length, gravity, push, force, rate):
     """Return the same for a rod whose half-length grows at `rate` [m/s]."""
-    z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = _acting(scheduled_force(z, phi, z_dot, phi_dot, believed, w), push)
     z_ddot, phi_ddot = stretching_accelerations(
-        phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity, rate
+        state[1], state[3], _acting(force, push), cart_mass, pole_mass, half_length, gravity, rate
     )
-    return z_dot, phi_dot, z_ddot, phi_ddot
+    return state[2], state[3], z_ddot, phi_ddot
 
 
-def closed_loop(scenario: Scenario, controller: Controller, change: ParameterChange) -> Derivative:
+@kernel
+def _loop(state, cart_mass, pole_mass, half_length, gravity, push, believed, law):
+    """Return the rates of the quasi-static loop of plant and compiled law."""
+    force = _commanded(state, believed, law)
+    return _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, force)
+
+
+@kernel
+def _stretching_loop(state, cart_mass, pole_mass, half_length, gravity, push, believed, law, rate):
+    """Return the same for a rod whose half-length grows at `rate` [m/s]."""
+    force = _commanded(state, believed, law)
+    return _stretching(state, cart_mass, pole_mass, half_length, gravity, push, force, rate)
+
+
+def closed_loop(scenario: Scenario, controller: Law, change: ParameterChange) -> Derivative:
     """Return the right-hand side of the closed loop of plant and law.
 
     Parameters
@@ -133,13 +155,34 @@ def closed_loop(scenario: Scenario, controller: Controller, change: ParameterCha
     change
         What a change of M and l does.
     """
+    if isinstance(controller, PythonLaw):
+        return _interpreted(scenario, controller, change)
     pole_mass, gravity = scenario.pole_mass, scenario.gravity
-    coefficients = controller.gain_function.coefficients
+    law = tuple(controller.compiled)
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
         mass, length = segment.parameters_at(time)
         believed = controller.believed(mass, pole_mass, length, gravity)
-        plant = (mass, pole_mass, length, gravity, segment.push, believed, coefficients)
+        plant = (mass, pole_mass, length, gravity, segment.push, believed, law)
+        result: tuple[float, ...] = (
+            _stretching_loop(state, *plant, segment.half_length[1])
+            if change.stretching
+            else _loop(state, *plant)
+        )
+        return result
+
+    return derivative
+
+
+def _interpreted(scenario: Scenario, controller: PythonLaw, change: ParameterChange) -> Derivative:
+    """Return the right-hand side under a law in Python; arguments as of `closed_loop`."""
+    pole_mass, gravity = scenario.pole_mass, scenario.gravity
+
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
+        mass, length = segment.parameters_at(time)
+        told = np.array(controller.believed(mass, pole_mass, length, gravity))
+        force = controller.command(time, state[:4], told)
+        plant = (mass, pole_mass, length, gravity, segment.push, force)
         result: tuple[float, ...] = (
             _stretching(state, *plant, segment.half_length[1])
             if change.stretching

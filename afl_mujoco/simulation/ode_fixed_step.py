@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.afl import force_given
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.compiled_law import given_force
+from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.sampling import Steps, steps, whole_steps
@@ -56,9 +56,7 @@ class Holds:
     disturbance: bool = False
 
 
-def simulate_ode_rk4(
-    scenario: Scenario, controller: Controller, *, timestep: float = 1e-3
-) -> Trajectory:
+def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1e-3) -> Trajectory:
     """March the closed loop by textbook RK4, steps ending on every breakpoint.
 
     Parameters
@@ -73,6 +71,7 @@ def simulate_ode_rk4(
     Trajectory
         The run.
     """
+    scenario.require_ideal()
     march = steps(scenario, timestep)
     law = controller.law_inputs(
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
@@ -84,6 +83,7 @@ def simulate_ode_rk4(
         plant,
         march.push,
         march.impulse,
+        controller.compiled.kind,
         law,
         np.empty(0, dtype=np.bool_),
     )
@@ -94,7 +94,7 @@ def simulate_ode_rk4(
 
 def simulate_ode_held(
     scenario: Scenario,
-    controller: Controller,
+    controller: Law,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -126,6 +126,7 @@ def simulate_ode_held(
     InvalidValueError
         If a setting breaks its rule.
     """
+    scenario.require_ideal()
     if substeps < 1:
         raise InvalidValueError("substeps", "must be at least 1", substeps)
     if holds is None:
@@ -155,17 +156,16 @@ def simulate_ode_held(
         _plants(mass, length, scenario),
         push,
         impulse,
+        controller.compiled.kind,
         law,
         update,
     )
     outcome = Outcome(OUTCOMES[status], float(fine.times[len(states) - 1]))
-    reported = start_of[start_of < len(states)]
+    kept = start_of[start_of < len(states)]
     settings = {"timestep": timestep, "control_period": holds.control_period, "substeps": substeps}
     settings |= {"hold_schedule": holds.schedule, "hold_disturbance": holds.disturbance}
-    return assemble(
-        scenario, controller, "ode held", settings, times, states[reported], outcome,
-        forces[reported],
-    )  # fmt: skip
+    run = (scenario, controller, "ode held", settings, times, states[kept], outcome, forces[kept])
+    return assemble(*run)
 
 
 def _held_inputs(
@@ -243,20 +243,20 @@ def rk4_step(state, force, plant, dt):
 
 
 @kernel
-def _law_step(x, dt, plant, push, law):
+def _law_step(x, dt, plant, push, kind, law):
     """Return the state after one textbook RK4 step, law and parameters in every stage."""
-    k1 = _slope(x, force_given(x, law[0]) + push, plant[0])
+    k1 = _slope(x, given_force(kind, x, law[0]) + push, plant[0])
     x2 = x + 0.5 * dt * k1
-    k2 = _slope(x2, force_given(x2, law[1]) + push, plant[1])
+    k2 = _slope(x2, given_force(kind, x2, law[1]) + push, plant[1])
     x3 = x + 0.5 * dt * k2
-    k3 = _slope(x3, force_given(x3, law[1]) + push, plant[1])
+    k3 = _slope(x3, given_force(kind, x3, law[1]) + push, plant[1])
     x4 = x + dt * k3
-    k4 = _slope(x4, force_given(x4, law[2]) + push, plant[2])
+    k4 = _slope(x4, given_force(kind, x4, law[2]) + push, plant[2])
     return x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
 @kernel
-def _march(initial_state, times, plant, push, impulse, law, update):
+def _march(initial_state, times, plant, push, impulse, kind, law, update):
     """March by RK4 and return states and forces reached and the status.
 
     The force is that of the law in every stage if `update` is empty; otherwise it is taken from
@@ -276,7 +276,7 @@ def _march(initial_state, times, plant, push, impulse, law, update):
         if impulse[k] != 0.0:  # accelerations are linear in the force
             x += _slope(x, impulse[k], plant[k, 0]) - _slope(x, 0.0, plant[k, 0])
         if not held or update[k]:
-            force = force_given(x, law[k, 0])
+            force = given_force(kind, x, law[k, 0])
         forces[k] = force
         if not abs(force) < STATE_LIMIT:
             return states[: k + 1], forces[: k + 1], ending_of(x)
@@ -284,7 +284,7 @@ def _march(initial_state, times, plant, push, impulse, law, update):
         if held:
             after = rk4_step(x, force + push[k], plant[k], dt)
         else:
-            after = _law_step(x, dt, plant[k], push[k], law[k])
+            after = _law_step(x, dt, plant[k], push[k], kind, law[k])
         if not within_limits(after):
             return states[: k + 1], forces[: k + 1], ending_of(x)
         states[k + 1] = after

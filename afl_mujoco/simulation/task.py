@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.files import find_scenario
@@ -219,9 +219,7 @@ def load(
     return control.Environment(physics, task, n_sub_steps=hold, legacy_step=False, **settings)
 
 
-def law_policy(
-    controller: Controller, scenario: Scenario
-) -> Callable[[TimeStep], NDArray[np.float64]]:
+def law_policy(controller: Law, scenario: Scenario) -> Callable[[TimeStep], NDArray[np.float64]]:
     """Return the agent that runs a control law on the observation.
 
     Through it an environment repeats `simulate_mujoco` in sampled mode, bit for bit.

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.output import atomic_file
 from afl_mujoco.scenario.files import scenario_to_table
@@ -169,9 +169,9 @@ def ending_of(state):
 
 
 def law_along(
-    scenario: Scenario, controller: Controller, times: NDArray[np.float64]
+    scenario: Scenario, controller: Law, times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what the law is given at each of the `times`, shape (N, 7).
+    """Return what the law is given at each of the `times`, shape (N, 7) or (N, 8).
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _versions() -> Mapping[str, str]:
 
 def assemble(
     scenario: Scenario,
-    controller: Controller,
+    controller: Law,
     simulator: str,
     settings: Mapping[str, Any],
     times: NDArray[np.float64],
@@ -227,7 +227,7 @@ def assemble(
     """
     reached = times[: len(states)]
     if forces is None:
-        forces = controller.forces(states, law_along(scenario, controller, reached))
+        forces = controller.forces(states, law_along(scenario, controller, reached), reached)
     return Trajectory(
         time=reached,
         state=states,

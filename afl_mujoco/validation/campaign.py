@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from afl_mujoco.control.controllers import CONTROLLERS, Controller
+from afl_mujoco.control.controllers import CONTROLLERS
+from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.sampling import whole_steps
@@ -106,7 +107,7 @@ class Report:
 
 def run_campaign(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Controller],
+    controllers: Sequence[Law],
     settings: Settings,
     *,
     workers: int = 1,
@@ -188,7 +189,7 @@ def nominal_scales(settings: Settings) -> ObjectiveScales:
 
 def require_runnable(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Controller],
+    controllers: Sequence[Law],
     settings: Settings,
     workers: int,
 ) -> None:
@@ -217,6 +218,7 @@ def require_runnable(
                 raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")
     whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
     for scenario in scenarios:
+        scenario.require_ideal()
         whole_steps("duration", scenario.duration, "timestep", settings.timestep)
         if abs(tilt := scenario.initial_state[1]) >= 0.5 * math.pi:
             rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.output import atomic_file
 from afl_mujoco.scenario.sampling import whole_steps
@@ -116,7 +116,7 @@ class Curves:
 
 def select_curves(
     scenario: Scenario,
-    controller: Controller,
+    controller: Law,
     runs: Mapping[str, Trajectory],
     *,
     timestep: float,

@@ -8,14 +8,14 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales, objective
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, law_along
 
 Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
-not finite)."""
+not finite, or its law has no boundary layer)."""
 
 TERMS = ("iae_z", "iae_phi", "max_force")
 """The metrics that the objective (O1) adds up."""
@@ -42,7 +42,7 @@ UNITS: Mapping[str, str] = {
 """Unit of every metric."""
 
 
-def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
+def metrics(scenario: Scenario, controller: Law, run: Trajectory) -> Metrics:
     """Return every metric of a run but the objective, which needs `with_objective`.
 
     Parameters
@@ -54,7 +54,7 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
     """
     time, state, force = run.time, run.state, run.force
     law = law_along(scenario, controller, time)
-    saturated = np.abs(controller.saturation_ratio(state, law)) >= 1.0
+    ratio = controller.saturation_ratio(state, law)
     figures: Metrics = {
         "iae_z": _integral(np.abs(state[:, 0]), time),
         "iae_phi": _integral(np.abs(state[:, 1]), time),
@@ -63,7 +63,7 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
         "max_force": float(np.abs(force).max()),
         "force_squared": _integral(force**2, time),
         "force_variation": float(np.abs(np.diff(force)).sum()),
-        "saturated_share": _integral(saturated.astype(float), time) / max(time[-1], 1e-300),
+        "saturated_share": None if ratio is None else _saturated_share(ratio, time),
         "end_time": run.outcome.time,
     }
     for column, name in enumerate(STATES):
@@ -115,6 +115,12 @@ def _known(value: float | None) -> float | None:
 def _integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
     """Return the integral over time by the trapezoidal rule."""
     return float(np.trapezoid(values, time))
+
+
+def _saturated_share(ratio: NDArray[np.float64], time: NDArray[np.float64]) -> float:
+    """Return the share of the time that the switching term is saturated."""
+    saturated = (np.abs(ratio) >= 1.0).astype(float)
+    return _integral(saturated, time) / float(max(time[-1], 1e-300))
 
 
 def _overshoot(x: NDArray[np.float64]) -> float:

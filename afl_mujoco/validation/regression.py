@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
 from afl_mujoco.errors import FileError
 from afl_mujoco.output import output_folder, write_text
 from afl_mujoco.scenario.scenario import Scenario
@@ -64,7 +64,7 @@ def record(pair: Pair) -> Baseline:
 
 def record_all(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Controller],
+    controllers: Sequence[Law],
     *,
     workers: int = 1,
     progress: Callable[[str], None] = lambda done: None,

@@ -222,6 +222,18 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
         pytest.param(
             "simulation/ensemble/lanes", "import mujoco", ANALYTIC, id="analytic-ensemble"
         ),
+        pytest.param(
+            "simulation/attraction/mujoco_map",
+            "import afl_mujoco.simulation.attraction.ode_map",
+            ENGINE,
+            id="engine-attraction",
+        ),
+        pytest.param(
+            "simulation/gym_env/environment", "import afl_mujoco.plant", ENGINE, id="engine-gym"
+        ),
+        pytest.param(
+            "simulation/attraction/cells", "import mujoco", ANALYTIC, id="analytic-attraction"
+        ),
         pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
         pytest.param("tuning/genetic", "import afl_mujoco.scenario", SEARCH, id="search"),
     ],

@@ -15,7 +15,7 @@ from afl_mujoco import (
     control_force,
     find_controller,
 )
-from afl_mujoco.control.controllers import scheduled_force
+from afl_mujoco.control.compiled_law import scheduled_force
 from afl_mujoco.errors import InvalidValueError, LawDomainError, UnknownNameError
 
 # Table 2 of the paper, typed in by hand.

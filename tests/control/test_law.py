@@ -7,7 +7,8 @@ import pytest
 
 from afl_mujoco import Gains, control_force, sliding_variable
 from afl_mujoco.control import feedback_linearization as fl
-from afl_mujoco.control.afl import force_given, force_kernel, forces_along
+from afl_mujoco.control.afl import force_given, force_kernel
+from afl_mujoco.control.compiled_law import AFL, forces_along
 from afl_mujoco.control.sliding_mode import commanded_acceleration, saturation
 from afl_mujoco.errors import InvalidValueError, LawDomainError
 
@@ -113,7 +114,7 @@ def test_compiled_and_numpy_law_agree(random_states, odd_parameters):
         [p.cart_mass, p.pole_mass, p.half_length, p.gravity, *(87.0, 1.7, 63.0)]
     )  # M, m, l, g, K, lambda, Phi
     plain = control_force(random_states, p, GAINS)
-    many = forces_along(random_states, np.tile(law, (len(random_states), 1)))
+    many = forces_along(AFL, random_states, np.tile(law, (len(random_states), 1)))
     np.testing.assert_array_equal(many, [force_given(s, law) for s in random_states])
     # another libm and other contractions of the same text
     np.testing.assert_allclose(many, plain, rtol=1e-12, atol=1e-10)

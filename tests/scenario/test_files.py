@@ -8,12 +8,25 @@ from afl_mujoco import SCENARIOS, Scenario, load_scenario, piecewise_linear, sav
 from afl_mujoco.errors import AflMujocoError, FileError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.realism import Realism
 
 POSITIVE = st.floats(1e-3, 1e3)
 NUMBER = st.floats(-1e5, 1e5)  # disturbances may not be larger
 TIME = st.floats(0, 9)
 PULSES = st.builds(ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3, 1))
 HITS = st.builds(Impulse, momentum=NUMBER, time=TIME)
+NOT_NEGATIVE = st.floats(0, 1e3)
+REALISM = st.builds(
+    Realism,
+    control_period=st.none() | POSITIVE,
+    delay=NOT_NEGATIVE,
+    noise_phi=NOT_NEGATIVE,
+    differentiated=st.booleans(),
+    rail_half_length=st.none() | st.floats(1.1e5, 1e6),
+    tip_mass_share=st.floats(0, 0.999),
+    mass_error=st.floats(-0.999, 1e3),
+    seed=st.integers(0, 2**63 - 1),
+)
 NAMES = st.text(min_size=1, max_size=12).filter(lambda s: s.isprintable() and "/" not in s)
 
 
@@ -34,6 +47,7 @@ def scenarios(draw):
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
         initial_state=draw(st.tuples(*[NUMBER] * 4)),
         duration=draw(st.floats(10, 1e3)),
+        realism=draw(REALISM),
     )
 
 

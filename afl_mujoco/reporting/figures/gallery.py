@@ -17,7 +17,7 @@ from afl_mujoco.reporting.figures.errors import draw_errors
 from afl_mujoco.reporting.figures.orders import draw_orders
 from afl_mujoco.reporting.figures.responses import draw_impulse, draw_response
 from afl_mujoco.reporting.figures.schedules import draw_schedules
-from afl_mujoco.reporting.figures.style import Drawn, lay_out, save_figure
+from afl_mujoco.reporting.figures.style import Drawn, write_drawn
 from afl_mujoco.reporting.gain_figures import draw_shipped_gains
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.sweep.executors import open_executor
@@ -130,13 +130,7 @@ def plans(report: Mapping[str, Any], curves: Sequence[Curves]) -> dict[str, Plan
 def _write(unit: tuple[Plan, Path]) -> dict[str, str]:
     """Draw a figure and write its files."""
     draw, folder = unit
-    drawn = draw()
-    lay_out(drawn.figure)
-    files = {suffix: f"{drawn.name}.{suffix}" for suffix in ("svg", "png")}
-    for file in files.values():
-        save_figure(drawn.figure, folder / file)
-    words = {key: getattr(drawn, key) for key in ("name", "title", "caption", "alt")}
-    return {**words, **files}
+    return write_drawn(draw(), folder)
 
 
 def _is_published(one: Curves) -> bool:

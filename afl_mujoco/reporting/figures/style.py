@@ -222,3 +222,26 @@ def save_figure(figure: Figure, path: Path) -> None:
     dated: dict[str, Any] = {"Date": None} if kind == "svg" else {}
     with styled(), atomic_file(path) as temporary:
         figure.savefig(temporary, dpi=PNG_DPI, format=kind, metadata=dated)
+
+
+def write_drawn(drawn: Drawn, folder: Path) -> dict[str, str]:
+    """Write a figure as SVG and PNG, and return its words and the names of its files.
+
+    Parameters
+    ----------
+    drawn
+        The figure.
+    folder
+        Where; it must exist.
+
+    Returns
+    -------
+    dict
+        ``name``, ``title``, ``caption``, ``alt``, ``svg`` and ``png``.
+    """
+    lay_out(drawn.figure)
+    files = {suffix: f"{drawn.name}.{suffix}" for suffix in ("svg", "png")}
+    for file in files.values():
+        save_figure(drawn.figure, folder / file)
+    words = {key: getattr(drawn, key) for key in ("name", "title", "caption", "alt")}
+    return {**words, **files}

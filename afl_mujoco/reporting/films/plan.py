@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.reporting.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.reporting.films.replay import Deployment, frame_times
@@ -45,7 +45,7 @@ class Film:
     kind: str
     name: str
     title: str
-    runs: tuple[tuple[Scenario, Controller], ...]
+    runs: tuple[tuple[Scenario, Law], ...]
     deployment: Deployment = field(default_factory=Deployment)
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
@@ -110,7 +110,7 @@ class Film:
 
 def plan(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Controller],
+    controllers: Sequence[Law],
     showcase: Sequence[Scenario] = (),
     **settings: Any,
 ) -> list[Film]:

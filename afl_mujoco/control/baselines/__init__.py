@@ -1,0 +1,1 @@
+"""What the paper's law is measured against: LQR, pole placement, partial linearisation."""

@@ -1,0 +1,81 @@
+"""Gains of a state feedback by plant: a table over M and l."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.compiled_law import interpolated_gains
+from afl_mujoco.errors import InvalidValueError
+
+GAIN_COUNT = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GainGrid:
+    """Gains of (z, phi, z_dot, phi_dot) at the nodes of a grid over M and l.
+
+    Attributes
+    ----------
+    masses, lengths
+        Nodes M [kg] and l [m], positive and increasing; one node makes the gains constant.
+    table
+        Gains at the nodes, shape (len(masses), len(lengths), 4), read-only.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value breaks its rule.
+    """
+
+    masses: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    table: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Check the arrays and freeze them."""
+        for name in ("masses", "lengths", "table"):
+            try:
+                array = np.array(getattr(self, name), dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InvalidValueError(f"{name} of the gain grid", "must be numbers") from None
+            if not np.isfinite(array).all():
+                raise InvalidValueError(f"{name} of the gain grid", "must be finite")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        for name, nodes in (("masses", self.masses), ("lengths", self.lengths)):
+            if nodes.ndim != 1 or not len(nodes) or np.any(np.diff(nodes, prepend=0.0) <= 0.0):
+                rule = "must be positive and increasing"
+                raise InvalidValueError(f"{name} of the gain grid", rule, nodes.tolist())
+        shape = (len(self.masses), len(self.lengths), GAIN_COUNT)
+        if self.table.shape != shape:
+            raise InvalidValueError("table of gains", f"must have shape {shape}", self.table.shape)
+
+    @classmethod
+    def constant(cls, gains: ArrayLike) -> GainGrid:
+        """Return the grid that always gives the same gains.
+
+        Parameters
+        ----------
+        gains
+            Of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2, m/(rad s^2), 1/s,
+            m/(rad s)] of a law through (L1).
+        """
+        k = tuple(gains) if isinstance(gains, Iterable) else (gains,)
+        if len(k) != GAIN_COUNT:
+            raise InvalidValueError("gains", "must be four", len(k))
+        return cls(np.ones(1), np.ones(1), np.array([[k]]))
+
+    def gains(self, cart_mass: float, half_length: float) -> NDArray[np.float64]:
+        """Return the gains for one plant, shape (4,).
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            M [kg] and l [m]; beyond the grid its edge counts.
+        """
+        arrays = (self.table.copy(), self.masses.copy(), self.lengths.copy())
+        return np.array(interpolated_gains(*arrays, float(cart_mass), float(half_length)))

@@ -1,0 +1,105 @@
+"""State feedback, its gains scheduled by M and l: straight to the force, or through (L1)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from afl_mujoco.control.baselines.gain_grid import GainGrid
+from afl_mujoco.control.compiled_law import LINEAR, PARTIAL, CompiledLaw
+from afl_mujoco.control.gain_function import shipped_data
+from afl_mujoco.control.law import Law, belief_as_data
+from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
+
+FORMULAS: Mapping[int, str] = MappingProxyType(
+    {LINEAR: "F = -k(M, l) x", PARTIAL: "F by (L1) of u = -k(M, l) x"}
+)
+"""What each kind of state feedback commands."""
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StateFeedback(Law):
+    """A linear feedback of the state, with its gains and its belief.
+
+    It has a force at every state, also where the paper's law has none.
+
+    Attributes
+    ----------
+    name
+        Name for reports and files.
+    kind
+        `LINEAR`, feedback to the force, or `PARTIAL`, feedback to the cart's acceleration u, made
+        a force by the input map (L1) of the believed plant.
+    gains
+        By the believed M and l.
+    belief
+        What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
+        l(t) (decision D7).
+    design
+        How the gains were found, as plain data.
+    """
+
+    name: str
+    kind: int
+    gains: GainGrid
+    belief: CartPoleParameters | None = None
+    design: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Validate every field."""
+        require_type("controller name", self.name, str)
+        require_type("gains", self.gains, GainGrid)
+        require_type("belief", self.belief, CartPoleParameters | None)
+        if self.kind not in FORMULAS:
+            raise InvalidValueError(
+                "kind", f"must be LINEAR ({LINEAR}) or PARTIAL ({PARTIAL})", self.kind
+            )
+        object.__setattr__(self, "design", dict(self.design))
+
+    @property
+    def compiled(self) -> CompiledLaw:
+        """The law as compiled loops take it; copies, for those are compiled for writable arrays."""
+        grid = self.gains
+        return CompiledLaw(self.kind, grid.table.copy(), grid.masses.copy(), grid.lengths.copy())
+
+    def describe(self) -> dict[str, Any]:
+        """Return the law as plain data, for provenance; its table by a hash."""
+        table = hashlib.blake2b(self.gains.table.tobytes(), digest_size=8).hexdigest()
+        return {
+            "name": self.name,
+            "law": FORMULAS[self.kind],
+            "design": dict(self.design),
+            "table": table,
+            "belief": belief_as_data(self.belief),
+        }
+
+
+def baselines() -> list[StateFeedback]:
+    """Return the state feedbacks that come with the package.
+
+    Raises
+    ------
+    FileError
+        If the package's data file is missing or malformed.
+    """
+    content = shipped_data("baselines.json")
+    try:
+        if content["schema"] != SCHEMA:
+            raise InvalidValueError("schema", f"must be {SCHEMA}", content["schema"])
+        return [
+            StateFeedback(
+                name=name,
+                kind=law["kind"],
+                gains=GainGrid(content["cart_masses"], content["half_lengths"], law["gains"]),
+                design=law["design"],
+            )
+            for name, law in content["laws"].items()
+        ]
+    except (KeyError, TypeError, AttributeError, InvalidValueError) as error:
+        raise FileError("baselines.json", f"is not a table of baselines: {error}") from None

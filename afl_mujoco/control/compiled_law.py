@@ -1,0 +1,226 @@
+"""Every law as one compiled function: what a loop calls that must not know which law it runs.
+
+A law is a `kind` and a `table` of numbers. The kinds are told apart by an integer and not by a
+function that is passed along, which the cache of compiled code could not keep.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.control.afl import force_given, force_kernel
+from afl_mujoco.control.feedback_linearization import linearizing_force
+from afl_mujoco.control.gain_function import scheduled_gain
+
+AFL, LINEAR, PARTIAL = 0, 1, 2
+"""Kinds of law: the paper's (L1)-(L10); state feedback ``F = -k x``; state feedback ``u = -k x``
+through the input map (L1)."""
+
+_linearizing_force = linearizing_force
+
+
+class CompiledLaw(NamedTuple):
+    """A law as the compiled functions of this module take it, in this order.
+
+    Attributes
+    ----------
+    kind
+        `AFL`, `LINEAR` or `PARTIAL`.
+    table
+        Its numbers, float64, C-contiguous, of three dimensions; what they are, `law_force` says.
+    masses, lengths
+        Nodes M [kg] and l [m] of the table.
+    """
+
+    kind: int
+    table: NDArray[np.float64]
+    masses: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+
+
+@kernel
+def scheduled_force(z, phi, z_dot, phi_dot, believed, w):
+    """Return the force [N] of the paper's law with the gains of (G1), NaN where it has no value.
+
+    Parameters
+    ----------
+    z, phi, z_dot, phi_dot
+        The state.
+    believed
+        (M, m, l, g) as the law takes them to be.
+    w
+        Coefficients of the gain function, shape (3, 5).
+    """
+    cart_mass, pole_mass, half_length, gravity = believed
+    return force_kernel(
+        z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
+        scheduled_gain(cart_mass, half_length, w[0]),
+        scheduled_gain(cart_mass, half_length, w[1]),
+        scheduled_gain(cart_mass, half_length, w[2]),
+    )  # fmt: skip
+
+
+@kernel
+def _weights(grid, value):
+    """Return four nodes around a value and their weights, of a cubic with a continuous slope.
+
+    The slope at a node is that of the line through its neighbours. Beyond the grid the edge counts.
+    """
+    last = len(grid) - 1
+    if last == 0:
+        return (0, 0, 0, 0), (1.0, 0.0, 0.0, 0.0)
+    left = min(max(np.searchsorted(grid, value, side="right") - 1, 0), last - 1)
+    right, before, after = left + 1, max(left - 1, 0), min(left + 2, last)
+    width = grid[right] - grid[left]
+    t = (value - grid[left]) / width
+    if t < 0.0:
+        t = 0.0
+    if t > 1.0:
+        t = 1.0
+    rising = t * t * (3.0 - 2.0 * t)
+    slope_left = t * (1.0 - t) * (1.0 - t) * width / (grid[right] - grid[before])
+    slope_right = -t * t * (1.0 - t) * width / (grid[after] - grid[left])
+    return (before, left, right, after), (
+        -slope_left,
+        1.0 - rising - slope_right,
+        rising + slope_left,
+        slope_right,
+    )
+
+
+@kernel
+def interpolated_gains(table, masses, lengths, cart_mass, half_length):
+    """Return the four gains of a plant, bicubic between the nodes, those of the edge beyond them.
+
+    Their slopes are continuous: of kinks along a ramp of M or l, the error control of the reference
+    integrator sees too little.
+
+    Parameters
+    ----------
+    table
+        Gains at the nodes, shape (len(masses), len(lengths), 4).
+    masses, lengths
+        Nodes M [kg] and l [m], increasing.
+    cart_mass, half_length
+        The plant's M [kg] and l [m].
+    """
+    rows, row_weights = _weights(masses, cart_mass)
+    columns, column_weights = _weights(lengths, half_length)
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for i in range(4):
+        for j in range(4):
+            weight = row_weights[i] * column_weights[j]
+            node = table[rows[i], columns[j]]
+            a += weight * node[0]
+            b += weight * node[1]
+            c += weight * node[2]
+            d += weight * node[3]
+    return a, b, c, d
+
+
+@kernel
+def _feedback_force(kind, z, phi, z_dot, phi_dot, believed, gains):
+    """Return the force [N] of state feedback with given gains; NaN of an unknown kind."""
+    feedback = -(gains[0] * z + gains[1] * phi + gains[2] * z_dot + gains[3] * phi_dot)
+    if kind == LINEAR:
+        return feedback
+    if kind == PARTIAL:
+        cart_mass, pole_mass, half_length, gravity = believed
+        return _linearizing_force(
+            feedback, phi, phi_dot, cart_mass, pole_mass, half_length, gravity
+        )
+    return np.nan
+
+
+@kernel
+def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed):
+    """Return the force [N] of a law at one state, or NaN where the law has no value.
+
+    Parameters
+    ----------
+    kind
+        `AFL`, `LINEAR` or `PARTIAL`.
+    table
+        Float64, C-contiguous. Of `AFL`: coefficients of the gain function (G1), shape (1, 3, 5).
+        Of the others: gains k by M and l, shape (len(masses), len(lengths), 4), interpolated
+        at what the law believes and held constant beyond the nodes.
+    masses, lengths
+        Nodes M [kg] and l [m], increasing; of no consequence for `AFL`.
+    z, phi, z_dot, phi_dot
+        The state.
+    believed
+        (M, m, l, g) as the law takes them to be.
+    """
+    if kind == AFL:
+        return scheduled_force(z, phi, z_dot, phi_dot, believed, table[0])
+    gains = interpolated_gains(table, masses, lengths, believed[0], believed[2])
+    return _feedback_force(kind, z, phi, z_dot, phi_dot, believed, gains)
+
+
+@kernel
+def given_force(kind, state, law):
+    """Return the force [N] of a law whose gains are looked up already; bits as of `law_force`.
+
+    Parameters
+    ----------
+    kind
+        `AFL`, `LINEAR` or `PARTIAL`.
+    state
+        (z, phi, z_dot, phi_dot), shape (4,).
+    law
+        What the law is given: (M, m, l, g) and its gains, three of `AFL`, four of the others.
+    """
+    if kind == AFL:
+        return force_given(state, law)
+    return _feedback_force(
+        kind, state[0], state[1], state[2], state[3],
+        (law[0], law[1], law[2], law[3]), (law[4], law[5], law[6], law[7]),
+    )  # fmt: skip
+
+
+@kernel
+def forces_along(kind, states, law):
+    """Return the force at each of many states, shape (N,).
+
+    Parameters
+    ----------
+    kind
+        `AFL`, `LINEAR` or `PARTIAL`.
+    states
+        Shape (N, 4).
+    law
+        As of `given_force`, shape (N, 7) or (N, 8).
+    """
+    forces = np.empty(len(states))
+    for i in range(len(states)):
+        forces[i] = given_force(kind, states[i], law[i])
+    return forces
+
+
+@kernel
+def inputs_along(kind, table, masses, lengths, believed):
+    """Return what a law is given at each of many instants: (M, m, l, g) and its gains.
+
+    Parameters
+    ----------
+    kind, table, masses, lengths
+        The law, as of `law_force`.
+    believed
+        (M, m, l, g) at each instant, shape (N, 4).
+    """
+    count = 7 if kind == AFL else 8
+    law = np.empty((len(believed), count))
+    law[:, :4] = believed
+    for i in range(len(believed)):
+        cart_mass, half_length = believed[i, 0], believed[i, 2]
+        if kind == AFL:
+            for j in range(3):
+                law[i, 4 + j] = scheduled_gain(cart_mass, half_length, table[0, j])
+        else:
+            gains = interpolated_gains(table, masses, lengths, cart_mass, half_length)
+            law[i, 4], law[i, 5], law[i, 6], law[i, 7] = gains
+    return law

@@ -1,0 +1,74 @@
+"""A law that is told M, l and the state by the estimator instead of by the truth."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.compiled_law import CompiledLaw
+from afl_mujoco.control.estimation.settings import EstimatorSettings
+from afl_mujoco.control.law import Law
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatedLaw(Law):
+    """A law and the estimator that tells it M and l and filters its state; sampled mode runs it.
+
+    Attributes
+    ----------
+    name
+        Name for reports and files.
+    law
+        The law.
+    settings
+        Of the estimator.
+    belief
+        None: what the law believes changes along the run.
+    """
+
+    name: str
+    law: Law
+    settings: EstimatorSettings = field(default_factory=EstimatorSettings)
+    belief: CartPoleParameters | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        """Validate the kind of every field."""
+        require_type("controller name", self.name, str)
+        require_type("settings", self.settings, EstimatorSettings)
+
+    @property
+    def compiled(self) -> CompiledLaw:
+        """What a loop without the estimator must not run.
+
+        Raises
+        ------
+        InvalidValueError
+            Always.
+        """
+        rule = "is told by an estimator, which only sampled mode simulates"
+        raise InvalidValueError(f"controller {self.name!r}", rule)
+
+    def law_inputs(
+        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
+    ) -> NDArray[Any]:
+        """Return what the law would be given if it were told the truth, as of `Law.law_inputs`.
+
+        Parameters
+        ----------
+        cart_mass, half_length, pole_mass, gravity
+            The plant's true parameters.
+        """
+        return self.law.law_inputs(cart_mass, half_length, pole_mass, gravity)
+
+    def describe(self) -> dict[str, Any]:
+        """Return law and estimator as plain data, for provenance."""
+        return {
+            "name": self.name,
+            "law": self.law.describe(),
+            "estimator": asdict(self.settings),
+            "belief": "estimated",
+        }

@@ -1,0 +1,130 @@
+"""The settings of the estimator of M and l, and how compiled code finds them in an array."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import NOMINAL, require_positive, require_type
+
+# Places in the array of settings.
+POSITION_VARIANCE, ANGLE_VARIANCE, ACCELERATION_INTENSITY = 0, 1, 2
+LEAST_VARIANCE, LEAST_EXCITATION = 3, 5  # each of M, then of l
+LN_START, LN_VARIANCE, LN_LOWEST, LN_HIGHEST = 7, 9, 11, 13  # each of M, then of l
+SPEED_VARIANCE, RATE_VARIANCE, EXCITATION_MEMORY, POLE_MASS, GRAVITY = 15, 16, 17, 18, 19
+SIZE = 20
+
+_RANGES = ("cart_mass_range", "half_length_range")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatorSettings:
+    """What the estimator knows of the rig, and how much it trusts what.
+
+    Attributes
+    ----------
+    position_noise, angle_noise
+        Standard deviation of the measured z [m] and phi [rad]; of an encoder that only rounds, its
+        step over the square root of 12. The defaults are those of 0.35 mm and 3600 counts a turn.
+    acceleration_noise
+        Intensity of the white acceleration of the cart that the model does not know, from forces
+        that nobody measures [m/s^2/sqrt(Hz)]. More makes M robust against friction, and at rest
+        more biased: the law acts on the noise that the filter lets through.
+    cart_mass_accuracy, half_length_accuracy
+        Relative accuracy of M and l that an excited estimate never claims to surpass [1]: what it
+        learns beyond that it forgets again, so that it stays able to learn.
+    least_cart_acceleration, least_pole_acceleration
+        Excitation: an estimate of M or l that is as accurate as it claims is frozen while the
+        moving mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a rig at rest is
+        the noise of its own sensors, and nothing true is learned from that.
+    excitation_memory
+        Memory of that moving mean [s].
+    initial_cart_mass, initial_half_length
+        What is believed before the first measurement [kg, m]. A light cart makes the first force
+        gentle: a belief too light costs milliseconds, one too heavy can cost the run.
+    cart_mass_spread, half_length_spread
+        Standard deviation of the logarithms of M and l before the first measurement [1].
+    speed_spread, rate_spread
+        The same of the velocities, which are believed zero then [m/s, rad/s].
+    cart_mass_range, half_length_range
+        Least and largest M [kg] and l [m] that are ever believed: the box of the paper and a
+        quarter more.
+    pole_mass, gravity
+        m [kg] and g [m/s^2], which are known.
+
+    Raises
+    ------
+    InvalidValueError
+        If a number is not positive and finite, or a range is not one that holds the initial value.
+    """
+
+    position_noise: float = 1e-4
+    angle_noise: float = 5e-4
+    acceleration_noise: float = 0.01
+    cart_mass_accuracy: float = 0.1
+    half_length_accuracy: float = 0.1
+    least_cart_acceleration: float = 0.05
+    least_pole_acceleration: float = 0.03
+    excitation_memory: float = 0.3
+    initial_cart_mass: float = 0.1
+    initial_half_length: float = 0.5
+    cart_mass_spread: float = 1.5
+    half_length_spread: float = 1.0
+    speed_spread: float = 1.0
+    rate_spread: float = 1.0
+    cart_mass_range: tuple[float, float] = (0.08, 2.5)
+    half_length_range: tuple[float, float] = (0.04, 1.25)
+    pole_mass: float = NOMINAL.pole_mass
+    gravity: float = NOMINAL.gravity
+
+    def __post_init__(self) -> None:
+        """Validate every field and store its numbers as floats."""
+        for field in fields(self):
+            name, value = field.name, getattr(self, field.name)
+            checked = _range(name, value) if name in _RANGES else require_positive(name, value)
+            object.__setattr__(self, name, checked)
+        for name in ("cart_mass", "half_length"):
+            least, largest = getattr(self, f"{name}_range")
+            value = getattr(self, f"initial_{name}")
+            if not least <= value <= largest:
+                rule = f"must lie in {name}_range, {least:g} to {largest:g}"
+                raise InvalidValueError(f"initial_{name}", rule, value)
+
+    @property
+    def array(self) -> NDArray[np.float64]:
+        """The settings as the compiled estimator takes them, shape (20,)."""
+        starts = (self.initial_cart_mass, self.initial_half_length)
+        ends = zip(self.cart_mass_range, self.half_length_range, strict=True)
+        return np.array(
+            [
+                self.position_noise**2,
+                self.angle_noise**2,
+                self.acceleration_noise**2,
+                self.cart_mass_accuracy**2,
+                self.half_length_accuracy**2,
+                self.least_cart_acceleration,
+                self.least_pole_acceleration,
+                *np.log(starts),
+                self.cart_mass_spread**2,
+                self.half_length_spread**2,
+                *np.log([*ends]).ravel(),
+                self.speed_spread**2,
+                self.rate_spread**2,
+                self.excitation_memory,
+                self.pole_mass,
+                self.gravity,
+            ]
+        )
+
+
+def _range(name: str, value: object) -> tuple[float, float]:
+    """Return a range as two floats, or raise unless it has a positive width above zero."""
+    require_type(name, value, Iterable)
+    numbers = tuple(require_positive(name, x) for x in value)  # type: ignore[attr-defined]
+    if len(numbers) != 2 or not numbers[0] < numbers[1]:
+        raise InvalidValueError(name, "must be two increasing numbers", numbers)
+    return numbers[0], numbers[1]

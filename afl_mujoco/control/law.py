@@ -1,0 +1,157 @@
+"""What a control law is to a simulator: state and truth in, force out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.compiled_law import CompiledLaw, forces_along, inputs_along, law_force
+from afl_mujoco.errors import LawDomainError
+from afl_mujoco.scenario.parameters import CartPoleParameters
+
+
+class Law(Protocol):
+    """A law with its gains and its belief; a class says what its name, belief and numbers are.
+
+    Attributes
+    ----------
+    name
+        Name for reports and files.
+    belief
+        What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
+        l(t) (decision D7).
+    """
+
+    name: str
+    belief: CartPoleParameters | None
+
+    @property
+    def compiled(self) -> CompiledLaw:
+        """The law as compiled loops take it."""
+        ...
+
+    def describe(self) -> dict[str, Any]:
+        """Return the law as plain data, for provenance."""
+        ...
+
+    def believed(
+        self, cart_mass: float, pole_mass: float, half_length: float, gravity: float
+    ) -> tuple[float, float, float, float]:
+        """Return what the law takes (M, m, l, g) to be when they are truly as given.
+
+        Parameters
+        ----------
+        cart_mass, pole_mass, half_length, gravity
+            The plant's true parameters now [kg, kg, m, m/s^2].
+        """
+        b = self.belief
+        if b is None:
+            return cart_mass, pole_mass, half_length, gravity
+        return b.cart_mass, b.pole_mass, b.half_length, b.gravity
+
+    def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
+        """Return the force [N] at one state, from the compiled law.
+
+        Parameters
+        ----------
+        state
+            (z, phi, z_dot, phi_dot), shape (4,).
+        truth
+            The plant's true parameters now.
+        time
+            Time [s]; of consequence only to a law in Python.
+
+        Raises
+        ------
+        LawDomainError
+            If the law has no value at the pole angle: that of the paper beyond ``|phi| < pi/2``.
+        """
+        z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
+        p = truth
+        believed = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+        force = float(law_force(*self.compiled, z, phi, z_dot, phi_dot, believed))
+        if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
+            raise LawDomainError("pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad")
+        return force
+
+    def law_inputs(
+        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
+    ) -> NDArray[np.float64]:
+        """Return what the compiled law is given along a run: (M, m, l, g) and its gains.
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            True M [kg] and l [m], any one shape (...).
+        pole_mass, gravity
+            True m [kg] and g [m/s^2].
+
+        Returns
+        -------
+        ndarray
+            Believed parameters and gains, shape (..., 7) or (..., 8): the paper's law has three
+            gains, state feedback four.
+
+        Raises
+        ------
+        InvalidValueError
+            If a gain breaks its rule.
+        """
+        masses = np.asarray(cart_mass, dtype=np.float64)
+        lengths = np.asarray(half_length, dtype=np.float64)
+        believed = np.empty((masses.size, 4))
+        believed[:] = self.believed(np.nan, pole_mass, np.nan, gravity)
+        if self.belief is None:
+            believed[:, 0], believed[:, 2] = masses.ravel(), lengths.ravel()
+        law: NDArray[np.float64] = inputs_along(*self.compiled, believed)
+        return law.reshape((*masses.shape, law.shape[1]))
+
+    def forces(
+        self,
+        states: NDArray[np.float64],
+        law: NDArray[np.float64],
+        times: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return the force [N] at each of many states; NaN outside the law's domain.
+
+        Parameters
+        ----------
+        states
+            Shape (N, 4).
+        law
+            From `law_inputs`, shape (N, 7) or (N, 8).
+        times
+            When [s], shape (N,); of consequence only to a law in Python.
+        """
+        kind = self.compiled.kind
+        return np.asarray(
+            forces_along(kind, np.ascontiguousarray(states), np.ascontiguousarray(law))
+        )
+
+    def saturation_ratio(
+        self, states: NDArray[np.float64], law: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """Return s / Phi at each of many states, or None of a law that has no boundary layer.
+
+        Parameters
+        ----------
+        states
+            Shape (N, 4).
+        law
+            From `law_inputs`, shape (N, 7) or (N, 8).
+        """
+        return None
+
+
+def belief_as_data(belief: CartPoleParameters | None) -> Any:
+    """Return a belief as plain data, for provenance: ``"true"`` or the parameters.
+
+    Parameters
+    ----------
+    belief
+        Of a law.
+    """
+    return "true" if belief is None else {k: getattr(belief, k) for k in belief.__slots__}

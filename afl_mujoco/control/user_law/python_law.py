@@ -1,0 +1,265 @@
+"""A control law written in Python, guarded: what goes wrong in it is said in one line."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import inspect
+import math
+import signal
+import threading
+import time as clock
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.compiled_law import CompiledLaw
+from afl_mujoco.control.law import Law, belief_as_data
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, LawDomainError
+from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive, require_type
+
+Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
+"""(time [s], state, what the law takes the plant to be) -> force [N]."""
+
+CALL_LIMIT = 1.0
+"""How long one call of a law may take [s]."""
+
+
+class LawError(AflMujocoError):
+    """A law in Python that raised, took too long, or returned what is no force."""
+
+
+class _Overrun(BaseException):
+    """Interrupts a call that takes too long; no ``except Exception`` of the law's swallows it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PythonLaw(Law):
+    """A law of one's own, called by the interpreter.
+
+    Where a simulator follows it continuously it is also called at states that the run does not go
+    through, and more than once at an instant: there it must not remember anything. Sampled mode
+    calls it once a control period, in order.
+
+    Attributes
+    ----------
+    name
+        Name for reports and files.
+    function
+        ``function(time, state, belief) -> force``. NaN, or a `LawDomainError`, says that the law
+        has no force there, and ends the run.
+    belief
+        What the law takes the plant to be, whatever it is; ``None`` tells it M(t) and l(t).
+    call_limit
+        How long one call may take [s].
+    """
+
+    name: str
+    function: Function
+    belief: CartPoleParameters | None = None
+    call_limit: float = CALL_LIMIT
+
+    def __post_init__(self) -> None:
+        """Validate the kind of every field."""
+        require_type("controller name", self.name, str)
+        require_type("belief", self.belief, CartPoleParameters | None)
+        require_positive("call_limit", self.call_limit)
+        require_law_function(self.name, self.function)
+
+    @property
+    def compiled(self) -> CompiledLaw:
+        """What a law in Python does not have.
+
+        Raises
+        ------
+        InvalidValueError
+            Always.
+        """
+        rule = "is written in Python, which this simulator does not run"
+        raise InvalidValueError(f"controller {self.name!r}", rule)
+
+    def command(self, time: float, state: ArrayLike, told: NDArray[np.float64]) -> float:
+        """Return the force [N], NaN where the law has none.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        state
+            (z, phi, z_dot, phi_dot), shape (4,).
+        told
+            (M, m, l, g) as the law takes them to be, shape (4,).
+
+        Raises
+        ------
+        LawError
+            If it raises, takes too long, or returns what is no force.
+        """
+        mass, pole_mass, length, gravity = (float(x) for x in told)
+        belief = CartPoleParameters(
+            cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
+        )
+        phi = float(np.asarray(state)[1])
+        try:
+            with _limited(self.call_limit):
+                value = self.function(float(time), np.array(state, dtype=np.float64), belief)
+        except LawDomainError:
+            return math.nan
+        except _Overrun:
+            rule = f"must answer within {self.call_limit:g} s, did not at t = {time:g} s"
+            raise LawError(f"controller {self.name!r}", rule) from None
+        except Exception as error:
+            if not abs(phi) < 0.5 * np.pi:  # where a run has ended, but an integrator may look
+                return math.nan
+            rule = f"raised {type(error).__name__} at t = {time:g} s: {error}"
+            raise LawError(f"controller {self.name!r}", rule) from error
+        return self._number(value, time)
+
+    def _number(self, value: Any, time: float) -> float:
+        """Return what the law returned as a float."""
+        try:
+            array = np.asarray(value)
+        except (TypeError, ValueError):
+            array = np.asarray(None)
+        if array.dtype.kind in "fiu" and array.size == 1 and array.ndim <= 1:
+            return float(array.reshape(()))
+        got = repr(value) if array.ndim == 0 else f"an array of shape {array.shape}"
+        rule = f"must return one number at t = {time:g} s"
+        raise LawError(f"controller {self.name!r}", rule, got)
+
+    def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
+        """Return the force [N] at one state, NaN where the law has none.
+
+        Parameters
+        ----------
+        state
+            (z, phi, z_dot, phi_dot), shape (4,).
+        truth
+            The plant's true parameters now.
+        time
+            Time [s].
+
+        Raises
+        ------
+        LawError
+            As of `command`.
+        """
+        p = truth
+        told = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+        return self.command(time, state, np.array(told))
+
+    def law_inputs(
+        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
+    ) -> NDArray[np.float64]:
+        """Return what the law is told along a run: (M, m, l, g), shape (..., 4).
+
+        Parameters
+        ----------
+        cart_mass, half_length, pole_mass, gravity
+            As of `Law.law_inputs`.
+        """
+        masses = np.asarray(cart_mass, dtype=np.float64)
+        told = np.empty((*masses.shape, 4))
+        told[...] = self.believed(np.nan, pole_mass, np.nan, gravity)
+        if self.belief is None:
+            told[..., 0], told[..., 2] = masses, half_length
+        return told
+
+    def forces(
+        self,
+        states: NDArray[np.float64],
+        law: NDArray[np.float64],
+        times: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return the force [N] at each of many states; NaN where the law has none.
+
+        Parameters
+        ----------
+        states
+            Shape (N, 4).
+        law
+            From `law_inputs`, shape (N, 4).
+        times
+            When [s], shape (N,); at 0 by default.
+        """
+        clock_times = np.zeros(len(states)) if times is None else times
+        rows = zip(clock_times.tolist(), states, law, strict=True)
+        return np.array([self.command(*row) for row in rows])
+
+    def describe(self) -> dict[str, Any]:
+        """Return the law as plain data, for provenance: its name and a hash of its file."""
+        function = self.function
+        plain = getattr(function, "function", function)
+        code = getattr(plain, "__qualname__", type(plain).__qualname__)
+        module = getattr(plain, "__module__", type(plain).__module__)
+        return {
+            "name": self.name,
+            "law": f"{module}.{code}",
+            "source": _source_hash(plain),
+            "belief": belief_as_data(self.belief),
+        }
+
+
+def require_law_function(name: str, function: object) -> None:
+    """Raise unless a law's function can be called with time, state and belief.
+
+    Parameters
+    ----------
+    name
+        The law's.
+    function
+        What to look at; it is not called.
+
+    Raises
+    ------
+    InvalidValueError
+        If it cannot.
+    """
+    if not callable(function):
+        raise InvalidValueError(f"controller {name!r}", "must be callable", repr(function))
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # one in C that does not say what it takes
+        return
+    try:
+        signature.bind(0.0, np.zeros(4), None)
+    except TypeError as error:
+        rule = f"must take (time, state, belief): {error}"
+        raise InvalidValueError(f"controller {name!r}", rule) from None
+
+
+@contextlib.contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Raise `_Overrun` if the block takes longer, from within where a signal can reach it."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(
+        signal, "setitimer"
+    ):
+        start = clock.perf_counter()
+        yield
+        if clock.perf_counter() - start > seconds:
+            raise _Overrun
+        return
+
+    def ring(number: int, frame: object) -> None:
+        raise _Overrun
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before or signal.SIG_DFL)
+
+
+def _source_hash(function: object) -> str | None:
+    """Return a hash of the file that defines a function, or None if there is none."""
+    with contextlib.suppress(TypeError, OSError):
+        file = inspect.getsourcefile(function)  # type: ignore[arg-type]
+        if file is not None:
+            return hashlib.blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
+    return None

@@ -1,0 +1,1 @@
+"""What the survival studies found, as tables and figures."""

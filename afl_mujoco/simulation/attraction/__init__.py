@@ -1,0 +1,1 @@
+"""From where does the loop settle? Maps of thousands of rollouts, by equations and in MuJoCo."""

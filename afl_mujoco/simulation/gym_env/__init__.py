@@ -1,0 +1,1 @@
+"""The scenarios as Gymnasium environments; Gymnasium is an optional package."""

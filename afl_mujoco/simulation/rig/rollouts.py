@@ -1,0 +1,165 @@
+"""Many runs of a rig on several threads: how each ended and a few figures, not the whole run."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.law import Law
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.rig import channels as places
+from afl_mujoco.simulation.rig.runs import perform, prepare
+from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
+
+_SUMMED = {
+    "peak_z": places.PEAK_Z,
+    "peak_phi": places.PEAK_PHI,
+    "max_force": places.MAX_FORCE,
+    "iae_z": places.IAE_Z,
+    "iae_phi": places.IAE_PHI,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rollouts:
+    """What became of many runs; every array has one entry for each, in the order they were given.
+
+    Attributes
+    ----------
+    status
+        How each ended, an index into `OUTCOMES`.
+    end_time
+        When it ended [s].
+    peak_z, peak_phi
+        Largest abs(z) [m] and abs(phi) [rad] up to then.
+    max_force
+        Largest abs(force) of the actuator on the cart [N].
+    iae_z, iae_phi
+        Integrals of abs(z) [m s] and abs(phi) [rad s] up to then.
+    settling_time
+        From when on abs(z) and abs(phi) stayed within `loop.BAND_Z` and `loop.BAND_PHI` [s]; NaN
+        if they did not, or the run did not complete.
+    stop_time
+        When the cart first reached an end stop [s]; NaN if it never did.
+    """
+
+    status: NDArray[np.int64]
+    end_time: NDArray[np.float64]
+    peak_z: NDArray[np.float64]
+    peak_phi: NDArray[np.float64]
+    max_force: NDArray[np.float64]
+    iae_z: NDArray[np.float64]
+    iae_phi: NDArray[np.float64]
+    settling_time: NDArray[np.float64]
+    stop_time: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Return how many runs there were."""
+        return len(self.status)
+
+    def outcome(self, index: int) -> Outcome:
+        """Return how one run ended.
+
+        Parameters
+        ----------
+        index
+            Its place.
+        """
+        return Outcome(OUTCOMES[int(self.status[index])], float(self.end_time[index]))
+
+
+def run_rollouts(
+    scenarios: Sequence[Scenario],
+    law: Law,
+    *,
+    timestep: float = 1e-3,
+    control_period: float | None = None,
+    integrator: str = "RK4",
+    threads: int = 1,
+    patience: float | None = None,
+) -> Rollouts:
+    """Run one law on many scenarios, each as `simulate_mujoco` does in sampled mode.
+
+    A run depends on its scenario alone, its seed included: it is the same to the last bit among
+    others, on any number of threads, and in `simulate_mujoco` with the same settings.
+
+    Parameters
+    ----------
+    scenarios
+        What happens, and what departs from the ideal.
+    law
+        What is commanded.
+    timestep, control_period, integrator
+        As of `simulate_mujoco`.
+    threads
+        How many run at a time; each has its own model.
+    patience
+        How long a run must be settled, with nothing prescribed changing any more, to end early as
+        completed [s]; ``None`` for never.
+
+    Returns
+    -------
+    Rollouts
+        What became of them.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule.
+    """
+    if threads < 1:
+        raise InvalidValueError("threads", "must be at least 1", threads)
+    status = np.zeros(len(scenarios), dtype=np.int64)
+    figures = {name: np.full(len(scenarios), np.nan) for name in Rollouts.__slots__[1:]}
+    following = itertools.count()  # taking a number from it is atomic
+
+    def work() -> None:
+        model: CartPoleModel | None = None
+        for i in _taken(following, len(scenarios)):
+            scenario = scenarios[i]
+            plant = scenario.parameters_at(0.0)
+            if model is None:
+                model = CartPoleModel(plant, timestep=timestep, integrator=integrator)
+            model.set_realism(scenario.realism, plant)
+            run = prepare(
+                scenario,
+                law,
+                timestep=timestep,
+                control_period=control_period,
+                patience=patience,
+            )
+            memory, _ = perform(model, run, law, record=False)
+            status[i] = memory[places.STATUS]
+            for name, value in _figures(memory, timestep).items():
+                figures[name][i] = value
+
+    with ThreadPoolExecutor(threads) as pool:
+        for task in [pool.submit(work) for _ in range(threads)]:
+            task.result()
+    return Rollouts(status=status, **figures)
+
+
+def _taken(following: Iterator[int], count: int) -> Iterator[int]:
+    """Yield the numbers below `count` that nobody else has taken."""
+    return itertools.takewhile(lambda i: i < count, following)
+
+
+def _figures(memory: NDArray[np.float64], timestep: float) -> dict[str, float]:
+    """Return the figures of a run."""
+    steps, settled = memory[places.STEP], memory[places.UNSETTLED]
+    completed = OUTCOMES[int(memory[places.STATUS])] == COMPLETED
+    at_stop = memory[places.AT_STOP]
+    return {
+        "end_time": float(steps * timestep),
+        **{name: float(memory[place]) for name, place in _SUMMED.items()},
+        "settling_time": float(settled * timestep) if completed and settled <= steps else math.nan,
+        "stop_time": float(at_stop * timestep) if at_stop >= 0.0 else math.nan,
+    }

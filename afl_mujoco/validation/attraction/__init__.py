@@ -1,0 +1,1 @@
+"""From where each law settles: where the ideal equations and MuJoCo disagree."""

@@ -1,0 +1,292 @@
+"""The baselines: their linear model, their gains, and the runs that they make."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_lyapunov
+from scipy.signal import place_poles
+
+import afl_mujoco as afl
+from afl_mujoco.control.baselines import design, state_feedback
+from afl_mujoco.control.baselines.gain_grid import GainGrid
+from afl_mujoco.control.baselines.linear_model import (
+    partially_linear_model,
+    pole_placing_gains,
+    upright_model,
+)
+from afl_mujoco.control.baselines.state_feedback import StateFeedback, baselines
+from afl_mujoco.control.compiled_law import LINEAR, PARTIAL
+from afl_mujoco.control.controllers import CONTROLLERS, find_controller
+from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.task import law_policy
+from afl_mujoco.validation.checks.closed_loop_checks import (
+    Settings,
+    closed_loop_checks,
+    closed_loop_runs,
+)
+from afl_mujoco.validation.metrics import metrics
+
+BASELINES = ("lqr", "pole-placement", "partial-linearization")
+PLANTS = [
+    afl.CartPoleParameters(cart_mass=m, half_length=x)
+    for m in (0.1, 0.73, 2.0)
+    for x in (0.05, 0.41, 1.0)
+]
+STEP = 1e-4  # of central differences: their error is of the order of its square
+
+
+def differences(rate, point):
+    """The derivative of a function by central differences, one column an input."""
+    steps = STEP * np.eye(len(point))
+    return np.stack([(rate(point + d) - rate(point - d)) / (2.0 * STEP) for d in steps], axis=-1)
+
+
+def analytic_rate(p):
+    return lambda x: np.concatenate([x[2:4], afl.acceleration(x[:4], x[4], p)])
+
+
+def mujoco_rate(p):
+    model = CartPoleModel(p)
+    m, d = model.mj_model, model.mj_data
+
+    def rate(x):
+        d.qpos[:], d.qvel[:], d.ctrl[:] = x[:2], x[2:4], x[4]
+        mujoco.mj_forward(m, d)
+        return np.concatenate([x[2:4], d.qacc])
+
+    return rate
+
+
+@pytest.mark.parametrize("engine", [analytic_rate, mujoco_rate])
+def test_the_linear_model_is_the_derivative_of_the_plant_at_upright(engine, odd_parameters):
+    for p in (odd_parameters, *PLANTS):
+        both = differences(engine(p), np.zeros(5))
+        model = upright_model(p)
+        scale = np.abs(both).max()
+        np.testing.assert_allclose(model.a, both[:, :4], atol=1e-6 * scale)
+        np.testing.assert_allclose(model.b, both[:, 4], atol=1e-6 * scale)
+
+
+def test_a_pole_without_weight_on_a_cart_of_one_kilogram_is_the_partly_linearised_one():
+    light = afl.CartPoleParameters(cart_mass=1.0, pole_mass=1e-13, half_length=0.37, gravity=9.65)
+    for one, other in zip(upright_model(light), partially_linear_model(0.37, 9.65), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "poles", [(-1.0, -2.0, -3.5, -9.0), (-0.5 + 1j, -0.5 - 1j, -4.0, -20.0)], ids=str
+)
+def test_the_gains_place_the_poles_as_scipy_s_do(poles, odd_parameters):
+    for model in (upright_model(odd_parameters), partially_linear_model(0.29, 9.65)):
+        gains = pole_placing_gains(model, poles)
+        theirs = place_poles(model.a, model.b[:, None], poles, rtol=1e-9, maxiter=100)
+        np.testing.assert_allclose(gains, theirs.gain_matrix[0], rtol=1e-8)
+
+
+def test_poles_that_are_not_four_or_not_in_pairs_are_refused(odd_parameters):
+    model = upright_model(odd_parameters)
+    for poles in ((-1.0, -2.0, -3.0), (-1.0, -2.0, -3.0, -1.0 + 1j)):
+        with pytest.raises(InvalidValueError, match="must be four, real or in conjugate pairs"):
+            pole_placing_gains(model, poles)
+
+
+def quadratic_cost(p, gains):
+    """Bryson's cost of a linear feedback, summed over starts one unit off in each state."""
+    a, b = upright_model(p)
+    weights = np.diag(1.0 / np.square(design.LARGEST_STATE))
+    force = 1.0 / (design.LARGEST_ACCELERATION * (p.cart_mass + 0.25 * p.pole_mass)) ** 2
+    running = weights + force * np.outer(gains, gains)
+    closed = a - np.outer(b, gains)
+    return np.trace(solve_continuous_lyapunov(closed.T, -running))
+
+
+def test_no_gains_near_those_of_the_lqr_cost_less(rng):
+    for p in PLANTS:
+        best = design.lqr_gains(p)
+        least = quadratic_cost(p, best)
+        for _ in range(20):
+            near = best * (1.0 + 1e-3 * rng.standard_normal(4))
+            assert quadratic_cost(p, near) > least
+
+
+def test_the_lqr_is_weighted_by_what_the_paper_s_law_uses_and_uses_as_much_force():
+    nominal, fixed = afl.SCENARIOS["nominal"], CONTROLLERS["fixed"]
+    paper = afl.simulate_ode(nominal, fixed)
+    peaks = np.abs(paper.state).max(axis=0)
+    np.testing.assert_allclose(peaks, design.LARGEST_STATE, rtol=5e-3)  # rounded to three digits
+    own = afl.simulate_ode(nominal, CONTROLLERS["lqr"])
+    most, papers = np.abs(own.force).max(), np.abs(paper.force).max()
+    assert most == pytest.approx(papers, rel=1e-3)  # by the choice of LARGEST_ACCELERATION
+
+
+def test_the_placed_poles_are_those_of_the_paper_s_law_with_its_fixed_gains():
+    gains = afl.FIXED_GAINS
+    for p in PLANTS:
+        slope, step = gains.slope, 1e-5  # the law's own linearisation, by differences
+        law = differences_of_law(p, gains, step)
+        a, b = upright_model(p)
+        fast = 0.75 * 9.81 / p.half_length * gains.switching / gains.boundary_layer
+        expected = np.poly([-slope, -slope, -slope, -fast])
+        np.testing.assert_allclose(np.poly(a - np.outer(b, law)), expected, rtol=1e-6)
+        placed = np.poly(a - np.outer(b, design.placed_gains(p)))
+        np.testing.assert_allclose(placed, expected, rtol=1e-9)
+
+
+def differences_of_law(p, gains, step):
+    steps = step * np.eye(4)
+    force = [
+        afl.control_force(-d, p, gains) - afl.control_force(d, p, gains) for d in steps
+    ]  # F = -k x
+    return np.array(force) / (2.0 * step)
+
+
+# What is shipped
+
+
+@pytest.fixture(scope="module")
+def fresh():
+    return design.tables()
+
+
+def test_the_shipped_gains_are_those_of_the_design(fresh):
+    shipped = {law.name: law for law in baselines()}
+    assert tuple(shipped) == tuple(fresh["laws"]) == BASELINES
+    for name, law in fresh["laws"].items():
+        table = np.array(law["gains"])
+        assert shipped[name].kind == law["kind"]
+        np.testing.assert_allclose(shipped[name].gains.table, table, rtol=1e-8)  # another LAPACK
+        assert shipped[name].gains.masses.tolist() == fresh["cart_masses"]
+        assert shipped[name].gains.lengths.tolist() == fresh["half_lengths"]
+
+
+def test_the_file_holds_the_tables(fresh):
+    assert json.loads(design.as_text(fresh)) == fresh
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_between_the_nodes_the_gains_are_nearly_those_of_the_plant(name, rng):
+    kind, gains, _ = design.LAWS[name]
+    law = CONTROLLERS[name]
+    for mass, length in rng.uniform([0.1, 0.05], [2.0, 1.0], (200, 2)):
+        p = afl.CartPoleParameters(cart_mass=mass, half_length=length)
+        found = law.gains.gains(mass, length)
+        np.testing.assert_allclose(found, gains(p), rtol=2e-4)
+        model = upright_model(p) if kind == LINEAR else partially_linear_model(length, p.gravity)
+        poles = np.linalg.eigvals(model.a - np.outer(model.b, found))
+        assert poles.real.max() < -0.9
+
+
+@pytest.mark.parametrize(
+    "content",
+    [{}, [], {"schema": 2}, {"schema": 1, "laws": {"x": {}}}, {"schema": 1, "laws": 3}],
+    ids=str,
+)
+def test_a_file_that_is_no_table_of_baselines_is_refused(content, monkeypatch):
+    monkeypatch.setattr(state_feedback, "shipped_data", lambda name: content)
+    with pytest.raises(FileError, match=r"^baselines.json is not a table of baselines: "):
+        baselines()
+
+
+# As controllers
+
+
+def test_the_baselines_are_in_the_catalogue_with_one_reading():
+    for name in BASELINES:
+        assert find_controller(name) is find_controller(name, "table1") is CONTROLLERS[name]
+        assert json.loads(json.dumps(CONTROLLERS[name].describe()))["name"] == name
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_a_belief_stands_in_for_the_truth(name, odd_parameters):
+    state = (0.2, -0.5, 0.1, 0.3)
+    law = CONTROLLERS[name]
+    deaf = dataclasses.replace(law, belief=afl.CartPoleParameters())
+    assert deaf.force(state, odd_parameters) == law.force(state, afl.CartPoleParameters())
+    assert deaf.force(state, odd_parameters) != law.force(state, odd_parameters)
+    inputs = deaf.law_inputs([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
+    np.testing.assert_array_equal(inputs[0], inputs[1])
+
+
+def test_constant_gains_make_a_law_of_one_s_own(odd_parameters):
+    law = StateFeedback(name="mine", kind=LINEAR, gains=GainGrid.constant((-1.0, 40.0, -2.0, 9.0)))
+    assert law.force((0.5, 0.1, 1.0, -1.0), odd_parameters) == -(-0.5 + 4.0 - 2.0 - 9.0)
+
+
+def test_what_is_no_law_is_refused():
+    gains = GainGrid.constant((1.0, 2.0, 3.0, 4.0))
+    with pytest.raises(InvalidValueError, match=r"^kind must be LINEAR \(1\) or PARTIAL \(2\)"):
+        StateFeedback(name="x", kind=0, gains=gains)
+    with pytest.raises(InvalidValueError, match=r"^gains must be of type GainGrid"):
+        StateFeedback(name="x", kind=PARTIAL, gains=(1.0, 2.0, 3.0, 4.0))
+    with pytest.raises(InvalidValueError, match=r"^gains must be four, got 3$"):
+        GainGrid.constant((1.0, 2.0, 3.0))
+    with pytest.raises(InvalidValueError, match=r"must have shape \(2, 1, 4\), got \(1, 1, 4\)"):
+        GainGrid([1.0, 2.0], [1.0], gains.table)
+    with pytest.raises(InvalidValueError, match=r"^masses of the gain grid must be positive and"):
+        GainGrid([2.0, 1.0], [1.0], np.zeros((2, 1, 4)))
+    with pytest.raises(InvalidValueError, match=r"^table of the gain grid must be finite$"):
+        GainGrid([1.0], [1.0], np.full((1, 1, 4), np.nan))
+
+
+# In the simulators
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_law(name, odd_scenario):
+    settings = Settings(control_period=1e-3)
+    runs = closed_loop_runs(odd_scenario, CONTROLLERS[name], settings)
+    checks = closed_loop_checks(odd_scenario, CONTROLLERS[name], runs)
+    assert {check.id for check in checks} == {"A5", "B1", "B2b", "B3"}
+    assert [str(check) for check in checks if not check.passed] == []
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name):
+    scenario, law = afl.SCENARIOS["trapezoid-trapezoid"], CONTROLLERS[name]
+    ode, exact = afl.simulate_ode(scenario, law), afl.simulate_mujoco(scenario, law, "exact")
+    assert np.abs(ode.state - exact.state).max() < 1e-9  # the limit of B1
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_the_dm_control_agent_repeats_the_sampled_run_to_the_bit(name, odd_scenario):
+    law = CONTROLLERS[name]
+    env = afl.load(odd_scenario, force_limit=1e5)
+    policy, step, states = law_policy(law, odd_scenario), env.reset(), []
+    while not step.last():
+        states.append([*step.observation["position"], *step.observation["velocity"]])
+        step = env.step(policy(step))
+    run = afl.simulate_mujoco(odd_scenario, law, "sampled")
+    np.testing.assert_array_equal(states, run.state[: len(states)])
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_a_law_without_a_boundary_layer_is_never_saturated_nor_not(name, smooth_scenario):
+    law = CONTROLLERS[name]
+    run = afl.simulate_mujoco(smooth_scenario, law, "sampled")
+    assert metrics(smooth_scenario, law, run)["saturated_share"] is None
+    assert metrics(smooth_scenario, law, run)["max_force"] > 0.0
+
+
+@pytest.mark.parametrize("scenario", afl.SCENARIOS)
+@pytest.mark.parametrize("name", BASELINES)
+def test_every_baseline_balances_from_the_paper_s_start(name, scenario):
+    run = afl.simulate_mujoco(afl.SCENARIOS[scenario], CONTROLLERS[name], "sampled")
+    assert str(run.outcome) == "completed"
+    assert np.abs(run.state[-1]).max() < 0.02
+
+
+def test_from_eighty_degrees_the_paper_s_law_balances_and_the_baselines_do_not():
+    steep = dataclasses.replace(
+        afl.SCENARIOS["nominal"], initial_state=(0.0, -np.radians(80.0), 0.0, 0.0)
+    )
+    outcomes = {
+        name: afl.simulate_mujoco(steep, CONTROLLERS[name], "sampled").outcome.kind
+        for name in ("fixed", *BASELINES)
+    }
+    assert outcomes == {"fixed": "completed", **dict.fromkeys(BASELINES, "fell")}

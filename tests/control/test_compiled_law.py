@@ -1,0 +1,166 @@
+"""Every law as one compiled function: its values, its interpolation, where it has none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from afl_mujoco import CONTROLLERS, acceleration, control_force
+from afl_mujoco.control.compiled_law import (
+    AFL,
+    LINEAR,
+    PARTIAL,
+    forces_along,
+    given_force,
+    inputs_along,
+    interpolated_gains,
+    law_force,
+)
+from afl_mujoco.errors import LawDomainError
+
+MASSES, LENGTHS = np.array([0.2, 0.5, 0.9, 1.0]), np.array([0.1, 0.3, 0.4, 0.8, 1.1])
+BELIEVED = (0.61, 0.083, 0.37, 9.65)
+NODE = (0.9, 0.083, 0.4, 9.65)
+KINDS = {"afl": AFL, "linear": LINEAR, "partial": PARTIAL}
+
+
+@pytest.fixture
+def table(rng):
+    return rng.uniform(-9.0, 9.0, (len(MASSES), len(LENGTHS), 4))
+
+
+def compiled(kind, table):
+    if kind == AFL:
+        return tuple(CONTROLLERS["adaptive"].compiled)
+    return kind, table, MASSES, LENGTHS
+
+
+def test_the_paper_s_law_is_its_numpy_form_with_the_gains_of_g1(random_states, odd_parameters):
+    p, adaptive = odd_parameters, CONTROLLERS["adaptive"]
+    believed = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    plain = control_force(
+        random_states, p, adaptive.gain_function.gains(p.cart_mass, p.half_length)
+    )
+    mine = [law_force(*adaptive.compiled, *s, believed) for s in random_states.tolist()]
+    np.testing.assert_allclose(mine, plain, rtol=1e-13, atol=1e-10)  # rounding of forces of 1e3 N
+
+
+def test_the_paper_s_table_is_its_gain_function():
+    law = CONTROLLERS["adaptive"].compiled
+    assert (law.kind, law.table.shape) == (AFL, (1, 3, 5))
+    np.testing.assert_array_equal(law.table[0], CONTROLLERS["adaptive"].gain_function.coefficients)
+
+
+def test_linear_feedback_is_minus_the_gains_times_the_state(random_states, table):
+    mine = [law_force(LINEAR, table, MASSES, LENGTHS, *s, NODE) for s in random_states.tolist()]
+    np.testing.assert_allclose(mine, -random_states @ table[2, 2], rtol=1e-12, atol=1e-12)
+
+
+def test_partial_feedback_gives_the_cart_the_acceleration_that_it_asks_for(
+    random_states, table, odd_parameters
+):
+    p = odd_parameters
+    believed = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    law = (PARTIAL, table, MASSES, LENGTHS)
+    force = np.array([law_force(*law, *s, believed) for s in random_states.tolist()])
+    asked = -random_states @ np.array(
+        interpolated_gains(table, MASSES, LENGTHS, p.cart_mass, p.half_length)
+    )
+    cart, pole = acceleration(random_states, force, p).T
+    _, phi, _, _ = random_states.T
+    np.testing.assert_allclose(cart, asked, rtol=1e-12, atol=1e-10)
+    expected = 0.75 / p.half_length * (p.gravity * np.sin(phi) + asked * np.cos(phi))
+    np.testing.assert_allclose(pole, expected, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_looking_the_gains_up_beforehand_changes_no_bit(kind, random_states, table):
+    law = compiled(kind, table)
+    plants = np.linspace((0.1, 1.3), (2.0, 0.02), len(random_states))
+    believed = np.array([[m, 0.083, x, 9.65] for m, x in plants])
+    inputs = inputs_along(*law, believed)
+    assert inputs.shape == (200, 7 if kind == AFL else 8)
+    direct = [
+        law_force(*law, *s, tuple(b)) for s, b in zip(random_states.tolist(), believed, strict=True)
+    ]
+    np.testing.assert_array_equal(forces_along(kind, random_states, inputs), direct)
+    single = [given_force(kind, s, row) for s, row in zip(random_states, inputs, strict=True)]
+    np.testing.assert_array_equal(single, direct)
+
+
+@pytest.mark.parametrize("phi", [0.5 * math.pi, -1.6, 3.0, math.nan], ids=str)
+def test_only_the_paper_s_law_has_no_value_at_a_pole_that_lies(phi, table):
+    state = (0.1, phi, 0.2, 0.3)
+    assert math.isnan(law_force(*compiled(AFL, table), *state, BELIEVED))
+    for kind in (LINEAR, PARTIAL):
+        force = law_force(*compiled(kind, table), *state, BELIEVED)
+        assert math.isfinite(force) == math.isfinite(phi)
+
+
+def test_the_paper_s_law_says_so_and_the_baselines_answer(odd_parameters):
+    with pytest.raises(LawDomainError, match=r"got 1.6 rad$"):
+        CONTROLLERS["fixed"].force((0.0, 1.6, 0.0, 0.0), odd_parameters)
+    assert math.isfinite(CONTROLLERS["lqr"].force((0.0, 1.6, 0.0, 0.0), odd_parameters))
+
+
+def test_an_unknown_kind_has_no_value(table):
+    assert math.isnan(law_force(7, table, MASSES, LENGTHS, 0.1, 0.1, 0.1, 0.1, BELIEVED))
+
+
+# Interpolation
+
+
+def test_at_a_node_the_gains_are_the_table_s_to_the_bit(table):
+    for i, mass in enumerate(MASSES.tolist()):
+        for j, length in enumerate(LENGTHS.tolist()):
+            gains = interpolated_gains(table, MASSES, LENGTHS, mass, length)
+            np.testing.assert_array_equal(gains, table[i, j])
+
+
+def test_between_even_nodes_a_quadratic_table_is_met_exactly():
+    masses, lengths = np.linspace(0.1, 2.0, 9), np.linspace(0.05, 1.0, 7)
+    factors = np.array([1.0, -2.0, 0.5, 3.0])
+
+    def true(m, x):
+        return factors * (1.0 + m - 0.3 * m * m) * (2.0 - x + 4.0 * x * x)
+
+    table = np.array([[true(m, x) for x in lengths] for m in masses])
+    for m, x in ((0.4, 0.3), (1.1, 0.66), (1.7, 0.8)):  # not in a cell at the edge
+        gains = interpolated_gains(table, masses, lengths, m, x)
+        np.testing.assert_allclose(gains, true(m, x), rtol=1e-13)
+
+
+def test_the_slope_of_the_gains_is_continuous_across_the_nodes(table):
+    step = 1e-6
+
+    def gains(m, x):
+        return np.array(interpolated_gains(table, MASSES, LENGTHS, m, x))
+
+    for m, x in ((0.5, 0.35), (0.9, 0.6)):
+        before = (gains(m, x) - gains(m - step, x)) / step
+        after = (gains(m + step, x) - gains(m, x)) / step
+        np.testing.assert_allclose(after, before, atol=1e-2)  # curvature times the step
+    for m, x in ((0.6, 0.3), (0.95, 0.4), (0.3, 0.8)):
+        before = (gains(m, x) - gains(m, x - step)) / step
+        after = (gains(m, x + step) - gains(m, x)) / step
+        np.testing.assert_allclose(after, before, atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("asked", "edge"),
+    [((0.05, 0.3), (0.2, 0.3)), ((7.0, 0.35), (1.0, 0.35)), ((0.6, 5.0), (0.6, 1.1))],
+    ids=["light", "heavy", "long"],
+)
+def test_beyond_the_grid_its_edge_counts(asked, edge, table):
+    beyond, at = (interpolated_gains(table, MASSES, LENGTHS, *x) for x in (asked, edge))
+    np.testing.assert_allclose(beyond, at, rtol=1e-12)
+
+
+def test_one_node_makes_the_gains_constant():
+    table, one = np.array([[[1.0, 2.0, 3.0, 4.0]]]), np.ones(1)
+    for plant in ((0.1, 0.05), (1.0, 1.0), (9.0, 9.0)):
+        assert interpolated_gains(table, one, one, *plant) == (1.0, 2.0, 3.0, 4.0)
+
+
+def test_an_unknown_plant_has_no_gains(table):
+    assert math.isnan(interpolated_gains(table, MASSES, LENGTHS, math.nan, 0.3)[0])

@@ -1,0 +1,395 @@
+"""The estimator of M and l: against its equations in plain numpy, statistics, and the ODE."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.stats
+from numba import njit
+from numba.core.runtime import _nrt_python, rtsys
+
+import afl_mujoco as afl
+from afl_mujoco.control.estimation import estimator
+from afl_mujoco.control.estimation.prediction import (
+    accelerations,
+    fill_transition,
+    linearise,
+    moved,
+)
+from afl_mujoco.control.estimation.settings import EstimatorSettings
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+
+DT = 1e-3
+ODD = {"pole_mass": 0.083, "gravity": 9.65}
+
+
+def flow(x, force, pole_mass, gravity):
+    """(P3), (P4) as a rate of the estimator's six states; x may be complex."""
+    z_dot, phi_dot, plant = x[2], x[3], (np.exp(x[4]), pole_mass, np.exp(x[5]), gravity)
+    return np.array(
+        [
+            z_dot,
+            phi_dot,
+            cart_acceleration(x[1], phi_dot, force, *plant),
+            pole_acceleration(x[1], phi_dot, force, *plant),
+            0.0,
+            0.0,
+        ]
+    )
+
+
+def jacobian(x, force, pole_mass, gravity):
+    """The derivative of `flow` by the complex step, exact to round-off."""
+    columns = [flow(x + 1e-30j * e, force, pole_mass, gravity).imag / 1e-30 for e in np.eye(6)]
+    return np.stack(columns, axis=1)
+
+
+def rk4(x, force, pole_mass, gravity, dt):
+    k1 = flow(x, force, pole_mass, gravity)
+    k2 = flow(x + dt / 2 * k1, force, pole_mass, gravity)
+    k3 = flow(x + dt / 2 * k2, force, pole_mass, gravity)
+    k4 = flow(x + dt * k3, force, pole_mass, gravity)
+    return x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+class Textbook:
+    """The extended Kalman filter of docs/estimation.md in matrices, both measurements at once."""
+
+    def __init__(self, settings: EstimatorSettings, z: float, phi: float):
+        s = self.settings = settings
+        logs = np.log([s.initial_cart_mass, s.initial_half_length])
+        self.x = np.array([z, phi, 0.0, 0.0, *logs])
+        self.P = np.diag(
+            np.square(
+                [
+                    *(s.position_noise, s.angle_noise, s.speed_spread, s.rate_spread),
+                    *(s.cart_mass_spread, s.half_length_spread),
+                ]
+            )
+        )
+        self.excitation = np.zeros(2)
+        self.nis = 0.0
+
+    def update(self, z, phi, force, dt):
+        s, known = self.settings, (self.settings.pole_mass, self.settings.gravity)
+        before, after = self.x, rk4(self.x, force, *known, dt)
+        middle = np.concatenate([(before[:4] + after[:4]) / 2, before[4:]])
+        A, rate = jacobian(middle, force, *known), flow(middle, force, *known)
+        Phi = np.eye(6) + A * dt + A @ A * dt**2 / 2
+        G = np.array([0, 0, 1, 0.75 / math.exp(before[5]) * math.cos(middle[1]), 0, 0])
+        Q = np.outer(G, G) * s.acceleration_noise**2 * dt
+        Q[3, 3] *= 1 + self.P[5, 5]
+        P = Phi @ (self.P + Q / 2) @ Phi.T + Q / 2
+        share = dt / (dt + s.excitation_memory)
+        now = np.array([rate[2], rate[3] * math.exp(before[5])])
+        self.excitation = self.excitation + share * (now - self.excitation)
+        least = np.square([s.cart_mass_accuracy, s.half_length_accuracy])
+        thresholds = [s.least_cart_acceleration, s.least_pole_acceleration]
+        excited = np.abs(self.excitation) > thresholds
+        learns = excited | (np.diag(P)[4:] > least)
+        H, R = np.eye(6)[:2], np.diag(np.square([s.position_noise, s.angle_noise]))
+        S = H @ P @ H.T + R
+        innovation = np.array([z, phi]) - after[:2]
+        self.nis = innovation @ np.linalg.solve(S, innovation)
+        K = P @ H.T @ np.linalg.inv(S)
+        K[4:][~learns] = 0.0
+        self.x = after + K @ innovation
+        self.P = (np.eye(6) - K @ H) @ P @ (np.eye(6) - K @ H).T + K @ R @ K.T
+        ranges = np.log([s.cart_mass_range, s.half_length_range])
+        for i in range(2):
+            if excited[i]:
+                self.P[4 + i, 4 + i] = max(self.P[4 + i, 4 + i], least[i])
+            self.x[4 + i] = np.clip(self.x[4 + i], *ranges[i])
+
+
+@njit
+def along(memory, settings, measured, forces, dt):
+    """Estimates, velocities and surprise after each period of a run, shape (N, 5)."""
+    out = np.empty((len(measured), 5))
+    for k in range(len(measured)):
+        if k == 0:
+            out[k, :2] = estimator.start(memory, settings, measured[k, 0], measured[k, 1])
+        else:
+            force = forces[k - 1]
+            out[k, 0], out[k, 1] = estimator.update(
+                memory, settings, measured[k, 0], measured[k, 1], force, dt
+            )
+        out[k, 2], out[k, 3], out[k, 4] = memory[2], memory[3], memory[estimator.SURPRISE]
+    return out
+
+
+def run_estimator(settings, measured, forces, dt=DT):
+    memory = estimator.blank_memory()
+    return along(memory, settings.array, np.ascontiguousarray(measured), np.asarray(forces), dt), (
+        memory
+    )
+
+
+def driven(rng, x, count, push=8.0, known=(0.05, 9.81), walk=0.0):
+    """States and forces of a plant that a random force and a stabilising one drive for `count` ms.
+
+    `walk` [m/s^2/sqrt(Hz)] is an acceleration of the cart that nobody measures.
+    """
+    states, forces = np.empty((count + 1, 6)), np.empty(count)
+    states[0] = x
+    wobble = 0.0
+    for k in range(count):
+        wobble += 0.02 * (push * rng.standard_normal() - wobble)
+        z, phi, z_dot, phi_dot, ln_mass, ln_length = states[k]
+        mass, length = math.exp(ln_mass), math.exp(ln_length)
+        feedback = -(z + 2 * z_dot) - 30 * phi - 8 * phi_dot * math.sqrt(length)
+        forces[k] = mass * feedback + wobble
+        inertia = mass + known[0] * (1 - 0.75 * math.cos(phi) ** 2)
+        unknown = inertia * walk * rng.standard_normal() / math.sqrt(DT)
+        states[k + 1] = rk4(states[k], forces[k] + unknown, *known, DT)
+    return states, forces
+
+
+# The model
+
+
+def test_the_estimator_s_model_is_p3_and_p4(random_states, rng):
+    plant = (1.37, 0.083, 0.29, 9.65)
+    for state, force in zip(random_states, rng.uniform(-50, 50, len(random_states)), strict=True):
+        x = np.array([*state, math.log(plant[0]), math.log(plant[2])])
+        expected = flow(x, force, plant[1], plant[3])[2:4]
+        # rounding, relative to the size of the terms
+        np.testing.assert_allclose(
+            accelerations(state[1], state[3], force, plant), expected, rtol=1e-12, atol=1e-10
+        )
+
+
+def test_it_moves_by_one_step_of_rk4(random_states, rng):
+    plant = (1.37, 0.083, 0.29, 9.65)
+    for state, force in zip(random_states, rng.uniform(-50, 50, len(random_states)), strict=True):
+        x = np.array([*state, math.log(plant[0]), math.log(plant[2])])
+        expected = rk4(x, force, plant[1], plant[3], 5e-3)[:4]
+        np.testing.assert_allclose(moved(*state, force, plant, 5e-3), expected, rtol=0, atol=1e-12)
+
+
+def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(random_states, rng):
+    plant = (1.37, 0.083, 0.29, 9.65)
+    for state, force in zip(random_states, rng.uniform(-50, 50, len(random_states)), strict=True):
+        x = np.array([*state, math.log(plant[0]), math.log(plant[2])])
+        expected = jacobian(x, force, plant[1], plant[3])
+        cart_row, pole_row, transition = np.empty(6), np.empty(6), np.empty((6, 6))
+        linearise(state[1], state[3], force, plant, cart_row, pole_row)
+        np.testing.assert_allclose([cart_row, pole_row], expected[2:4], rtol=1e-10, atol=1e-9)
+        fill_transition(cart_row, pole_row, DT, transition)
+        exact = scipy.linalg.expm(expected * DT)
+        third = np.linalg.norm(expected * DT) ** 3 / 6  # the first term left out
+        np.testing.assert_allclose(transition, exact, rtol=0, atol=2 * third + 1e-12)
+
+
+# The filter
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        pytest.param(EstimatorSettings(**ODD), id="usual"),
+        pytest.param(
+            EstimatorSettings(
+                **ODD, position_noise=3e-4, angle_noise=2e-3, acceleration_noise=0.2,
+                cart_mass_accuracy=0.05, half_length_accuracy=0.2, least_cart_acceleration=2.0,
+                least_pole_acceleration=0.5, excitation_memory=0.02, initial_cart_mass=0.7,
+                initial_half_length=0.3, cart_mass_spread=0.6, half_length_spread=0.4,
+                speed_spread=0.3, rate_spread=0.2, cart_mass_range=(0.6, 1.2),
+                half_length_range=(0.15, 0.5),
+            ), id="every setting odd",
+        ),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("dt", [1e-3, 4e-3], ids=["1 ms", "4 ms"])
+def test_it_is_the_textbook_s_filter(settings, dt, rng):
+    known = (settings.pole_mass, settings.gravity)
+    x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
+    states, forces = driven(rng, x, 1200, known=known)
+    forces[600:] *= 0.01  # and a stretch with little to learn from
+    measured = states[:, :2] + rng.standard_normal((1201, 2)) * [1e-4, 5e-4]
+    out, memory = run_estimator(settings, measured, forces, dt)
+    book = Textbook(settings, *measured[0])
+    expected = [[*np.exp(book.x[4:]), *book.x[2:4], book.nis]]
+    for (z, phi), force in zip(measured[1:], forces, strict=True):
+        book.update(z, phi, force, dt)
+        expected.append([*np.exp(book.x[4:]), *book.x[2:4], book.nis])
+    # two orders of the same sums, and their rounding fed back over 1200 updates
+    np.testing.assert_allclose(out, expected, rtol=1e-7, atol=1e-8)
+    covariance = memory[estimator.COVARIANCE : estimator.SURPRISE].reshape(6, 6)
+    np.testing.assert_allclose(covariance, book.P, rtol=1e-6, atol=1e-12)
+
+
+MATCHED = EstimatorSettings(
+    acceleration_noise=0.05, cart_mass_accuracy=1e-6, half_length_accuracy=1e-6,
+    initial_cart_mass=0.8, initial_half_length=0.4, cart_mass_spread=0.1, half_length_spread=0.1,
+    speed_spread=0.1, rate_spread=0.1,
+)  # fmt: skip
+
+
+def test_its_errors_are_as_large_as_it_says_and_its_surprises_as_frequent():
+    """NEES and NIS over 60 runs of plants drawn from its own prior, with the noise it assumes."""
+    rng, s, runs, count = np.random.default_rng(20261), MATCHED, 60, 400
+    spreads = [0.0, 0.0, s.speed_spread, s.rate_spread, s.cart_mass_spread, s.half_length_spread]
+    mean = [0.0, 0.2, 0.0, 0.0, math.log(s.initial_cart_mass), math.log(s.initial_half_length)]
+    nees, surprises = np.zeros((runs, 3)), np.zeros((runs, count))
+    for i in range(runs):
+        states, forces = driven(
+            rng, mean + spreads * rng.standard_normal(6), count, walk=s.acceleration_noise
+        )
+        noise = rng.standard_normal((count + 1, 2)) * [s.position_noise, s.angle_noise]
+        measured = states[:, :2] + noise
+        for column, end in enumerate((50, 150, count)):
+            out, memory = run_estimator(s, measured[: end + 1], forces[:end])
+            error = memory[:6] - states[end]
+            covariance = memory[estimator.COVARIANCE : estimator.SURPRISE].reshape(6, 6)
+            nees[i, column] = error @ np.linalg.solve(covariance, error)
+        surprises[i] = out[1:, 4]
+    low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], 6 * runs) / runs
+    assert ((low < nees.mean(axis=0)) & (nees.mean(axis=0) < high)).all(), nees.mean(axis=0)
+    low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], 2 * surprises.size) / surprises.size
+    assert low < surprises.mean() < high
+
+
+# What it does
+
+
+@pytest.fixture(scope="module")
+def told():
+    """Runs of the ODE under the law that is told M and l, the force held for 1 ms."""
+
+    def run(mass, length, duration=0.6):
+        scenario = afl.Scenario(name="told", cart_mass=mass, half_length=length, duration=duration)
+        return afl.simulate_ode_held(scenario, afl.CONTROLLERS["adaptive"], control_period=DT)
+
+    return run
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.6, 2.0], ids=str)
+@pytest.mark.parametrize("length", [0.05, 0.3, 1.0], ids=str)
+def test_without_noise_it_finds_any_plant_of_the_box(mass, length, told):
+    run = told(afl.constant(mass), afl.constant(length))
+    settings = EstimatorSettings(position_noise=1e-6, angle_noise=1e-6)
+    out, _ = run_estimator(settings, run.state[:, :2], run.force[:-1])
+    assert abs(math.log(out[50, 0] / mass)) < 0.01
+    assert abs(math.log(out[50, 1] / length)) < 0.01
+    np.testing.assert_allclose(out[100:, 2:4], run.state[100:, 2:4], rtol=0, atol=0.01)
+
+
+def test_it_finds_both_again_after_a_step(told, rng):
+    run = told(afl.step((0.3,), (0.5, 1.0)), afl.step((0.3,), (0.2, 0.5)), duration=1.0)
+    measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 1e-4]
+    settings = EstimatorSettings(angle_noise=1e-4)
+    out, _ = run_estimator(settings, measured, run.force[:-1])
+    assert np.abs(np.log(out[290, :2] / [0.5, 0.2])).max() < 0.15
+    assert np.abs(np.log(out[-1, :2] / [1.0, 0.5])).max() < 0.15
+
+
+def test_at_rest_and_upright_nothing_moves_an_estimate():
+    out, memory = run_estimator(EstimatorSettings(), np.zeros((20_001, 2)), np.zeros(20_000))
+    np.testing.assert_array_equal(out[:, :2], np.broadcast_to(out[0, :2], (20_001, 2)))
+    assert np.isfinite(memory).all()
+
+
+def test_what_it_has_learned_it_keeps_at_rest_to_the_last_bit_whatever_the_noise(told, rng):
+    run = told(afl.constant(0.6), afl.constant(0.3), duration=15.0)
+    measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 5e-4]
+    out, _ = run_estimator(EstimatorSettings(), measured, run.force[:-1])
+    assert len(np.unique(out[10_000:, :2], axis=0)) == 1
+    assert np.abs(np.log(out[-1, :2] / [0.6, 0.3])).max() < 0.1
+
+
+def test_the_mirror_image_has_the_same_estimates_to_the_last_bit(rng):
+    x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
+    states, forces = driven(rng, x, 500)
+    measured = states[:, :2] + rng.standard_normal((501, 2)) * [1e-4, 5e-4]
+    there, _ = run_estimator(EstimatorSettings(), measured, forces)
+    mirrored, _ = run_estimator(EstimatorSettings(), -measured, -forces)
+    np.testing.assert_array_equal(mirrored, there * [1, 1, -1, -1, 1])
+
+
+def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
+    """1000 cases: any plant and start of the box, noise, period; sensors and forces that lie."""
+    rng, settings = np.random.default_rng(7), EstimatorSettings()
+    least, largest = np.array([settings.cart_mass_range, settings.half_length_range]).T
+    for _ in range(1000):
+        noise = 10 ** rng.uniform(-6, -2, 2)
+        settings = EstimatorSettings(
+            position_noise=noise[0], angle_noise=noise[1],
+            initial_cart_mass=rng.uniform(0.1, 2), initial_half_length=rng.uniform(0.05, 1),
+        )  # fmt: skip
+        phi = rng.uniform(-1.5, 1.5) + np.cumsum(rng.uniform(-0.05, 0.05, 101))
+        z = rng.uniform(-3, 3) + np.cumsum(rng.uniform(-0.02, 0.02, 101))
+        forces = rng.uniform(-200, 200) * rng.standard_normal(100)
+        out, memory = run_estimator(
+            settings, np.stack([z, phi], axis=1), forces, float(10 ** rng.uniform(-4, -2))
+        )
+        assert np.isfinite(memory).all()
+        assert (out[:, :2] >= least * (1 - 1e-12)).all()
+        assert (out[:, :2] <= largest * (1 + 1e-12)).all()
+        covariance = memory[estimator.COVARIANCE : estimator.SURPRISE].reshape(6, 6)
+        np.testing.assert_array_equal(covariance, covariance.T)
+        scale = np.sqrt(np.diag(covariance))
+        assert np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() > -1e-9
+
+
+def test_an_update_allocates_nothing(rng):
+    measured, forces = rng.standard_normal((100, 2)), rng.standard_normal(99)
+    memory, settings = estimator.blank_memory(), EstimatorSettings().array
+    along(memory, settings, measured[:2], forces[:1], DT)
+    counts = []
+    _nrt_python.memsys_enable_stats()
+    for length in (10, 100):
+        before = rtsys.get_allocation_stats().alloc
+        along(memory, settings, measured[:length], forces[: length - 1], DT)
+        counts.append(rtsys.get_allocation_stats().alloc - before)
+    _nrt_python.memsys_disable_stats()
+    assert counts[0] == counts[1]  # the array that `along` returns, however long the run
+
+
+@pytest.mark.parametrize("name", ["adaptive", "adaptive-retuned"])
+def test_the_gains_are_positive_for_whatever_may_be_believed(name):
+    settings, law = EstimatorSettings(), afl.CONTROLLERS[name]
+    mass, length = np.meshgrid(
+        np.linspace(*settings.cart_mass_range, 50), np.linspace(*settings.half_length_range, 50)
+    )
+    law.law_inputs(mass, length, settings.pole_mass, settings.gravity)  # raises otherwise
+
+
+# The settings
+
+
+def test_the_defaults_hold_the_paper_s_box_with_a_quarter_to_spare():
+    s = EstimatorSettings()
+    assert s.cart_mass_range == (0.1 / 1.25, 2.0 * 1.25)
+    assert s.half_length_range == (0.05 / 1.25, 1.0 * 1.25)
+    assert (s.pole_mass, s.gravity) == (0.05, 9.81)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"angle_noise": 0.0}, "angle_noise must be positive, got 0.0"),
+        ({"speed_spread": math.nan}, "speed_spread must be finite, got nan"),
+        (
+            {"cart_mass_range": (1.0, 0.5)},
+            "cart_mass_range must be two increasing numbers, got (1.0, 0.5)",
+        ),
+        (
+            {"half_length_range": (0.1, 0.2, 0.3)},
+            "half_length_range must be two increasing numbers, got (0.1, 0.2, 0.3)",
+        ),
+        (
+            {"initial_cart_mass": 3.0},
+            "initial_cart_mass must lie in cart_mass_range, 0.08 to 2.5, got 3.0",
+        ),
+    ],
+    ids=["zero", "nan", "falling", "three", "outside"],
+)
+def test_a_setting_that_breaks_its_rule_is_refused_in_one_line(changes, message):
+    with pytest.raises(InvalidValueError) as caught:
+        EstimatorSettings(**changes)
+    assert str(caught.value) == message

@@ -1,0 +1,272 @@
+"""A law of one's own: loaded by name, run, and answered in one line when it misbehaves."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+import sys
+import threading
+import time as clock
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.cli.main import main
+from afl_mujoco.control.controllers import CONTROLLERS, find_controller
+from afl_mujoco.control.user_law.loading import load_python_law
+from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.validation.metrics import metrics
+
+TOLD = np.array([1.0, 0.05, 0.5, 9.81])
+STATE = np.array([0.1, -0.2, 0.3, 0.4])
+
+
+def paper(time, state, belief):
+    return afl.control_force(state, belief, afl.FIXED_GAINS)
+
+
+def law(function, **settings):
+    return PythonLaw(name="mine", function=function, **settings)
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Write a module into a working directory of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [p for p in sys.path if p != str(tmp_path)])
+
+    def write(name, text):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        (tmp_path / f"{name}.py").write_text(text)
+
+    return write
+
+
+# What a law is given, and what it may return
+
+
+def test_a_law_is_given_time_state_and_what_it_is_told_of_the_plant():
+    seen = []
+    own = law(lambda time, state, belief: seen.append((time, state.tolist(), belief)) or 7.5)
+    assert own.command(1.25, STATE, TOLD) == 7.5
+    assert seen == [(1.25, STATE.tolist(), afl.CartPoleParameters())]
+
+
+def test_a_law_that_writes_into_its_state_changes_nothing():
+    def vandal(time, state, belief):
+        state[:] = 0.0
+        return 1.0
+
+    mine = STATE.copy()
+    law(vandal).command(0.0, mine, TOLD)
+    np.testing.assert_array_equal(mine, STATE)
+
+
+def test_a_belief_stands_in_for_the_truth(odd_parameters):
+    own = law(lambda time, state, belief: belief.cart_mass, belief=odd_parameters)
+    assert own.force(STATE, afl.CartPoleParameters()) == odd_parameters.cart_mass
+    assert law(own.function).force(STATE, afl.CartPoleParameters()) == 1.0
+
+
+@pytest.mark.parametrize(
+    "value",
+    [3, 3.0, np.float32(3.0), np.array(3.0), np.array([3.0]), [3.0]],
+    ids=["int", "float", "numpy", "0-d", "1-d", "list"],
+)
+def test_one_number_in_any_shape_is_a_force(value):
+    assert law(lambda *_: value).command(0.0, STATE, TOLD) == 3.0
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (None, "None"),
+        ("3", "'3'"),
+        (True, "True"),
+        (1j, "1j"),
+        ([1.0, 2.0], "an array of shape (2,)"),
+        (np.zeros((1, 1)), "an array of shape (1, 1)"),
+        ([], "an array of shape (0,)"),
+        ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
+    ],
+    ids=str,
+)
+def test_what_is_no_number_is_answered_in_one_line(value, said):
+    with pytest.raises(LawError) as caught:
+        law(lambda *_: value).command(0.5, STATE, TOLD)
+    expected = f"controller 'mine' must return one number at t = 0.5 s, got {said}"
+    assert str(caught.value) == expected
+
+
+def test_what_a_law_raises_is_answered_in_one_line():
+    def broken(time, state, belief):
+        return 1 / 0
+
+    with pytest.raises(LawError) as caught:
+        law(broken).command(2.0, STATE, TOLD)
+    expected = "controller 'mine' raised ZeroDivisionError at t = 2 s: division by zero"
+    assert str(caught.value) == expected
+
+
+def test_a_law_that_fails_where_the_pole_lies_has_no_force_there():
+    def fallible(time, state, belief):
+        raise ValueError("too steep")
+
+    assert math.isnan(law(fallible).command(0.0, (0.0, 1.6, 0.0, 0.0), TOLD))
+    assert math.isnan(law(paper).command(0.0, (0.0, 1.6, 0.0, 0.0), TOLD))
+
+
+def forever(time, state, belief):
+    while True:
+        try:
+            clock.sleep(0.001)
+        except Exception:  # a law that swallows whatever it can
+            pass
+
+
+def test_a_law_that_does_not_return_is_stopped():
+    start = clock.perf_counter()
+    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+        law(forever, call_limit=0.05).command(0.0, STATE, TOLD)
+    assert clock.perf_counter() - start < 5.0
+
+
+def test_a_law_that_is_slow_in_another_thread_is_told_so_afterwards():
+    answers = []
+
+    def call():
+        try:
+            law(lambda *_: clock.sleep(0.05) or 1.0, call_limit=0.01).command(0.0, STATE, TOLD)
+        except LawError as error:
+            answers.append(str(error))
+
+    thread = threading.Thread(target=call)
+    thread.start()
+    thread.join()
+    assert answers == ["controller 'mine' must answer within 0.01 s, did not at t = 0 s"]
+
+
+@pytest.mark.parametrize(
+    "function", [lambda time, state: 0.0, lambda: 0.0, 3.0], ids=["two", "none", "number"]
+)
+def test_what_cannot_be_called_as_a_law_is_refused_before_a_run(function):
+    with pytest.raises(InvalidValueError, match=r"^controller 'mine' must (take|be callable)"):
+        law(function)
+
+
+# In the simulators
+
+
+def test_the_paper_s_law_in_python_is_the_compiled_one_in_the_ode_and_in_mujoco(odd_scenario):
+    own, compiled = law(paper), CONTROLLERS["fixed"]
+    for run, reference in (
+        (afl.simulate_ode(odd_scenario, own), afl.simulate_ode(odd_scenario, compiled)),
+        (
+            afl.simulate_mujoco(odd_scenario, own, "exact"),
+            afl.simulate_mujoco(odd_scenario, compiled, "exact"),
+        ),
+    ):
+        assert run.outcome == reference.outcome
+        np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
+        np.testing.assert_allclose(run.force, reference.force, rtol=1e-8, atol=1e-8)
+        assert metrics(odd_scenario, own, run)["saturated_share"] is None
+
+
+def test_a_law_is_told_the_time(smooth_scenario):
+    own = law(lambda time, state, belief: 3.0 * time)
+    run = afl.simulate_ode(smooth_scenario, own)
+    np.testing.assert_array_equal(run.force, 3.0 * run.time)
+
+
+def test_a_law_without_a_force_ends_the_run_as_diverged(smooth_scenario):
+    own = law(lambda time, state, belief: math.nan if time > 0.3 else 0.0)
+    run = afl.simulate_ode(smooth_scenario, own)
+    assert run.outcome.kind == "diverged"
+    assert run.outcome.time == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_law_that_does_nothing_lets_the_pole_fall(smooth_scenario):
+    run = afl.simulate_mujoco(smooth_scenario, law(lambda *_: 0.0), "exact")
+    assert run.outcome.kind == "fell"
+
+
+def test_a_mode_that_runs_compiled_laws_says_so(smooth_scenario):
+    rule = r"^controller 'mine' is written in Python, which this simulator does not run$"
+    with pytest.raises(InvalidValueError, match=rule):
+        afl.simulate_mujoco(smooth_scenario, law(paper), "continuous")
+
+
+# Loading
+
+
+def test_a_law_is_found_by_module_and_function_in_the_working_directory(module):
+    module(
+        "laws_of_mine", "class Set:\n    @staticmethod\n    def push(t, x, b): return -2.0 * x[1]\n"
+    )
+    own = find_controller("laws_of_mine:Set.push")
+    assert own.name == "laws_of_mine.Set.push"
+    assert own.force((0.0, 0.25, 0.0, 0.0), afl.CartPoleParameters()) == -0.5
+    described = json.loads(json.dumps(own.describe()))
+    assert described["law"] == "laws_of_mine.Set.push"
+    assert len(described["source"]) == 32
+
+
+def test_a_loaded_law_reaches_a_worker_by_its_name(module):
+    module("shared_law", "def push(time, state, belief):\n    return time\n")
+    twin = pickle.loads(pickle.dumps(load_python_law("shared_law:push")))
+    assert twin.command(0.75, STATE, TOLD) == 0.75
+
+
+@pytest.mark.parametrize(
+    ("text", "spec", "said"),
+    [
+        ("x = 1", "no_such_module:f", "must be in a module that is installed or in "),
+        ("import nowhere_at_all", "m:f", "needs a module: No module named 'nowhere_at_all'"),
+        ("def f(:", "m:f", "cannot be imported: SyntaxError: "),
+        ("raise KeyError('k')", "m:f", "cannot be imported: KeyError: 'k'"),
+        ("raise SystemExit(3)", "m:f", "cannot be imported: SystemExit: 3"),
+        ("x = 1", "m:f", "which has no 'f'"),
+        ("x = 1", "m:x", "must be callable, got 1"),
+        ("def f(t, x): return 0.0", "m:f", "must take (time, state, belief): "),
+        ("x = 1", "m:", "must be module:function"),
+        ("x = 1", "a-b:f", "must be module:function"),
+    ],
+    ids=["none", "needs", "syntax", "raises", "exits", "lacks", "number", "two", "empty", "name"],
+)
+def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module):
+    module("m", text)
+    with pytest.raises(InvalidValueError) as caught:
+        find_controller(spec)
+    message = str(caught.value)
+    assert message.startswith(f"controller {spec!r} ")
+    assert said in message
+    assert "\n" not in message
+
+
+def test_a_user_s_file_does_not_hide_an_installed_module(module):
+    module("json", "def loads(*_): raise RuntimeError\n")
+    module("own_law", "import json\nassert json.loads('3') == 3\ndef f(t, x, b): return 0.0\n")
+    assert find_controller("own_law:f").command(0.0, STATE, TOLD) == 0.0
+
+
+def test_the_command_simulates_a_law_of_one_s_own(module, tmp_path, capsys):
+    module(
+        "mine_cli",
+        "from afl_mujoco import FIXED_GAINS, control_force\n"
+        "def law(time, state, belief):\n"
+        "    return control_force(state, belief, FIXED_GAINS)\n"
+        "def broken(time, state, belief):\n"
+        "    raise OSError('no such sensor')\n",
+    )
+    (tmp_path / "short.toml").write_text("duration = 0.5\n")
+    arguments = ["simulate", "short.toml", "--simulator", "ode", "--out", "out", "--controller"]
+    assert main([*arguments, "mine_cli:law"]) == 0
+    assert (tmp_path / "out" / "short-mine_cli.law-ode.npz").exists()
+    assert main([*arguments, "mine_cli:broken"]) == 2
+    error = capsys.readouterr().err
+    assert error == (
+        "afl-mujoco: controller 'mine_cli.broken' raised OSError at t = 0 s: no such sensor\n"
+    )

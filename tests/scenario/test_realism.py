@@ -1,0 +1,139 @@
+"""Departures from the ideal are validated, survive a file, and are refused where ignored."""
+
+import dataclasses
+
+import pytest
+
+from afl_mujoco import (
+    CONTROLLERS,
+    SCENARIOS,
+    Scenario,
+    load,
+    load_scenario,
+    save_scenario,
+    simulate_mujoco,
+    simulate_ode,
+    simulate_ode_held,
+    simulate_ode_rk4,
+)
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.scenario.files import scenario_to_table
+from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.validation.campaign import require_runnable
+from afl_mujoco.validation.checks.closed_loop_checks import Settings
+
+REAL = Realism(
+    control_period=0.004,
+    force_limit=60.5,
+    slew_rate=4000.0,
+    actuator_lag=0.003,
+    delay=0.0025,
+    encoder_step_z=1e-4,
+    encoder_step_phi=2e-3,
+    noise_z=1.5e-3,
+    noise_phi=2.5e-3,
+    noise_z_dot=0.011,
+    noise_phi_dot=0.012,
+    differentiated=True,
+    velocity_filter=0.007,
+    rail_damping=0.21,
+    hinge_damping=0.0011,
+    rail_friction=0.31,
+    rail_armature=0.041,
+    hinge_armature=0.00051,
+    rail_half_length=1.9,
+    tip_mass_share=0.23,
+    pole_radius=0.013,
+    belief_delay=0.09,
+    mass_error=-0.13,
+    length_error=0.17,
+    seed=2**63 - 1,
+)
+"""It differs from the ideal in every field."""
+
+FIELDS = [field.name for field in dataclasses.fields(Realism)]
+
+
+def test_the_real_one_differs_from_the_ideal_in_every_field():
+    assert [name for name in FIELDS if getattr(REAL, name) == getattr(IDEAL, name)] == []
+
+
+def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
+    alone = [Realism(**{name: getattr(REAL, name)}) for name in FIELDS]
+    for realism in (REAL, *alone):
+        scenario = Scenario(name="real", realism=realism)
+        save_scenario(scenario, tmp_path / "s.toml")
+        assert load_scenario(tmp_path / "s.toml") == scenario
+
+
+def test_a_file_holds_only_what_is_not_ideal(tmp_path):
+    save_scenario(Scenario(name="x", realism=Realism(delay=0.002)), tmp_path / "s.toml")
+    text = (tmp_path / "s.toml").read_text()
+    assert "[realism]\ndelay = 0.002\n" in text
+    assert [name for name in FIELDS if f"{name} =" in text] == ["delay"]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_ideal_scenario_has_the_table_it_always_had(name):
+    assert SCENARIOS[name].realism == IDEAL
+    assert list(scenario_to_table(SCENARIOS[name])) == [
+        *("name", "pole_mass", "gravity", "duration"),
+        *("initial_state", "schedule", "disturbances"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("lag = 1", "realism.lag is not a known key; known are control_period, force_limit, "),
+        ("delay = -0.1", "realism.delay must not be negative, got -0.1"),
+        ("delay = inf", "realism.delay must be finite, got inf"),
+        ("noise_z = 'much'", "realism.noise_z must be a number, got 'much'"),
+        ("control_period = 0", "realism.control_period must be positive, got 0.0"),
+        ("force_limit = -5", "realism.force_limit must be positive, got -5.0"),
+        ("slew_rate = 0.0", "realism.slew_rate must be positive, got 0.0"),
+        ("rail_half_length = nan", "realism.rail_half_length must be finite, got nan"),
+        ("tip_mass_share = 1", "realism.tip_mass_share must be below 1, got 1.0"),
+        ("mass_error = -1", "realism.mass_error must be above -1, got -1.0"),
+        ("length_error = -2.5", "realism.length_error must be above -1, got -2.5"),
+        ("differentiated = 1", "realism.differentiated must be of type bool, got 1"),
+        ("seed = -1", "realism.seed must lie in 0 to 2**63 - 1, got -1"),
+        ("seed = 1.5", "realism.seed must be a whole number, got 1.5"),
+        ("seed = true", "realism.seed must be a whole number, got True"),
+        ("rail_half_length = 0.5", "initial_state z must lie within rail_half_length, 0.5 m, got"),
+    ],
+    ids=lambda value: value if "must" not in value and "known" not in value else "",
+)
+def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message, tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(f"initial_state = [-0.6, 0, 0, 0]\n[realism]\n{text}")
+    with pytest.raises(AflMujocoError) as caught:
+        load_scenario(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert "\n" not in str(caught.value)
+
+
+def test_realism_that_is_no_table_is_refused(tmp_path):
+    (tmp_path / "bad.toml").write_text("realism = 3")
+    with pytest.raises(InvalidValueError, match=r"bad.toml: realism must be a table, got 3$"):
+        load_scenario(tmp_path / "bad.toml")
+
+
+SIMULATORS = {
+    "ode": simulate_ode,
+    "ode RK4": simulate_ode_rk4,
+    "ode held": simulate_ode_held,
+    "exact": lambda s, c: simulate_mujoco(s, c, "exact"),
+    "continuous": lambda s, c: simulate_mujoco(s, c, "continuous"),
+    "dm_control": lambda s, c: load(s),
+    "validate": lambda s, c: require_runnable([s], [c], Settings(), 1),
+}
+
+
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=SIMULATORS)
+@pytest.mark.parametrize("name", FIELDS)
+def test_what_would_ignore_realism_refuses_it(simulate, name):
+    real = Scenario(name="mine", realism=Realism(**{name: getattr(REAL, name)}))
+    with pytest.raises(InvalidValueError) as caught:
+        simulate(real, CONTROLLERS["fixed"])
+    assert str(caught.value) == "scenario 'mine' has realism, which only sampled mode simulates"

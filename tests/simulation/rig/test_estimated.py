@@ -1,0 +1,91 @@
+"""A law told by the estimator: the loop that a rig without a plate to read M and l from runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from afl_mujoco import CartPoleModel, simulate_mujoco, simulate_ode
+from afl_mujoco.control.compiled_law import law_force
+from afl_mujoco.control.estimation import estimator
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.estimation.settings import EstimatorSettings
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.simulation.rig import loop
+from afl_mujoco.simulation.rig.channels import STATUS, STEP, blank_memory, sense
+from afl_mujoco.simulation.rig.rollouts import run_rollouts
+from afl_mujoco.simulation.rig.runs import prepare
+
+REAL = Realism(
+    noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004, seed=4
+)
+SETTINGS = EstimatorSettings(initial_cart_mass=0.9, initial_half_length=0.45)
+
+
+@pytest.fixture
+def told(adaptive):
+    return EstimatedLaw(name="told", law=adaptive, settings=SETTINGS)
+
+
+def by_hand(scenario, law):
+    """The same loop in Python: measure, estimate with the mean force that acted, command, advance.
+
+    Returns states and forces, and the force that was told to the estimator at each tick.
+    """
+    run = prepare(scenario, law, timestep=1e-3)
+    model = CartPoleModel(scenario.parameters_at(0.0), realism=scenario.realism)
+    memory, rows = blank_memory(run.actuator), np.empty((run.plan.steps + 1, 5))
+    filtering, settings = estimator.blank_memory(), law.settings.array
+    loop.start(model.addresses, run.plan, run.course, memory, rows, run.initial_state)
+    tick = 0
+    while memory[STATUS] == loop.RUNNING:
+        z, phi, _, _ = sense(model.addresses, run.sensors, memory, tick)
+        if tick == 0:
+            mass, length = estimator.start(filtering, settings, z, phi)
+        else:
+            k = int(memory[STEP])
+            acted = float(rows[k - 1, 4] / 2 + rows[k - 2, 4] / 2) if tick else 0.0
+            mass, length = estimator.update(filtering, settings, z, phi, acted, 0.002)
+        believed = (mass, law.settings.pole_mass, length, law.settings.gravity)
+        state = estimator.filtered_state(filtering)
+        command = law_force(*law.law.compiled, *state, believed)
+        loop.advance(model.addresses, run.plan, run.actuator, run.course, memory, rows, command)
+        tick += 1
+    count = int(memory[STEP])
+    return rows[: count + 1, :4], rows[: count + 1, 4], (mass, length)
+
+
+def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, told):
+    scenario = replace(odd_scenario, realism=REAL)
+    run = simulate_mujoco(scenario, told, "sampled")
+    states, forces, (mass, length) = by_hand(scenario, told)
+    assert run.state.tobytes() == states.tobytes()
+    assert run.force.tobytes() == forces.tobytes()
+    assert run.outcome.kind == "completed"
+    truth = scenario.parameters_at(scenario.duration)
+    assert mass == pytest.approx(truth.cart_mass, rel=0.5)  # that it learns is for its own tests
+    assert length == pytest.approx(truth.half_length, rel=0.5)
+
+
+def test_rollouts_tell_the_law_the_same(odd_scenario, told):
+    scenarios = [replace(odd_scenario, realism=replace(REAL, seed=s)) for s in range(4)]
+    one, two = (run_rollouts(scenarios, told, threads=threads) for threads in (1, 2))
+    for i, scenario in enumerate(scenarios):
+        run = simulate_mujoco(scenario, told, "sampled")
+        assert one.peak_phi[i] == two.peak_phi[i] == np.abs(run.state[:, 1]).max()
+        assert one.outcome(i) == two.outcome(i) == run.outcome
+    assert len(set(one.iae_phi.tolist())) == 4
+
+
+def test_an_ideal_scenario_is_estimated_as_well(odd_scenario, told, adaptive):
+    estimated = simulate_mujoco(odd_scenario, told, "sampled")
+    assert np.abs(estimated.state - simulate_mujoco(odd_scenario, adaptive, "sampled").state).any()
+    assert estimated.provenance["controller"]["belief"] == "estimated"
+
+
+def test_it_runs_nowhere_else(odd_scenario, told):
+    rule = r"^controller 'told' is told by an estimator, which only sampled mode simulates$"
+    for simulate in (simulate_ode, simulate_mujoco):
+        with pytest.raises(InvalidValueError, match=rule):
+            simulate(odd_scenario, told)

@@ -1,0 +1,250 @@
+"""Friction, damping, end stops, spread of mass: closed forms, and what MuJoCo compiles by hand."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from afl_mujoco import CartPoleModel, CartPoleParameters
+from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.simulation.mujoco_model import strike
+
+H = 1e-3
+HANGING = np.pi
+LIGHT = CartPoleParameters(cart_mass=1.37, pole_mass=1e-6, half_length=0.29, gravity=9.65)
+"""So light a pole that the cart is alone on its rail."""
+HEAVY = CartPoleParameters(cart_mass=1e7, pole_mass=0.083, half_length=0.29, gravity=9.65)
+"""So heavy a cart that the pole hangs from a fixed hinge."""
+
+FULL = Realism(
+    rail_damping=0.21,
+    hinge_damping=0.0011,
+    rail_friction=0.31,
+    rail_armature=0.041,
+    hinge_armature=0.00051,
+    rail_half_length=1.9,
+    tip_mass_share=0.23,
+)
+PASSIVE = {
+    "friction": Realism(rail_friction=0.31),
+    "stops": Realism(rail_half_length=1.9),
+    "everything": FULL,
+}
+
+INTEGRATORS = pytest.mark.parametrize("integrator", ["RK4", "Euler"])
+
+
+def motion(plant, realism, state, duration, integrator, force=0.0):
+    """The states after each millisecond under a constant force, shape (N, 4)."""
+    model = CartPoleModel(plant, realism=realism, timestep=H, integrator=integrator)
+    data, states = model.mj_data, []
+    data.qpos[:], data.qvel[:], data.ctrl[0] = state[:2], state[2:], force
+    for _ in range(round(duration / H)):
+        mujoco.mj_step(model.mj_model, data)
+        states.append([*data.qpos, *data.qvel])
+    return np.array(states)
+
+
+# The model: what is written while it lives is what MuJoCo's compiler makes of an MJCF
+
+
+def _by_hand(p, r):
+    """The same rig as an MJCF of this test's own, the bodies of the pole welded by the compiler."""
+    s, m, length = r.tip_mass_share, p.pole_mass, p.half_length
+    com = (1 - s) * length + s * 2 * length
+    about_com = (1 - s) * m * (length**2 / 3 + (com - length) ** 2)
+    about_com += s * m * (2 * length - com) ** 2
+    friction = (
+        f'frictionloss="{r.rail_friction!r}" solimpfriction=".99 .9999 .001 .5 2" '
+        'solreffriction=".004 1"'
+    )
+    stops = f'range="{-r.rail_half_length!r} {r.rail_half_length!r}" solreflimit=".005 1"'
+    return f"""
+    <mujoco>
+      <compiler angle="radian" inertiafromgeom="false" autolimits="true"/>
+      <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/>
+      <worldbody>
+        <body name="cart">
+          <joint name="slider" type="slide" axis="1 0 0" damping="{r.rail_damping!r}"
+                 armature="{r.rail_armature!r}" {friction} {stops}/>
+          <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
+          <body name="pole">
+            <joint name="hinge" type="hinge" axis="0 -1 0" damping="{r.hinge_damping!r}"
+                   armature="{r.hinge_armature!r}"/>
+            <inertial pos="0 0 {com!r}" mass="{m!r}"
+                      diaginertia="{about_com!r} {about_com!r} {0.01 * about_com!r}"/>
+          </body>
+        </body>
+      </worldbody>
+      <actuator><motor joint="slider"/></actuator>
+    </mujoco>"""
+
+
+FIELDS_OF_JOINTS = [
+    *("dof_damping", "dof_armature", "dof_frictionloss", "dof_solref", "dof_solimp", "dof_M0"),
+    *("jnt_limited", "jnt_range", "jnt_solref", "jnt_solimp", "jnt_margin"),
+    *("dof_invweight0", "body_mass", "body_subtreemass", "body_ipos"),
+]
+
+
+def test_a_rig_is_what_the_compiler_makes_of_an_mjcf(odd_parameters, rng):
+    model = CartPoleModel(CartPoleParameters(), realism=PASSIVE["stops"])
+    model.set_realism(FULL, odd_parameters)
+    by_hand = mujoco.MjModel.from_xml_string(_by_hand(odd_parameters, FULL))
+    for name in FIELDS_OF_JOINTS:
+        mine, theirs = getattr(model.mj_model, name), getattr(by_hand, name)
+        np.testing.assert_allclose(mine, theirs, rtol=1e-12, err_msg=name)
+    mine, theirs = model.mj_data, mujoco.MjData(by_hand)
+    for state in rng.uniform((-2.5, -3, -3, -5), (2.5, 3, 3, 5), size=(50, 4)):
+        for m, d in ((model.mj_model, mine), (by_hand, theirs)):
+            mujoco.mj_resetData(m, d)
+            d.qpos[:], d.qvel[:], d.ctrl[:] = state[:2], state[2:], 3.0
+            mujoco.mj_forward(m, d)
+        assert mine.nefc == theirs.nefc > 0
+        # the constraint solver's tolerance
+        np.testing.assert_allclose(mine.qacc, theirs.qacc, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("before", PASSIVE.values(), ids=PASSIVE)
+@pytest.mark.parametrize("after", [IDEAL, *PASSIVE.values()], ids=["ideal", *PASSIVE])
+def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
+    used = CartPoleModel(CartPoleParameters(), realism=before)
+    used.set_realism(after, odd_parameters)
+    fresh = CartPoleModel(odd_parameters, realism=after)
+    for name in dir(fresh.mj_model):
+        array = getattr(fresh.mj_model, name)
+        if not name.startswith("_") and isinstance(array, np.ndarray):
+            assert getattr(used.mj_model, name).tobytes() == array.tobytes(), name
+
+
+def test_realism_adds_to_what_an_edit_put_there(odd_parameters):
+    def drive(spec):
+        spec.joint("slider").armature = 0.5
+
+    model = CartPoleModel(odd_parameters, edit=drive, realism=Realism(rail_armature=0.25))
+    assert model.mj_model.joint("slider").armature[0] == 0.75
+
+
+# Friction, damping, stops
+
+
+@INTEGRATORS
+@pytest.mark.parametrize("direction", [1, -1], ids=["right", "left"])
+def test_dry_friction_stops_a_sliding_cart_where_its_energy_is_spent(integrator, direction):
+    friction, speed = 2.2, 1.1
+    start = (0, HANGING, direction * speed, 0)
+    states = motion(LIGHT, Realism(rail_friction=friction), start, 1.0, integrator)
+    distance = LIGHT.cart_mass * speed**2 / (2 * friction)
+    # Euler is of order one: half a step at full speed
+    assert direction * states[-1, 0] == pytest.approx(distance, abs=0.5 * H * speed * 1.05)
+    assert abs(states[-1, 2]) < 1e-9
+
+
+@INTEGRATORS
+def test_dry_friction_holds_below_break_away_and_slides_above(integrator):
+    real, still = Realism(rail_friction=2.2), (0, HANGING, 0, 0)
+    assert abs(motion(LIGHT, real, still, 1.0, integrator, force=2.0)[-1, 2]) < 4e-5  # creep
+    sliding = motion(LIGHT, real, still, 1.0, integrator, force=3.0)[-1, 2]
+    assert sliding == pytest.approx((3.0 - 2.2) / LIGHT.cart_mass, rel=2e-6)
+
+
+@INTEGRATORS
+def test_damping_of_the_rail_decays_exponentially(integrator):
+    damping = 0.8
+    states = motion(LIGHT, Realism(rail_damping=damping), (0, HANGING, 1.1, 0), 1.0, integrator)
+    expected = 1.1 * np.exp(-damping / LIGHT.cart_mass)
+    assert states[-1, 2] == pytest.approx(expected, rel=1e-6 if integrator == "RK4" else 3e-4)
+
+
+@INTEGRATORS
+def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
+    damping, m, length, g = 0.002, HEAVY.pole_mass, HEAVY.half_length, HEAVY.gravity
+    inertia = m * (2 * length) ** 2 / 3
+    states = motion(
+        HEAVY, Realism(hinge_damping=damping), (0, HANGING - 1e-3, 0, 0), 8.0, integrator
+    )
+    swing = states[:, 1] - HANGING
+    energy = 0.5 * inertia * states[:, 3] ** 2 + 0.5 * m * g * length * swing**2
+    decay = -np.polyfit(H * np.arange(len(energy)), np.log(energy), 1)[0]
+    assert decay == pytest.approx(damping / inertia, rel=5e-3)  # the energy ripples twice a swing
+
+
+@INTEGRATORS
+def test_an_end_stop_holds_the_cart(integrator):
+    states = motion(
+        LIGHT, Realism(rail_half_length=0.3), (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0
+    )
+    assert 0.3 < states[:, 0].max() < 0.304  # it gives by a few millimetres at a metre per second
+    assert states[-1, 0] == pytest.approx(0.3, abs=2e-5)
+    assert abs(states[-1, 2]) < 1e-9
+
+
+# The spread of mass and inertia
+
+
+def pivot_inertia(realism):
+    """Inertia about a fixed hinge over m l^2, and the first moment over m l, by hand."""
+    share = realism.tip_mass_share
+    armature = realism.hinge_armature / (HEAVY.pole_mass * HEAVY.half_length**2)
+    return (1 - share) * 4 / 3 + share * 4 + armature, (1 - share) + 2 * share
+
+
+@pytest.mark.parametrize(
+    "realism",
+    [
+        Realism(),
+        Realism(tip_mass_share=0.3),
+        Realism(tip_mass_share=0.95),
+        Realism(hinge_armature=0.004),
+    ],
+    ids=["rod", "tip 30 %", "tip 95 %", "armature"],
+)
+def test_a_hanging_pole_swings_at_the_frequency_of_its_mass_distribution(realism):
+    states = motion(HEAVY, realism, (0, HANGING - 1e-3, 0, 0), 10.0, "RK4")
+    swing, times = states[:, 1] - HANGING, H * np.arange(1, len(states) + 1)
+    k = np.flatnonzero((swing[:-1] < 0) & (swing[1:] >= 0))
+    crossings = times[k] + H * swing[k] / (swing[k] - swing[k + 1])
+    frequency = 2 * np.pi * (len(k) - 1) / (crossings[-1] - crossings[0])
+    inertia, moment = pivot_inertia(realism)
+    expected = np.sqrt(HEAVY.gravity * moment / (inertia * HEAVY.half_length))
+    assert frequency == pytest.approx(expected, rel=1e-6)  # amplitude 1e-3 rad
+
+
+def test_armature_of_the_rail_is_mass_that_gravity_and_the_pole_do_not_see():
+    real = Realism(rail_armature=0.63)
+    states = motion(LIGHT, real, (0, HANGING, 0, 0), 0.5, "RK4", force=2.0)
+    assert states[-1, 2] == pytest.approx(0.5 * 2.0 / (LIGHT.cart_mass + 0.63), rel=1e-5)
+
+
+@pytest.mark.parametrize("radius", [0.003, 0.02, 0.5], ids=str)
+def test_a_thick_pole_is_the_capsule_of_mujoco_s_compiler(radius, odd_parameters):
+    p = odd_parameters
+    capsule = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><body><joint type="hinge" axis="0 -1 0"/>
+        <geom type="capsule" size="{radius} {p.half_length}" mass="{p.pole_mass}"/>
+        </body></worldbody></mujoco>"""
+    )
+    pole = CartPoleModel(p, realism=Realism(pole_radius=radius)).mj_model.body("pole")
+    np.testing.assert_allclose(pole.inertia[:2], capsule.body_inertia[1].max(), rtol=1e-12)
+    assert pole.ipos[2] == p.half_length
+
+
+def test_a_thin_pole_is_a_rod(odd_parameters):
+    rod, thin = (
+        CartPoleModel(odd_parameters, realism=Realism(pole_radius=r)).mj_model.body("pole").inertia
+        for r in (0.0, 1e-9)
+    )
+    np.testing.assert_allclose(thin, rod, rtol=1e-8)
+    assert (CartPoleModel(odd_parameters).mj_model.body("pole").inertia == rod).all()
+
+
+def test_an_impulse_outruns_friction_and_feels_armature(odd_parameters):
+    p, real = odd_parameters, Realism(rail_friction=5.0, hinge_armature=0.01, rail_armature=0.4)
+    phi, impulse = 0.3, 0.21
+    coupling = -p.pole_mass * p.half_length * np.cos(phi)
+    mass_matrix = [
+        [p.cart_mass + p.pole_mass + 0.4, coupling],
+        [coupling, 4 / 3 * p.pole_mass * p.half_length**2 + 0.01],
+    ]
+    model = CartPoleModel(p, realism=real)
+    jump = strike(model.addresses, 0.1, phi, 0.0, 0.0, impulse)  # at rest, where friction holds
+    np.testing.assert_allclose(jump, np.linalg.solve(mass_matrix, [impulse, 0.0]), rtol=1e-10)

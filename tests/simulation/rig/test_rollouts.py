@@ -1,0 +1,173 @@
+"""Many runs: the same bits among others, on any threads, and alone; figures of the run itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from afl_mujoco import (
+    CONTROLLERS,
+    Scenario,
+    Trajectory,
+    constant,
+    find_scenario,
+    piecewise_linear,
+    save_scenario,
+    simulate_mujoco,
+    step,
+)
+from afl_mujoco.cli.main import main
+from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.simulation.rig.loop import BAND_PHI, BAND_Z
+from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
+from afl_mujoco.validation.metrics import metrics
+
+FIGURES = Rollouts.__slots__
+SETTINGS = {"integrator": "Euler", "control_period": 0.002}
+
+
+def drawn(rng, count):
+    """Scenarios that share nothing, some of which fall; every third is ideal."""
+    scenarios = []
+    for i in range(count):
+        mass, length = rng.uniform(0.2, 1.5), rng.uniform(0.1, 0.8)
+        realism = Realism(
+            noise_z=rng.uniform(0, 1e-3),
+            noise_phi=rng.uniform(0, 1e-2),
+            rail_friction=rng.choice([0.0, 0.4]),
+            rail_damping=rng.choice([0.0, 0.3]),
+            rail_half_length=[None, 1.5][i % 2],
+            delay=rng.uniform(0.0, 0.02),
+            tip_mass_share=rng.uniform(0.0, 0.3),
+            seed=i,
+        )
+        scenarios.append(
+            Scenario(
+                name=f"drawn-{i}",
+                cart_mass=step((0.3,), (mass, 1.3 * mass)),
+                half_length=piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
+                initial_state=(0.0, rng.uniform(-1.3, 1.3), 0.0, rng.normal()),
+                duration=[1.0, 1.5][i % 2],
+                realism=realism if i % 3 else Realism(),
+            )
+        )
+    return scenarios
+
+
+@pytest.fixture
+def scenarios(rng):
+    return drawn(rng, 24)
+
+
+def same(one, other):
+    return all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in FIGURES)
+
+
+def test_the_number_of_threads_and_a_repetition_change_no_bit(scenarios, adaptive):
+    one = run_rollouts(scenarios, adaptive, **SETTINGS)
+    for threads in (1, 2, 3):
+        assert same(run_rollouts(scenarios, adaptive, threads=threads, **SETTINGS), one)
+    assert 0 < (one.status > 0).sum() < len(one) == 24  # some fell, some did not
+
+
+def test_the_order_of_the_runs_changes_no_bit(scenarios, adaptive, rng):
+    forward = run_rollouts(scenarios, adaptive, **SETTINGS)
+    order = rng.permutation(len(scenarios))
+    shuffled = run_rollouts([scenarios[i] for i in order], adaptive, **SETTINGS)
+    for name in FIGURES:
+        assert getattr(shuffled, name).tobytes() == getattr(forward, name)[order].tobytes()
+
+
+def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
+    scenarios, adaptive, tmp_path
+):
+    many = run_rollouts(scenarios, adaptive, threads=2, **SETTINGS)
+    for i, scenario in enumerate(scenarios):
+        save_scenario(scenario, tmp_path / "s.toml")
+        run = simulate_mujoco(
+            find_scenario(str(tmp_path / "s.toml")), adaptive, "sampled", **SETTINGS
+        )
+        assert many.outcome(i) == run.outcome
+        z, phi = np.abs(run.state[:, :2]).T
+        assert many.peak_z[i] == z.max()
+        assert many.peak_phi[i] == phi.max()
+        assert many.max_force[i] == np.abs(run.force[:-1]).max()  # the last acts no more
+        if run.outcome.kind == "completed":
+            theirs = metrics(scenario, adaptive, run)
+            assert many.iae_z[i] == pytest.approx(theirs["iae_z"], rel=1e-12)
+            assert many.iae_phi[i] == pytest.approx(theirs["iae_phi"], rel=1e-12)
+
+
+def test_the_command_line_replays_a_failure_from_its_file(scenarios, adaptive, tmp_path):
+    many = run_rollouts(scenarios, adaptive, **SETTINGS)
+    worst = int(np.argmax((many.status > 0) & (np.arange(len(many)) % 3 > 0)))  # a real one
+    assert many.outcome(worst).kind == "fell"
+    save_scenario(scenarios[worst], tmp_path / "failure.toml")
+    options = ["--integrator", "Euler", "--control-period", "0.002", "--out", str(tmp_path)]
+    assert main(["simulate", str(tmp_path / "failure.toml"), *options]) == 0
+    run = Trajectory.load(tmp_path / f"{scenarios[worst].name}-adaptive-sampled.npz")
+    assert run.outcome == many.outcome(worst)
+    assert np.abs(run.state[:, 0]).max() == many.peak_z[worst]
+    alone = simulate_mujoco(scenarios[worst], adaptive, "sampled", **SETTINGS)
+    assert run.state.tobytes() == alone.state.tobytes()
+
+
+def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
+    wide = Scenario(name="wide", duration=15.0)
+    narrow = replace(wide, realism=Realism(rail_half_length=1.0))
+    brief = replace(wide, duration=1.0)
+    many = run_rollouts([wide, narrow, brief], adaptive)
+    run = simulate_mujoco(wide, adaptive, "sampled")
+    outside = (np.abs(run.state[:, 0]) > BAND_Z) | (np.abs(run.state[:, 1]) > BAND_PHI)
+    assert many.settling_time[0] == run.time[np.flatnonzero(outside)[-1] + 1]
+    hit = simulate_mujoco(narrow, adaptive, "sampled")
+    assert many.stop_time[1] == hit.time[np.abs(hit.state[:, 0]) >= 1.0][0]
+    assert hit.outcome.kind == "fell"
+    assert np.isnan(many.stop_time[[0, 2]]).all()
+    assert np.isnan(many.settling_time[[1, 2]]).all()
+
+
+def test_a_run_that_ends_by_itself_has_not_settled():
+    stubborn = PythonLaw(name="none", function=lambda time, state, belief: np.nan)
+    upright = Scenario(name="upright", initial_state=(0.0, 0.0, 0.0, 0.0))
+    many = run_rollouts([upright], stubborn)
+    assert str(many.outcome(0)) == "diverged at t = 0 s"
+    assert np.isnan(many.settling_time).all()
+
+
+def test_a_settled_run_may_end_early_but_not_before_its_last_change(adaptive):
+    calm = Scenario(name="calm", duration=15.0)
+    late = replace(calm, cart_mass=step((12.0,), (1.0, 2.0)))
+    whole = run_rollouts([calm, late], adaptive)
+    early = run_rollouts([calm, late], adaptive, patience=1.0)
+    assert (early.status == 0).all()
+    assert early.end_time[0] == pytest.approx(whole.settling_time[0] + 1.0, abs=1e-9)
+    assert early.end_time[1] == pytest.approx(13.0, abs=2e-3)
+    assert early.settling_time.tolist() == whole.settling_time.tolist()
+
+
+def test_a_law_in_python_runs_as_well(scenarios, adaptive):
+    def function(time, state, belief):
+        return adaptive.force(state, belief)
+
+    mine = PythonLaw(name="mine", function=function, call_limit=60.0)  # the first call compiles
+    few = scenarios[:4]
+    assert same(
+        run_rollouts(few, mine, threads=2, **SETTINGS), run_rollouts(few, adaptive, **SETTINGS)
+    )
+
+
+def test_no_scenarios_are_no_runs(adaptive):
+    assert len(run_rollouts([], adaptive)) == 0
+
+
+def test_an_error_in_one_run_is_raised(scenarios, adaptive):
+    with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
+        run_rollouts(scenarios, adaptive, threads=0)
+    tiny = Scenario(name="tiny", half_length=constant(0.001))
+    with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
+        run_rollouts([*scenarios, tiny], CONTROLLERS["adaptive"], threads=2)
+    with pytest.raises(InvalidValueError, match=r"^timestep 0\.003 s must divide"):
+        run_rollouts(scenarios, adaptive, timestep=0.003)

@@ -1,0 +1,313 @@
+"""A run of a rig: ideal it is sampled mode, and each departure is where it should be."""
+
+import math
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from afl_mujoco import (
+    CONTROLLERS,
+    CartPoleModel,
+    Scenario,
+    constant,
+    find_scenario,
+    piecewise_linear,
+    save_scenario,
+    simulate_mujoco,
+    step,
+)
+from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.errors import InvalidValueError, LawDomainError
+from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.simulation.rig.runs import simulate_rig
+
+ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
+REAL = Realism(
+    control_period=0.002,
+    force_limit=40.0,
+    slew_rate=5000.0,
+    actuator_lag=0.003,
+    delay=0.0025,
+    encoder_step_z=1e-4,
+    encoder_step_phi=1e-3,
+    noise_z=1e-4,
+    noise_phi=1e-3,
+    differentiated=True,
+    velocity_filter=0.004,
+    rail_damping=0.1,
+    hinge_damping=1e-4,
+    rail_friction=0.3,
+    hinge_armature=1e-4,
+    rail_half_length=2.0,
+    tip_mass_share=0.1,
+    belief_delay=0.02,
+    mass_error=0.1,
+    length_error=-0.1,
+    seed=7,
+)
+
+
+def same(one, other):
+    return str(one.outcome) == str(other.outcome) and all(
+        getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in ARRAYS
+    )
+
+
+def in_python(law):
+    def function(time, state, belief):
+        return law.force(state, belief)
+
+    return PythonLaw(name="mine", function=function, call_limit=60.0)  # the first call compiles
+
+
+# Ideal, the rig's loop is sampled mode's
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicit"])
+@pytest.mark.parametrize("hold", [1, 5, 7], ids=str)
+@pytest.mark.parametrize("name", ["adaptive", "fixed-nominal", "lqr"])
+def test_an_ideal_rig_is_sampled_mode_bit_for_bit(odd_scenario, name, hold, integrator):
+    law, settings = CONTROLLERS[name], {"integrator": integrator, "control_period": hold * 1e-3}
+    assert same(
+        simulate_rig(odd_scenario, law, **settings),
+        simulate_mujoco(odd_scenario, law, "sampled", **settings),
+    )
+
+
+RAMP = piecewise_linear((0.0, 0.8), (0.6, 1.1))
+BEYOND = piecewise_linear((-0.3, 1.4), (0.6, 1.1))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"initial_state": (0, -1.6, 0, 0)},
+        {"initial_state": (0, 1.569, 0, 10.0)},
+        {"cart_mass": constant(20.0), "half_length": constant(0.05), "pole_mass": 3.0},
+        {"cart_mass": RAMP, "half_length": RAMP},
+        {"cart_mass": BEYOND, "half_length": BEYOND},
+        {"disturbances": ()},
+    ],
+    ids=["starts fallen", "no force", "falls", "ramp to the end", "ramp beyond both", "calm"],
+)
+def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, changes):
+    scenario, law = replace(odd_scenario, **changes), CONTROLLERS["fixed-nominal"]
+    rig, reference = simulate_rig(scenario, law), simulate_mujoco(scenario, law, "sampled")
+    assert same(rig, reference)
+    told = CONTROLLERS["adaptive"]
+    assert same(simulate_rig(scenario, told), simulate_mujoco(scenario, told, "sampled"))
+
+
+# A law in Python
+
+
+@pytest.mark.parametrize("realism", [IDEAL, REAL], ids=["ideal", "real"])
+def test_a_law_in_python_gives_the_bits_of_the_compiled_one(odd_scenario, controller, realism):
+    scenario = replace(odd_scenario, realism=realism)
+    compiled = simulate_mujoco(scenario, controller, "sampled")
+    assert same(simulate_mujoco(scenario, in_python(controller), "sampled"), compiled)
+    assert compiled.outcome.kind == "completed"
+
+
+def test_a_law_in_python_is_told_time_state_and_belief(odd_scenario, odd_parameters):
+    told = []
+
+    def function(time, state, belief):
+        told.append((time, state.tolist(), belief))
+        return 0.5
+
+    law = PythonLaw(name="watcher", function=function)
+    period = {"control_period": 0.005}
+    run = simulate_mujoco(replace(odd_scenario, duration=0.6), law, "sampled", **period)
+    times = [0.005 * k for k in range(len(told))]
+    assert [entry[0] for entry in told] == pytest.approx(times, abs=1e-12)
+    assert [entry[1] for entry in told] == run.state[:-1:5].tolist()
+    truth = [odd_scenario.parameters_at(0.001 * 5 * k) for k in range(len(told))]
+    assert [entry[2] for entry in told] == truth
+    assert (run.force == 0.5).all()
+    told.clear()
+    fixed = replace(law, belief=odd_parameters)
+    simulate_mujoco(replace(odd_scenario, duration=0.6), fixed, "sampled", **period)
+    assert {entry[2] for entry in told} == {odd_parameters}
+
+
+def test_a_law_in_python_without_a_force_ends_the_run(smooth_scenario):
+    def gives_up(time, state, belief):
+        if time > 0.1:
+            raise LawDomainError("phi", "is beyond me")
+        return 0.0
+
+    for function in (gives_up, lambda t, x, b: math.nan if t > 0.1 else 0.0):
+        law = PythonLaw(name="weak", function=function)
+        run = simulate_mujoco(smooth_scenario, law, "sampled")
+        assert str(run.outcome) == "diverged at t = 0.101 s"
+
+
+# Each departure is where it should be
+
+ALONE = Scenario(
+    name="alone",
+    cart_mass=constant(1.37),
+    half_length=constant(0.29),
+    pole_mass=1e-9,
+    initial_state=(0.0, 0.0, 0.0, 0.0),
+    duration=0.2,
+)
+"""A pole so light that the cart is alone, and for so short a time that it does not fall."""
+PUSHING = PythonLaw(name="constant", function=lambda time, state, belief: 7.0)
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "Euler"])
+@pytest.mark.parametrize(
+    ("realism", "momentum"),
+    [
+        (Realism(), lambda t: t),
+        (Realism(delay=0.0234), lambda t: np.maximum(t - 0.0234, 0.0)),
+        (Realism(actuator_lag=0.03), lambda t: t + 0.03 * np.expm1(-t / 0.03)),
+        (Realism(force_limit=1.75), lambda t: 0.25 * t),
+    ],
+    ids=["ideal", "delay", "lag", "limit"],
+)
+def test_the_cart_gets_the_momentum_of_the_closed_form(realism, momentum, integrator):
+    scenario = replace(ALONE, realism=replace(realism, rail_armature=0.0))
+    run = simulate_rig(scenario, PUSHING, integrator=integrator)
+    np.testing.assert_allclose(
+        run.state[:, 2], 7.0 * momentum(run.time) / 1.37, rtol=0, atol=1e-8
+    )  # the pole's share of the mass
+
+
+def test_the_lag_is_mujoco_s_own_filter_as_the_step_shrinks(smooth_scenario, adaptive):
+    """MuJoCo's filter integrates the lag by RK4, and so is of order 4 where it may be used."""
+    lag, control_period = 0.006, 0.004
+    errors = []
+    for h in (2e-3, 1e-3, 5e-4):
+        real = Realism(actuator_lag=lag, control_period=control_period)
+        scenario = replace(smooth_scenario, realism=real)
+        run = simulate_mujoco(scenario, adaptive, "sampled", timestep=h)
+        states = _filtered_by_mujoco(smooth_scenario, adaptive, lag, control_period, h)
+        errors.append(np.abs(run.state[-1] - states[-1]).max())
+    assert errors[1] < 1e-3
+    assert 1.8 <= np.polyfit(np.log((2e-3, 1e-3, 5e-4)), np.log(errors), 1)[0] <= 2.2
+
+
+def _filtered_by_mujoco(scenario, law, lag, control_period, h):
+    def edit(spec):
+        actuator = spec.actuator("force")
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER
+        actuator.dynprm[0] = lag
+
+    plant = scenario.parameters_at(0.0)
+    model = CartPoleModel(plant, timestep=h, edit=edit)
+    data, states = model.mj_data, [scenario.initial_state]
+    data.qpos[:], data.qvel[:] = scenario.initial_state[:2], scenario.initial_state[2:]
+    for k in range(round(scenario.duration / h)):
+        if k % round(control_period / h) == 0:
+            data.ctrl[0] = law.force(states[-1], plant)
+        mujoco.mj_step(model.mj_model, data)
+        states.append([*data.qpos, *data.qvel])
+    return states
+
+
+def test_the_law_gets_what_the_sensors_say(smooth_scenario):
+    real = Realism(encoder_step_z=0.02, encoder_step_phi=0.05, noise_z_dot=0.1, seed=3)
+    seen = []
+
+    def function(time, state, belief):
+        seen.append(state)
+        return 0.0
+
+    law = PythonLaw(name="watcher", function=function)
+    run = simulate_mujoco(replace(smooth_scenario, realism=real), law, "sampled")
+    difference = np.array(seen) - run.state[: len(seen)]
+    assert 0.009 < np.abs(difference[:, 0]).max() <= 0.01 + 1e-12
+    assert 0.02 < np.abs(difference[:, 1]).max() <= 0.025 + 1e-12
+    assert difference[:, 2].std() == pytest.approx(0.1, rel=0.1)
+    assert not difference[:, 3].any()
+
+
+def test_the_law_is_told_late_and_wrong():
+    scenario = Scenario(
+        name="late",
+        cart_mass=step((0.05,), (1.0, 2.0)),
+        half_length=piecewise_linear((0.0, 0.1), (0.4, 0.5)),
+        duration=0.2,
+        realism=Realism(belief_delay=0.03, mass_error=0.1, length_error=-0.2),
+    )
+    told = []
+
+    def function(time, state, belief):
+        told.append(belief)
+        return 0.0
+
+    simulate_mujoco(scenario, PythonLaw(name="x", function=function), "sampled")
+    believed_mass = [b.cart_mass for b in told]
+    assert believed_mass == pytest.approx([1.1] * 80 + [2.2] * 120)  # the jump at 0.05 + 0.03 s
+    late = np.clip(0.001 * np.arange(200) - 0.03, 0.0, 0.1)
+    lengths = [b.half_length for b in told]
+    np.testing.assert_allclose(lengths, 0.8 * (0.4 + late), rtol=1e-9)
+    assert {(b.pole_mass, b.gravity) for b in told} == {(0.05, 9.81)}
+
+
+def test_a_law_with_its_own_belief_is_not_told_anything(odd_scenario):
+    wrong = Realism(mass_error=0.5, length_error=-0.4, belief_delay=0.1)
+    nominal = CONTROLLERS["fixed-nominal"]
+    real = simulate_mujoco(replace(odd_scenario, realism=wrong), nominal, "sampled")
+    ideal = simulate_mujoco(odd_scenario, nominal, "sampled")
+    assert (real.state == ideal.state).all()
+
+
+def test_passive_physics_reaches_the_run(odd_scenario, adaptive):
+    ideal = simulate_mujoco(odd_scenario, adaptive, "sampled").state[-1]
+    for name in ("rail_damping", "hinge_damping", "rail_friction", "rail_armature"):
+        real = replace(odd_scenario, realism=Realism(**{name: 0.1}))
+        assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-3
+    for name in ("hinge_armature", "tip_mass_share", "pole_radius"):
+        real = replace(odd_scenario, realism=Realism(**{name: 0.01}))
+        assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-4
+
+
+def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive):
+    held = replace(odd_scenario, realism=Realism(control_period=0.005))
+    run = simulate_mujoco(held, adaptive, "sampled")
+    by_hand = simulate_mujoco(odd_scenario, adaptive, "sampled", control_period=0.005)
+    assert (run.state == by_hand.state).all()
+    assert run.provenance["settings"]["control_period"] == 0.005
+    assert same(simulate_mujoco(held, adaptive, "sampled", control_period=0.005), run)
+    with pytest.raises(InvalidValueError) as caught:
+        simulate_mujoco(held, adaptive, "sampled", control_period=0.002)
+    assert str(caught.value) == (
+        "control_period must be that of scenario 'odd', 0.005 s, got 0.002"
+    )
+    half = replace(odd_scenario, realism=Realism(control_period=0.0005))
+    with pytest.raises(InvalidValueError, match=r"^timestep 0\.001 s must divide control_period"):
+        simulate_mujoco(half, adaptive, "sampled")
+
+
+# Repeatable
+
+
+def test_a_real_run_repeats_and_its_file_replays_it_bit_for_bit(odd_scenario, adaptive, tmp_path):
+    scenario = replace(odd_scenario, realism=REAL)
+    run = simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler")
+    assert same(simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler"), run)
+    save_scenario(scenario, tmp_path / "failure.toml")
+    again = find_scenario(str(tmp_path / "failure.toml"))
+    assert same(simulate_mujoco(again, adaptive, "sampled", integrator="Euler"), run)
+    other = replace(scenario, realism=replace(REAL, seed=8))
+    assert not same(simulate_mujoco(other, adaptive, "sampled", integrator="Euler"), run)
+
+
+def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, adaptive):
+    scenario = replace(odd_scenario, realism=REAL)
+    fresh, used = (
+        CartPoleModel(scenario.parameters_at(0.0), realism=scenario.realism) for _ in range(2)
+    )
+    data = used.mj_data
+    data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = 1.0, 2.0, 1e4
+    data.qfrc_applied[:], data.ctrl[:], data.time = 3.0, 4.0, 5.0
+    data.xfrc_applied[:] = 6.0
+    assert same(
+        simulate_rig(scenario, adaptive, model=used), simulate_rig(scenario, adaptive, model=fresh)
+    )

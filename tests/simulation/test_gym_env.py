@@ -1,0 +1,304 @@
+"""The scenarios as Gymnasium environments: the dm_control environment, by another contract.
+
+Optional: `pip install afl-mujoco[gym]`. Without Gymnasium only its absence is tested.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import math
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
+from afl_mujoco.simulation.gym_env import registration
+from afl_mujoco.simulation.task import law_policy
+from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+
+ROOT = Path(__file__).parents[2]
+INSTALLED = importlib.util.find_spec("gymnasium") is not None
+needs_gymnasium = pytest.mark.skipif(not INSTALLED, reason="Gymnasium is not installed")
+
+if INSTALLED:
+    import gymnasium
+    from gymnasium.utils.env_checker import check_env
+    from gymnasium.utils.seeding import np_random
+
+    from afl_mujoco.simulation.gym_env.environment import CONTROL_PERIOD, FORCE_LIMIT, CartPoleEnv
+
+IDS = [f"afl_mujoco/CartPole-{name}-v0" for name in afl.SCENARIOS]
+
+
+def program(*lines: str) -> subprocess.CompletedProcess[str]:
+    """Run lines in an interpreter of their own, warnings being errors."""
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", "\n".join(lines)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@needs_gymnasium
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_s_checker_finds_nothing_to_warn_of(name: str) -> None:
+    environment = gymnasium.make(name, initial_noise=0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(environment.unwrapped, skip_render_check=True)
+
+
+@needs_gymnasium
+def test_gymnasium_s_checker_accepts_the_pictures(graphics: None) -> None:
+    environment = gymnasium.make(IDS[0], render_mode="rgb_array", width=120, height=80)
+    check_env(environment.unwrapped)
+    environment.reset()
+    assert environment.render().shape == (80, 120, 3)
+    assert environment.unwrapped.metadata["render_fps"] == pytest.approx(1.0 / CONTROL_PERIOD)
+    environment.close()
+
+
+@needs_gymnasium
+def test_all_nine_scenarios_of_the_paper_are_registered_and_no_other() -> None:
+    registration.register()  # once more does nothing
+    known = sorted(name for name in gymnasium.registry if name.startswith("afl_mujoco/"))
+    assert known == sorted(IDS)
+    assert len(known) == 9
+    for name in known:
+        scenario = gymnasium.spec(name).kwargs["scenario"]
+        assert gymnasium.make(name).unwrapped.dm_environment.physics.scenario.name == scenario
+
+
+@needs_gymnasium
+@pytest.mark.parametrize(
+    "imports",
+    ["import afl_mujoco, gymnasium", "import gymnasium, afl_mujoco"],
+    ids=["first", "last"],
+)
+def test_importing_the_package_registers_whatever_is_imported_first(imports: str) -> None:
+    run = program(imports, "print(gymnasium.make('afl_mujoco/CartPole-step-step-v0').spec.id)")
+    assert (run.stdout, run.stderr) == ("afl_mujoco/CartPole-step-step-v0\n", "")
+
+
+@needs_gymnasium
+def test_asking_where_gymnasium_is_does_not_keep_it_from_being_registered_with() -> None:
+    run = program(
+        "import afl_mujoco, importlib.util, sys",
+        "importlib.util.find_spec('gymnasium'); assert 'gymnasium' not in sys.modules",
+        "import gymnasium, importlib.resources",
+        "assert importlib.resources.files(gymnasium).joinpath('py.typed').is_file()",
+        "print(len([name for name in gymnasium.registry if name.startswith('afl_mujoco/')]))",
+    )
+    assert (run.stdout, run.stderr) == ("9\n", "")
+
+
+@needs_gymnasium
+def test_registering_imports_neither_mujoco_nor_numba() -> None:
+    run = program("import afl_mujoco, gymnasium, sys", "print(*sys.modules)")
+    assert "afl_mujoco.scenario.catalogue" in run.stdout.split()
+    assert {"mujoco", "numba", "dm_control"}.isdisjoint(run.stdout.split())
+
+
+def test_the_entry_point_names_the_function_that_registers() -> None:
+    entries = importlib.metadata.entry_points(group="gymnasium.envs", name="afl_mujoco")
+    if not entries:
+        pytest.skip("the package was installed before it had this entry point")
+    assert {entry.load() for entry in entries} == {registration.register}
+
+
+def test_without_gymnasium_the_package_works_and_says_what_is_missing_in_one_line() -> None:
+    run = program(
+        "import sys; sys.modules['gymnasium'] = None",
+        "import afl_mujoco; print(len(afl_mujoco.SCENARIOS))",
+        "from afl_mujoco.simulation.gym_env.registration import register",
+        "try: register()",
+        "except afl_mujoco.AflMujocoError as error: print(error)",
+        "try: import afl_mujoco.simulation.gym_env.environment",
+        "except afl_mujoco.AflMujocoError as error: print(error)",
+    )
+    missing = "Gymnasium is not installed: pip install afl-mujoco[gym]"
+    assert run.stdout.splitlines() == ["9", missing, missing], run.stderr
+
+
+@needs_gymnasium
+@pytest.mark.parametrize("name", ["step-step-impulse", "trapezoid-trapezoid"])
+def test_an_episode_has_the_bits_of_the_dm_control_environment(
+    name: str, rng: np.random.Generator
+) -> None:
+    environment = CartPoleEnv(name, control_period=0.01)
+    twin = afl.load(name, control_period=0.01, force_limit=FORCE_LIMIT)
+    (seen, _), step = environment.reset(), twin.reset()
+    rewards = []
+    policy = law_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS[name])
+    for _ in range(1500):
+        np.testing.assert_array_equal(seen, np.concatenate(list(step.observation.values())))
+        action = policy(step) / FORCE_LIMIT + rng.uniform(-0.05, 0.05, 1)
+        seen, reward, terminated, truncated, info = environment.step(action)
+        step = twin.step(np.clip(action, -1.0, 1.0) * FORCE_LIMIT)
+        assert (reward, terminated, truncated) == (step.reward, False, False)
+        assert info == {"time": twin.physics.time(), "force": twin.physics.control()[0]}
+        rewards.append(reward)
+    assert max(rewards) > 0.9  # the pole came up: there was something to compare
+
+
+@needs_gymnasium
+def test_the_paper_s_law_as_an_agent_repeats_its_sampled_run_bit_for_bit() -> None:
+    scenario, law = afl.SCENARIOS["step-trapezoid"], afl.CONTROLLERS["adaptive"]
+    run = afl.simulate_mujoco(scenario, law, "sampled", control_period=CONTROL_PERIOD)
+    environment = CartPoleEnv(scenario)
+    seen, states, truncated = environment.reset()[0], [], False
+    while not truncated:
+        states.append(seen[:4])
+        plant = afl.CartPoleParameters(cart_mass=seen[4], half_length=seen[5])
+        action = np.array([law.force(seen[:4], plant)]) / FORCE_LIMIT
+        seen, _, terminated, truncated, _ = environment.step(action)
+        assert not terminated
+    np.testing.assert_array_equal([*states, seen[:4]], run.state[:: round(CONTROL_PERIOD / 1e-3)])
+
+
+@needs_gymnasium
+def test_a_fall_terminates_and_the_horizon_truncates() -> None:
+    environment = CartPoleEnv("nominal")
+    environment.reset()
+    terminated = truncated = False
+    while not terminated:
+        seen, _, terminated, truncated, info = environment.step(np.zeros(1))
+    assert abs(seen[1]) >= FALL_ANGLE
+    assert not truncated
+    assert info["time"] < 1.0
+    calm = replace(afl.SCENARIOS["nominal"], initial_state=(0, 0, 0, 0), duration=0.5)
+    environment = CartPoleEnv(calm)
+    environment.reset()
+    ends = [environment.step(np.zeros(1))[2:4] for _ in range(25)]
+    assert ends == [(False, False)] * 24 + [(False, True)]
+
+
+@needs_gymnasium
+def test_a_fall_at_the_horizon_is_a_fall() -> None:
+    until = 0.02 * math.ceil(_time_of_fall() / 0.02)
+    scenario = replace(afl.SCENARIOS["nominal"], duration=round(until, 3))
+    environment = CartPoleEnv(scenario)
+    environment.reset()
+    ends = [environment.step(np.zeros(1))[2:4] for _ in range(round(until / 0.02))]
+    assert ends[-2:] == [(False, False), (True, False)]
+
+
+def _time_of_fall() -> float:
+    """When the pole of the nominal scenario falls if nothing is done [s]."""
+    environment = afl.load()
+    step = environment.reset()
+    while not step.last():
+        step = environment.step([0.0])
+    return float(environment.physics.time())
+
+
+@needs_gymnasium
+def test_a_seed_fixes_the_start_of_each_episode_and_is_the_dm_control_task_s() -> None:
+    environment = CartPoleEnv(initial_noise=0.1)
+    first = [environment.reset(seed=5)[0], environment.reset()[0]]
+    again = [environment.reset(seed=5)[0], environment.reset()[0]]
+    other = environment.reset(seed=6)[0]
+    np.testing.assert_array_equal(first, again)
+    assert len({first[0][1], first[1][1], other[1]}) == 3
+    task_seed = int(np_random(5)[0].integers(2**32))
+    twin = afl.load(initial_noise=0.1, random=task_seed).reset()
+    np.testing.assert_array_equal(first[0][:2], twin.observation["position"])
+    assert CartPoleEnv().reset(seed=5)[0][1] == -math.pi / 3
+
+
+@needs_gymnasium
+def test_an_episode_can_start_anywhere() -> None:
+    environment = CartPoleEnv("step-step", initial_noise=0.1)
+    start = (0.3, 1.2, -0.5, 2.0)
+    seen, info = environment.reset(options={"initial_state": start})
+    assert tuple(seen) == (*start, 0.5, 0.2)
+    assert info == {"time": 0.0, "force": 0.0}
+    scenario = replace(afl.SCENARIOS["step-step"], initial_state=start)
+    twin = afl.load(scenario, control_period=CONTROL_PERIOD)
+    twin.reset()
+    np.testing.assert_array_equal(
+        environment.step([0.25])[0][:2], twin.step([0.25 * FORCE_LIMIT]).observation["position"]
+    )
+
+
+@needs_gymnasium
+def test_an_action_beyond_1_is_that_of_1_and_one_that_is_no_number_is_refused() -> None:
+    environment = CartPoleEnv()
+    environment.reset()
+    assert environment.step([7.0])[4]["force"] == FORCE_LIMIT
+    with pytest.raises(InvalidValueError, match=r"^action must be finite, got nan"):
+        environment.step([math.nan])
+
+
+@needs_gymnasium
+def test_a_state_that_diverges_is_observed_within_the_space() -> None:
+    light = replace(
+        afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-3), pole_mass=1e-5, duration=1.0
+    )
+    environment = CartPoleEnv(light, force_limit=9e5, control_period=0.1)
+    environment.reset()
+    terminated = False
+    while not terminated:
+        seen, reward, terminated, truncated, _ = environment.step([1.0])
+    assert environment.dm_environment.physics.diverged()
+    assert seen in environment.observation_space
+    assert np.abs(seen).max() == STATE_LIMIT
+    assert (reward, truncated) == (0.0, False)
+
+
+@needs_gymnasium
+def test_no_step_is_taken_before_a_reset_or_after_the_end() -> None:
+    environment = CartPoleEnv()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.step([0.0])
+    environment.reset()
+    while not environment.step([0.0])[2]:
+        pass
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.step([0.0])
+    environment.reset()
+    environment.step([0.0])
+    environment.close()
+    environment.close()
+
+
+@needs_gymnasium
+def test_without_a_render_mode_there_is_no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    environment = CartPoleEnv()
+    environment.reset()
+    assert environment.render() is None
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    blind = CartPoleEnv(render_mode="rgb_array")  # only a picture needs what draws it
+    blind.reset()
+    with pytest.raises(GraphicsError, match=r"^headless rendering must be able to draw"):
+        blind.render()
+
+
+@needs_gymnasium
+@pytest.mark.parametrize(
+    ("settings", "options", "message"),
+    [
+        ({"scenario": "nowhere"}, None, "scenario must be one of nominal"),
+        ({"control_period": 0.0015}, None, "timestep 0.001 s must divide control_period 0.0015 s"),
+        ({"force_limit": -1.0}, None, "force_limit must be positive, got -1"),
+        ({"render_mode": "human"}, None, "render_mode must be one of None, rgb_array, got 'human'"),
+        ({}, {"state": 1}, "options of reset must be one of initial_state, got 'state'"),
+        ({}, {"initial_state": (0, 0)}, r"initial_state must hold four numbers, got \(2,\)"),
+        ({}, {"initial_state": (0, 0, math.nan, 0)}, "z_dot of initial_state must be finite"),
+        ({}, {"initial_state": (0, 1.6, 0, 0)}, "phi of initial_state must be within 1.5698 rad"),
+    ],
+    ids=str,
+)
+def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, options, message) -> None:
+    with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
+        CartPoleEnv(**settings).reset(options=options)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,113 @@
+"""`afl-mujoco attraction` from the real command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from afl_mujoco.validation.attraction.files import load_comparison
+
+ROOT = Path(__file__).parents[1]
+COMMAND = [sys.executable, "-m", "afl_mujoco", "attraction"]
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
+    result = run("--controllers", "lqr", "--grid", "5", "--out", "out", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert "how rollouts end" in result.stdout
+    maps = {"states-lqr.npz", "plants-lqr.npz"}
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == maps | {"attraction.json", "states.png", "plants.png"}
+    content = json.loads((tmp_path / "out" / "attraction.json").read_text())
+    planes = [(entry["plane"], entry["controller"], entry["cells"]) for entry in content["maps"]]
+    assert planes == [("states", "lqr", 25), ("plants", "lqr", 25)]
+    states = load_comparison(tmp_path / "out" / "states-lqr.npz")
+    np.testing.assert_array_equal(states.ode.cells.columns, [-1.55, -0.775, 0.0, 0.775, 1.55])
+    np.testing.assert_array_equal(states.ode.cells.plants, [[1.0, 0.5]] * 25)
+    plants = load_comparison(tmp_path / "out" / "plants-lqr.npz")
+    assert plants.ode.cells.rows[[0, -1]].tolist() == pytest.approx([0.05, 1.0])
+    assert (plants.ode.cells.starts == [0.0, -np.pi / 3, 0.0, 0.0]).all()
+
+
+def test_the_numbers_do_not_depend_on_the_threads(tmp_path: Path) -> None:
+    arguments = ["--controllers", "lqr", "--planes", "states", "--grid", "7", "--horizon", "3"]
+    for threads in ("1", "2"):
+        result = run(*arguments, "--threads", threads, "--out", threads, cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+    one, two = ((tmp_path / n / "attraction.json").read_bytes() for n in ("1", "2"))
+    assert one == two
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--controllers", "pid"], "controller must be one of fixed, adaptive, "),
+        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
+        (["--planes", "phase"], "plane must be one of states, plants, got 'phase'"),
+        (["--grid", "1"], "grid must be at least 2, got 1"),
+        (["--mass", "-1"], "mass must be positive, got -1"),
+        (["--masses", "2", "0.1"], "masses must rise from its low end 2, got 0.1"),
+        (["--masses", "-1", "1"], "mass must be positive, got -1"),
+        (["--max-angle", "nan"], "max_angle must be finite, got nan"),
+        (["--timestep", "0.003"], "timestep 0.003 s must divide dwell 1 s"),
+        (["--horizon", "0.5"], "dwell must be within 0.5 s, got 1"),
+        (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
+        (["--threads", "0"], "threads must be at least 1, got 0"),
+        (["--out", "file"], "output folder file cannot be written: file exists"),
+        (["--controllers", "law:force"], "controller 'law.force' is written in Python"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_one_line_and_nothing_is_written(
+    tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "law.py").write_text("def force(time, state, belief): return 0.0\n")
+    result = run(*arguments, cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert len(result.stderr.splitlines()) == 1
+    assert message in result.stderr
+    left = {path.name for path in tmp_path.iterdir()} - {"__pycache__"}
+    assert left == {"file", "law.py"}
+
+
+def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, "--grid", "201", "--out", "out"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not (tmp_path / "out").exists():  # it is made when everything is imported and checked
+        time.sleep(0.05)
+        assert process.poll() is None
+    time.sleep(3.0)
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "afl-mujoco: interrupted\n"
+    assert output == ""
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_help_shows_an_example(tmp_path: Path) -> None:
+    result = run("--help", cwd=tmp_path)
+    assert result.returncode == 0
+    assert "Example: afl-mujoco attraction" in result.stdout
