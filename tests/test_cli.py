@@ -125,7 +125,8 @@ BAD_ARGUMENTS = {
     "unknown command": (["validat"], "Unrecognized options: validat"),
     "no command": (
         [],
-        "Expected one of {validate, report, simulate, render, view, tune, attraction, margins, "
+        "Expected one of {validate, report, simulate, render, view, tune, ladder, attraction, "
+        "margins, "
         "regression}",
     ),
     "report of a folder that is not there": (

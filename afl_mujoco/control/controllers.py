@@ -22,6 +22,10 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_type
 
 
+class GainError(InvalidValueError):
+    """A gain function that gives no positive gain for what the law believes."""
+
+
 @functools.lru_cache(maxsize=256)
 def _compiled(gain_function: GainFunction) -> CompiledLaw:
     """Return the paper's law with a gain function as compiled loops take it."""
@@ -78,7 +82,7 @@ class Controller(Law):
 
         Raises
         ------
-        InvalidValueError
+        GainError
             If the gain function gives a gain that is not positive.
         """
         law = Law.law_inputs(self, cart_mass, half_length, pole_mass, gravity)
@@ -116,7 +120,7 @@ def _require_positive_gains(law: NDArray[np.float64]) -> None:
         bad = ~(law[:, column] > 0.0)
         if np.any(bad):
             mass, _, length = law[bad][0, :3]
-            raise InvalidValueError(
+            raise GainError(
                 f"{name} of the gain function at M = {mass:g} kg, l = {length:g} m",
                 "must be positive",
                 f"{law[bad][0, column]:g}",

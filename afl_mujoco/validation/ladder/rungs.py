@@ -1,0 +1,237 @@
+"""The rungs of the ladder: one departure from the ideal loop each, and all of them together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.scenario.realism import Realism
+
+TIMESTEP = 1e-3
+"""MuJoCo's step on the ladder [s], over which the force is held where nothing else is said."""
+
+FINE_STEP = 0.5e-3
+"""MuJoCo's step where the control period is what is tried [s]: periods are multiples of it."""
+
+_Z_PER_PHI, _RATE = 0.1, 10.0  # [m/rad], [1/s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rung:
+    """One departure from the ideal, by how much, and what a good laboratory rig has of it.
+
+    Attributes
+    ----------
+    name
+        For files and the command line.
+    title
+        In words.
+    unit
+        Of a level as it is shown.
+    fields
+        Fields of `Realism` that it sets, each to the level times its factor.
+    typical
+        Level of a good laboratory rig.
+    benign, harsh
+        Between which levels the threshold is looked for; ``benign > harsh`` where less is worse.
+    scale
+        Shown value of a level, as a factor.
+    switches
+        Fields that it switches on at every level.
+    seeded
+        Whether chance plays a part, so that several seeds must be survived.
+    quantum
+        What levels are multiples of, and with them MuJoCo's step; 0 for any level.
+    """
+
+    name: str
+    title: str
+    unit: str
+    fields: Mapping[str, float]
+    typical: float
+    benign: float
+    harsh: float
+    scale: float = 1.0
+    switches: tuple[str, ...] = ()
+    seeded: bool = False
+    quantum: float = 0.0
+
+    def options(self, level: float) -> dict[str, Any]:
+        """Return the fields of `Realism` at a level.
+
+        Parameters
+        ----------
+        level
+            As of `benign` and `harsh`.
+        """
+        values = {name: factor * level for name, factor in self.fields.items()}
+        return {**values, **dict.fromkeys(self.switches, True)}
+
+    @property
+    def timestep(self) -> float:
+        """MuJoCo's step [s]."""
+        return self.quantum or TIMESTEP
+
+    @property
+    def less_is_worse(self) -> bool:
+        """Whether a smaller level is the harsher one."""
+        return self.harsh < self.benign
+
+    def snapped(self, level: float) -> float:
+        """Return the nearest level that there is.
+
+        Parameters
+        ----------
+        level
+            Any.
+        """
+        if self.quantum == 0.0:
+            return level
+        return max(1, round(level / self.quantum)) * self.quantum
+
+    def severity(self, level: float) -> float:
+        """Return how many times worse than the typical rig a level is.
+
+        Parameters
+        ----------
+        level
+            As of `benign` and `harsh`.
+        """
+        ratio = level / self.typical
+        return 1.0 / ratio if self.less_is_worse else ratio
+
+
+_SENSORS = {"encoder_step_phi": 1.0, "encoder_step_z": _Z_PER_PHI}
+_NOISE = {
+    "noise_phi": 1.0,
+    "noise_z": _Z_PER_PHI,
+    "noise_phi_dot": _RATE,
+    "noise_z_dot": _RATE * _Z_PER_PHI,
+}
+_COUNT = 2.0 * math.pi / 4096.0  # of an encoder of 4096 counts a turn
+
+LADDER: tuple[Rung, ...] = (
+    Rung(name="control-period", title="control period", unit="ms", scale=1e3,
+         fields={"control_period": 1.0}, typical=2e-3, benign=FINE_STEP, harsh=50e-3,
+         quantum=FINE_STEP),
+    Rung(name="delay", title="transport delay", unit="ms", scale=1e3,
+         fields={"delay": 1.0}, typical=2e-3, benign=2e-4, harsh=0.2),
+    Rung(name="actuator-lag", title="actuator lag", unit="ms", scale=1e3,
+         fields={"actuator_lag": 1.0}, typical=2e-3, benign=2e-4, harsh=0.5),
+    Rung(name="force-limit", title="force limit", unit="N",
+         fields={"force_limit": 1.0}, typical=50.0, benign=1000.0, harsh=1.0),
+    Rung(name="slew-rate", title="force slew rate", unit="N/s",
+         fields={"slew_rate": 1.0}, typical=5e3, benign=1e6, harsh=10.0),
+    Rung(name="encoder", title="encoder step", unit="mrad", scale=1e3,
+         fields=_SENSORS, typical=_COUNT, benign=1e-4, harsh=0.5),
+    Rung(name="differentiated", title="encoder step, rates differentiated", unit="mrad", scale=1e3,
+         fields=_SENSORS, switches=("differentiated",), typical=_COUNT, benign=1e-5, harsh=0.5),
+    Rung(name="noise", title="sensor noise", unit="mrad", scale=1e3,
+         fields=_NOISE, typical=5e-4, benign=1e-5, harsh=0.5, seeded=True),
+    Rung(name="rail-damping", title="rail damping", unit="N s/m",
+         fields={"rail_damping": 1.0}, typical=5.0, benign=0.05, harsh=500.0),
+    Rung(name="hinge-damping", title="hinge damping", unit="mN m s", scale=1e3,
+         fields={"hinge_damping": 1.0}, typical=2e-3, benign=2e-5, harsh=2.0),
+    Rung(name="rail-friction", title="dry friction", unit="N",
+         fields={"rail_friction": 1.0}, typical=1.0, benign=0.01, harsh=100.0),
+    Rung(name="rail-armature", title="inertia of the drive", unit="kg",
+         fields={"rail_armature": 1.0}, typical=0.3, benign=3e-3, harsh=30.0),
+    Rung(name="hinge-armature", title="inertia at the hinge", unit="g m²", scale=1e3,
+         fields={"hinge_armature": 1.0}, typical=1e-4, benign=1e-6, harsh=1.0),
+    Rung(name="tip-mass", title="share of m at the tip", unit="%", scale=1e2,
+         fields={"tip_mass_share": 1.0}, typical=0.1, benign=1e-3, harsh=0.95),
+    Rung(name="pole-radius", title="radius of the rod", unit="mm", scale=1e3,
+         fields={"pole_radius": 1.0}, typical=5e-3, benign=5e-4, harsh=1.0),
+    Rung(name="belief-delay", title="M, l known late", unit="ms", scale=1e3,
+         fields={"belief_delay": 1.0}, typical=50e-3, benign=1e-3, harsh=10.0),
+    Rung(name="mass-over", title="M believed too large", unit="%", scale=1e2,
+         fields={"mass_error": 1.0}, typical=0.1, benign=0.01, harsh=30.0),
+    Rung(name="mass-under", title="M believed too small", unit="%", scale=1e2,
+         fields={"mass_error": -1.0}, typical=0.1, benign=0.01, harsh=0.95),
+    Rung(name="length-over", title="l believed too large", unit="%", scale=1e2,
+         fields={"length_error": 1.0}, typical=0.05, benign=0.01, harsh=30.0),
+    Rung(name="length-under", title="l believed too small", unit="%", scale=1e2,
+         fields={"length_error": -1.0}, typical=0.05, benign=0.01, harsh=0.95),
+    Rung(name="rail", title="rail to either side", unit="m",
+         fields={"rail_half_length": 1.0}, typical=1.0, benign=100.0, harsh=0.1),
+)  # fmt: skip
+"""Every rung, in the order in which they are switched on together; the rail comes last."""
+
+RUNGS: Mapping[str, Rung] = MappingProxyType({rung.name: rung for rung in LADDER})
+"""The rungs by name."""
+
+APART = ("encoder", "mass-under", "length-under", "rail")
+"""What a whole rig leaves out: what another rung implies or contradicts, and the rail, which alone
+decides for a law that was never told of it."""
+
+
+TOGETHER = Rung(
+    name="together", title="all of a rig but its rail", unit="× rig", fields={}, typical=1.0,
+    benign=0.05, harsh=20.0, seeded=True,
+)  # fmt: skip
+"""A whole rig: everything as many times worse than typical as its level says."""
+
+
+def find_rung(name: str) -> Rung:
+    """Return a rung by its name.
+
+    Parameters
+    ----------
+    name
+        A key of `RUNGS`, or ``together``.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none of that name.
+    """
+    known = {**RUNGS, TOGETHER.name: TOGETHER}
+    if name not in known:
+        raise UnknownNameError.among("rung", name, known)
+    return known[name]
+
+
+def realism_at(rung: Rung, level: float, seed: int = 0) -> Realism:
+    """Return the ideal loop with one rung, or the whole rig, at a level.
+
+    Parameters
+    ----------
+    rung
+        The rung.
+    level
+        How much of it.
+    seed
+        Of the noise.
+    """
+    if rung.name == TOGETHER.name:
+        return rig(level, [r for r in LADDER if r.name not in APART], seed)
+    return Realism(**rung.options(level), seed=seed)
+
+
+def rig(scale: float, rungs: Sequence[Rung], seed: int = 0) -> Realism:
+    """Return several departures at once, each as many times worse than typical.
+
+    Parameters
+    ----------
+    scale
+        How many times; where less is worse, the typical level is divided by it. Nothing becomes
+        harsher than its rung goes.
+    rungs
+        Which; of two that set the same field the later counts.
+    seed
+        Of the noise.
+    """
+    options: dict[str, Any] = {}
+    for rung in rungs:
+        if rung.less_is_worse:
+            level = max(rung.typical / scale, rung.harsh)
+        else:
+            level = min(rung.typical * scale, rung.harsh)
+        options |= rung.options(level)
+    if "control_period" in options:
+        options["control_period"] = max(1, round(options["control_period"] / TIMESTEP)) * TIMESTEP
+    return Realism(**options, seed=seed)
