@@ -1,0 +1,67 @@
+"""Bisection against properties whose threshold is known beforehand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.validation.ladder.thresholds import (
+    ABOVE,
+    BELOW,
+    BETWEEN,
+    find_threshold,
+    scan_levels,
+)
+
+
+@given(st.floats(0.011, 99.0), st.floats(1e-3, 0.5), st.booleans())
+def test_the_bracket_holds_the_threshold_and_is_as_narrow_as_asked(edge, tolerance, less_is_worse):
+    ends = (100.0, 0.01) if less_is_worse else (0.01, 100.0)
+
+    def holds(level: float) -> bool:
+        return level > edge if less_is_worse else level < edge
+
+    found = find_threshold(holds, scan_levels(*ends, 7), tolerance)
+    assert found.place == BETWEEN
+    assert found.holds_at is not None and found.fails_at is not None
+    assert holds(found.holds_at) and not holds(found.fails_at)
+    assert abs(math.log(found.fails_at / found.holds_at)) <= math.log1p(tolerance) * (1 + 1e-9)
+    assert found.islands == 0
+
+
+def test_it_says_that_every_level_holds_or_none():
+    scan = scan_levels(1.0, 10.0, 4)
+    all_hold = find_threshold(lambda level: True, scan, 0.1)
+    assert (all_hold.place, all_hold.holds_at, all_hold.fails_at) == (ABOVE, pytest.approx(10), None)
+    none = find_threshold(lambda level: False, scan, 0.1)
+    assert (none.place, none.holds_at, none.fails_at) == (BELOW, None, 1.0)
+
+
+def test_the_first_loss_counts_and_levels_that_hold_again_are_told():
+    found = find_threshold(lambda x: x < 2.0 or 5.0 < x < 20.0, scan_levels(1.0, 100.0, 13), 0.01)
+    assert found.fails_at == pytest.approx(2.0, rel=0.01)
+    assert found.islands == sum(5.0 < x < 20.0 for x in scan_levels(1.0, 100.0, 13))
+
+
+def test_levels_that_come_in_steps_are_narrowed_to_one_step():
+    tried = []
+
+    def holds(level: float) -> bool:
+        tried.append(level)
+        return level < 6.6
+
+    found = find_threshold(holds, scan_levels(0.5, 50.0, 5), 1e-6, lambda x: round(2 * x) / 2)
+    assert (found.holds_at, found.fails_at) == (6.5, 7.0)
+    assert all(2.0 * level == round(2.0 * level) for level in tried)
+
+
+@pytest.mark.parametrize(
+    ("ends", "count"), [((0.0, 1.0), 3), ((1.0, 1.0), 3), ((-1.0, 1.0), 3), ((1.0, 2.0), 1)]
+)
+def test_a_scan_that_cannot_be_is_refused(ends, count):
+    with pytest.raises(InvalidValueError):
+        scan_levels(*ends, count)

@@ -1,0 +1,56 @@
+"""The delay margin of the linearised loop against small motions in MuJoCo."""
+
+from __future__ import annotations
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.validation.margins import delay
+from afl_mujoco.validation.margins.delay import (
+    REACH,
+    compare_delay,
+    delay_margin,
+    least_margin,
+    motion_decays,
+)
+
+LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
+
+
+@pytest.mark.parametrize("name", ["adaptive", "lqr", "partial-linearization"])
+def test_margin_and_measurement_agree(name: str) -> None:
+    found = compare_delay((afl.CONTROLLERS[name], 0.5, 0.2))
+    assert found.agrees
+    assert abs(found.difference) < 0.01  # far within REACH
+    assert found.to_dict()["measured"] == found.measured
+
+
+def test_a_wrong_margin_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = delay_margin(LQR, 1.0, 0.5)
+    monkeypatch.setattr(delay, "delay_margin", lambda *plant: true * (1.0 + 2.0 * REACH))
+    found = compare_delay((LQR, 1.0, 0.5))
+    assert not found.agrees
+    assert found.difference == pytest.approx(1.0 / (1.0 + 2.0 * REACH) - 1.0, abs=0.01)
+
+
+def test_a_limit_cycle_is_no_decay() -> None:
+    margin = delay_margin(ADAPTIVE, 2.0, 0.05)
+    assert motion_decays(ADAPTIVE, 2.0, 0.05, 0.98 * margin)
+    for factor in (1.02, 1.5):  # it falls no more than it decays
+        assert not motion_decays(ADAPTIVE, 2.0, 0.05, factor * margin)
+
+
+def test_a_loop_that_is_not_stable_has_no_margin_and_no_threshold() -> None:
+    found = compare_delay((afl.CONTROLLERS["adaptive-nominal"], 0.1, 0.05))
+    assert (found.margin, found.measured, found.difference) == (None, None, None)
+    assert found.agrees
+
+
+def test_the_least_margin_is_that_of_the_worst_plant_on_the_way() -> None:
+    scenario = afl.SCENARIOS["step-step"]
+    found = least_margin((LQR, (scenario,)))
+    plants = {
+        (float(scenario.cart_mass(t)), float(scenario.half_length(t))) for t in (0.5, 1.5, 2.5, 4.0)
+    }
+    expected = min((delay_margin(LQR, *plant), *plant) for plant in plants)
+    assert (found.margin, found.cart_mass, found.half_length) == expected
