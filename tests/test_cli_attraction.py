@@ -30,16 +30,18 @@ def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     assert "how rollouts end" in result.stdout
-    maps = {"states-lqr.npz", "plants-lqr.npz"}
+    maps = {"attraction-states-lqr.npz", "attraction-plants-lqr.npz"}
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == maps | {"attraction.json", "states.png", "plants.png"}
+    assert written == maps | {"attraction.json"} | {
+        f"attraction-{plane}.{kind}" for plane in ("states", "plants") for kind in ("svg", "png")
+    }
     content = json.loads((tmp_path / "out" / "attraction.json").read_text())
     planes = [(entry["plane"], entry["controller"], entry["cells"]) for entry in content["maps"]]
     assert planes == [("states", "lqr", 25), ("plants", "lqr", 25)]
-    states = load_comparison(tmp_path / "out" / "states-lqr.npz")
+    states = load_comparison(tmp_path / "out" / "attraction-states-lqr.npz")
     np.testing.assert_array_equal(states.ode.cells.columns, [-1.55, -0.775, 0.0, 0.775, 1.55])
     np.testing.assert_array_equal(states.ode.cells.plants, [[1.0, 0.5]] * 25)
-    plants = load_comparison(tmp_path / "out" / "plants-lqr.npz")
+    plants = load_comparison(tmp_path / "out" / "attraction-plants-lqr.npz")
     assert plants.ode.cells.rows[[0, -1]].tolist() == pytest.approx([0.05, 1.0])
     assert (plants.ode.cells.starts == [0.0, -np.pi / 3, 0.0, 0.0]).all()
 

@@ -283,7 +283,12 @@ def test_a_survey_names_what_it_does_not_hold(survey):
 
 def test_the_command_writes_and_prints_the_margins(tmp_path, capsys):
     command = Command(
-        controllers=("lqr",), cart_masses=(1.0,), half_lengths=(0.5,), workers=1, out=tmp_path
+        controllers=("lqr",),
+        cart_masses=(1.0,),
+        half_lengths=(0.5,),
+        workers=1,
+        out=tmp_path,
+        validation=tmp_path,
     )
     assert command.run() == 0
     content = json.loads((tmp_path / "margins.json").read_text())

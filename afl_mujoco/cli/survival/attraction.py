@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar
+from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from afl_mujoco.validation.attraction.comparison import Comparison
 
 GRID, QUICK_GRID = 101, 21
+
+INDIFFERENT = ("out", "validation", "films", "threads")
+"""Options that leave the numbers as they are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +65,12 @@ class Attraction:
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     threads: int = min(2, os.cpu_count() or 1)
     """Threads to share the rollouts among; the numbers do not depend on it."""
-    out: Path = Path("renders/attraction")
+    out: Path = Path("renders/survival")
     """Folder for the files."""
+    validation: Path = Path("renders/validation")
+    """Folder of a report, whose page is made anew with what was found."""
+    films: Path = Path("renders")
+    """Folder with films.json, for the page."""
 
     def run(self) -> int:
         """Make the maps, write and print them."""
@@ -73,25 +80,24 @@ class Attraction:
 
         from rich.console import Console
 
+        from afl_mujoco.cli.survival.ending import finish
         from afl_mujoco.output import output_folder
-        from afl_mujoco.reporting.survival.attraction_figures import (
-            draw_attraction,
-            save_attraction,
-        )
+        from afl_mujoco.reporting.survival.attraction_figures import attraction_figures
         from afl_mujoco.reporting.survival.attraction_table import print_attraction
+        from afl_mujoco.reporting.survival.study import write_study
         from afl_mujoco.validation.attraction.files import save_comparisons
 
         folder = output_folder(self.out)
         rollouts = 2 * len(controllers) * sum(len(cells.starts) for cells in maps)
         with count_bar(rollouts, "mapping") as progress:
             found = self._compare(controllers, maps, settling, progress)
-        files = save_comparisons(found, folder)
-        for plane in self.planes:
-            files.append(folder / f"{plane}.png")
-            here = [comparison for comparison in found if comparison.ode.cells.plane == plane]
-            save_attraction(draw_attraction(here), files[-1])
-        print(f"wrote {', '.join(str(file) for file in files)}")
+        maps_of = save_comparisons(found, folder)
+        content = {"maps": [comparison.to_dict() for comparison in found]}
+        command = typed("attraction", self, INDIFFERENT, positional=False)
+        drawn = attraction_figures(found)
+        files = write_study("attraction", content, drawn, folder, command=command)
         print_attraction(found, Console(width=None if sys.stdout.isatty() else 140))
+        finish([*maps_of, *files], self.validation, self.films)
         return SUCCESS
 
     def _request(self) -> tuple[list[Law], list[Cells], Settling]:

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar
+from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.law import Law
+    from afl_mujoco.validation.margins.delay import DelayComparison
+
+INDIFFERENT = ("out", "validation", "films", "workers")
+"""Options that leave the numbers as they are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,7 +25,8 @@ class Margins:
 
     Example: afl-mujoco margins --controllers fixed lqr --control-period 0.005
 
-    The loop is linearised by finite differences on MuJoCo. Writes margins.json.
+    The loop is linearised by finite differences on MuJoCo; on some plants the delay at which a
+    small motion in MuJoCo grows is measured as well. Writes margins.json and figures.
     """
 
     controllers: tuple[str, ...] = (
@@ -37,19 +47,26 @@ class Margins:
     """How long the sampled loop holds the force [s]."""
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
-    out: Path = Path("renders/margins")
-    """Folder for the file."""
+    measure: bool = True
+    """Measure on six plants what delay MuJoCo bears."""
+    out: Path = Path("renders/survival")
+    """Folder for the files."""
+    validation: Path = Path("renders/validation")
+    """Folder of a report, whose page is made anew with what was found."""
+    films: Path = Path("renders")
+    """Folder with films.json, for the page."""
 
     def run(self) -> int:
         """Survey the margins, write and print them."""
-        import json
-
         from rich.console import Console
 
+        from afl_mujoco.cli.survival.ending import finish
         from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
         from afl_mujoco.control.controllers import find_controller
-        from afl_mujoco.output import output_folder, write_text
-        from afl_mujoco.reporting.survival.margins_table import print_margins
+        from afl_mujoco.output import output_folder
+        from afl_mujoco.reporting.survival.margins_figures import draw_margins
+        from afl_mujoco.reporting.survival.margins_table import print_margins, print_measured
+        from afl_mujoco.reporting.survival.study import write_study
         from afl_mujoco.validation.margins.survey import survey_margins
 
         controllers = [find_controller(name) for name in self.controllers]
@@ -64,8 +81,20 @@ class Margins:
                 workers=self.workers,
                 progress=progress,
             )
-        text = json.dumps(survey.to_dict(), allow_nan=False)
-        write_text(folder / "margins.json", f"{text}\n")
-        print(f"wrote {folder / 'margins.json'}")
+        measured = [comparison.to_dict() for comparison in self._measure(controllers)]
+        content = {**survey.to_dict(), "measured": measured}
+        command = typed("margins", self, INDIFFERENT, positional=False)
+        files = write_study("margins", content, draw_margins(content), folder, command=command)
         print_margins(survey, Console(width=None if sys.stdout.isatty() else 140))
+        print_measured(measured)
+        finish(files, self.validation, self.films)
         return SUCCESS
+
+    def _measure(self, controllers: Sequence[Law]) -> Sequence[DelayComparison]:
+        """Return margin and measurement of each law on each plant."""
+        from afl_mujoco.validation.margins.delay import compare_delays, comparison_count
+
+        if not self.measure:
+            return ()
+        with count_bar(comparison_count(controllers), "measuring") as progress:
+            return compare_delays(controllers, workers=self.workers, progress=progress)

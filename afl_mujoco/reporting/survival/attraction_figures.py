@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from afl_mujoco.output import atomic_file
+from afl_mujoco.reporting.figures.style import Drawn, new_figure, styled
 from afl_mujoco.simulation.attraction.cells import (
     FALLEN,
+    PLANTS,
     SETTLED,
     STATES,
     UNDECIDED,
@@ -41,23 +39,51 @@ LABELS = {
 }
 """Of the axes: of a map over states, and of one over plants."""
 
-PNG_DPI = 130
-
-_RC: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.0,
-    "axes.titlesize": 9.5,
-    "axes.labelsize": 9.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 9.0,
-    "legend.frameon": False,
-    "figure.facecolor": "white",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
+WORDS = {
+    STATES: ("states", "From which starts each law settles", "over starts (φ₀, φ₀′)"),
+    PLANTS: ("plants", "On which plants each law settles from the paper's start", "over (M, l)"),
 }
+"""Of a plane: the name of its figure, its title, and what it is drawn over."""
 
 
+def attraction_figures(comparisons: Sequence[Comparison]) -> list[Drawn]:
+    """Draw one figure for each plane.
+
+    Parameters
+    ----------
+    comparisons
+        The maps.
+    """
+    planes = dict.fromkeys(comparison.ode.cells.plane for comparison in comparisons)
+    return [_drawn([c for c in comparisons if c.ode.cells.plane == plane]) for plane in planes]
+
+
+def _drawn(comparisons: Sequence[Comparison]) -> Drawn:
+    """Return the figure of one plane with its words."""
+    name, title, over = WORDS[comparisons[0].ode.cells.plane]
+    told = []
+    for comparison in comparisons:
+        ode, mujoco = (100.0 * f.shares()["settled"] for f in (comparison.ode, comparison.mujoco))
+        differ = np.bincount(comparison.disagreement().ravel(), minlength=3)[1:]
+        told.append(
+            f"{comparison.ode.controller}: {ode:.1f} % settle by the equations, {mujoco:.1f} % in "
+            f"MuJoCo, {differ.sum()} cells differ, {differ[1]} of them not on a border"
+        )
+    step = 1e3 * float(comparisons[0].mujoco.settings["timestep"])
+    return Drawn(
+        name=f"attraction-{name}",
+        title=title,
+        caption=(
+            f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms, its force held, "
+            "and where the two differ. A cell on a border has a neighbour with another outcome, so "
+            "that a finer grid would move it."
+        ),
+        alt="; ".join(told) + ".",
+        figure=draw_attraction(comparisons),
+    )
+
+
+@styled()
 def draw_attraction(comparisons: Sequence[Comparison]) -> Figure:
     """Draw one row for each law: ODE, MuJoCo, disagreement.
 
@@ -66,26 +92,22 @@ def draw_attraction(comparisons: Sequence[Comparison]) -> Figure:
     comparisons
         Of one plane, one for each law.
     """
-    with matplotlib.rc_context(_RC):
-        rows = len(comparisons)
-        figure = Figure(figsize=(11.0, 0.9 + 2.9 * rows), dpi=PNG_DPI, layout="constrained")
-        FigureCanvasAgg(figure)
-        panels = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
-        latest = _latest(comparisons)
-        horizontal, vertical = LABELS[comparisons[0].ode.cells.plane == STATES]
-        for row, comparison in zip(panels, comparisons, strict=True):
-            _draw_map(row[0], comparison.ode, latest, "equations")
-            _draw_map(row[1], comparison.mujoco, latest, "MuJoCo as deployed")
-            _draw_disagreement(row[2], comparison)
-            row[0].set_ylabel(f"{comparison.ode.controller}\n\n{vertical}")
-        for axes in panels[-1]:
-            axes.set_xlabel(horizontal)
-        shades = ScalarMappable(Normalize(0.0, latest), _shades())
-        bar = figure.colorbar(
-            shades, ax=panels[:, :2], location="right", aspect=18 * rows, pad=0.01
-        )
-        bar.set_label("time to settle [s]")
-        figure.legend(handles=_legend(), loc="outside lower center", ncols=5)
+    rows = len(comparisons)
+    figure = new_figure(11.0, 0.9 + 2.9 * rows)
+    panels = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
+    latest = _latest(comparisons)
+    horizontal, vertical = LABELS[comparisons[0].ode.cells.plane == STATES]
+    for row, comparison in zip(panels, comparisons, strict=True):
+        _draw_map(row[0], comparison.ode, latest, "equations")
+        _draw_map(row[1], comparison.mujoco, latest, "MuJoCo as deployed")
+        _draw_disagreement(row[2], comparison)
+        row[0].set_ylabel(f"{comparison.ode.controller}\n\n{vertical}")
+    for axes in panels[-1]:
+        axes.set_xlabel(horizontal)
+    shades = ScalarMappable(Normalize(0.0, latest), _shades())
+    bar = figure.colorbar(shades, ax=panels[:, :2], location="right", aspect=18 * rows, pad=0.01)
+    bar.set_label("time to settle [s]")
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=5)
     return figure
 
 
@@ -136,6 +158,7 @@ def _draw_disagreement(axes: Axes, comparison: Comparison) -> None:
 
 def _show(axes: Axes, image: NDArray[np.float64], cells: Cells) -> None:
     """Draw one colour a cell."""
+    axes.grid(False)
     axes.imshow(
         image, extent=_extent(cells), origin="lower", aspect="auto", interpolation="nearest"
     )
@@ -151,17 +174,3 @@ def _legend() -> list[Patch]:
         (INSIDE_COLOUR, "differs inside"),
     )
     return [Patch(facecolor=colour, edgecolor="#707070", label=text) for colour, text in said]
-
-
-def save_attraction(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all.
-
-    Parameters
-    ----------
-    figure
-        From `draw_attraction`.
-    path
-        The file.
-    """
-    with matplotlib.rc_context(_RC), atomic_file(path) as temporary:
-        figure.savefig(temporary, dpi=PNG_DPI, format="png")

@@ -46,7 +46,7 @@ class Comparison:
     @property
     def name(self) -> str:
         """Name of the comparison's files."""
-        return f"{self.ode.cells.plane}-{self.ode.controller}"
+        return f"attraction-{self.ode.cells.plane}-{self.ode.controller}"
 
     def disagreement(self) -> NDArray[np.uint8]:
         """Return for each cell `AGREE`, `ON_BORDER` or `INSIDE`, shape (rows, columns).

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import json
-import platform
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.output import atomic_file, write_text
+from afl_mujoco.output import atomic_file
 from afl_mujoco.simulation.attraction.cells import FOUND, AttractionMap, Cells
 from afl_mujoco.validation.attraction.comparison import Comparison
 
-SCHEMA = 1
-
-_PACKAGES = ("afl_mujoco", "mujoco", "numpy", "scipy", "numba")
 _PLACES = ("columns", "rows", "starts", "plants")
 
 
 def save_comparisons(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:
-    """Write attraction.json and, for each comparison, an npz of both maps.
+    """Write an npz of both maps for each comparison.
 
     Parameters
     ----------
@@ -39,17 +34,9 @@ def save_comparisons(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     list of Path
         The files.
     """
-    versions = {name: version(name) for name in _PACKAGES}
-    content = {
-        "schema": SCHEMA,
-        "versions": {**versions, "python": platform.python_version()},
-        "maps": [comparison.to_dict() for comparison in comparisons],
-    }
-    files = [folder / "attraction.json"]
-    write_text(files[0], json.dumps(content, indent=1, allow_nan=False) + "\n")
-    for comparison in comparisons:
-        files.append(folder / f"{comparison.name}.npz")
-        _save(comparison, files[-1])
+    files = [folder / f"{comparison.name}.npz" for comparison in comparisons]
+    for comparison, file in zip(comparisons, files, strict=True):
+        _save(comparison, file)
     return files
 
 

@@ -11,6 +11,7 @@ import pytest
 from matplotlib.colors import to_rgba
 from rich.console import Console
 
+from afl_mujoco.reporting.figures.style import write_drawn
 from afl_mujoco.reporting.survival import attraction_figures as figures
 from afl_mujoco.reporting.survival.attraction_table import print_attraction
 from afl_mujoco.simulation.attraction.cells import AttractionMap, plant_cells, state_cells
@@ -28,6 +29,7 @@ def comparison(controller: str, *, plane: str = "states") -> Comparison:
         times = np.full(outcome.shape, 3.2)
         return AttractionMap(
             cells=cells, controller=controller, simulator=simulator, outcome=outcome,
+            settings={"timestep": 2e-3},
             time=times, peak_z=times, peak_force=times,
         )  # fmt: skip
 
@@ -81,12 +83,15 @@ def test_the_colours_differ_in_lightness_too() -> None:
         assert np.diff(sorted(map(lightness, colours))).min() > 0.15
 
 
-def test_the_figure_is_written_whole_and_the_style_of_others_left_alone(tmp_path: Path) -> None:
+def test_each_plane_has_a_figure_and_its_words_the_numbers(tmp_path: Path) -> None:
     before = dict(matplotlib.rcParams)
-    figures.save_attraction(figures.draw_attraction([comparison("lqr")]), tmp_path / "a.png")
+    drawn = figures.attraction_figures([comparison("lqr"), comparison("lqr", plane="plants")])
+    assert [one.name for one in drawn] == ["attraction-states", "attraction-plants"]
+    assert "lqr: 80.0 % settle by the equations, 86.7 % in MuJoCo, 1 cells differ" in drawn[0].alt
+    files = write_drawn(drawn[0], tmp_path)
     assert dict(matplotlib.rcParams) == before
-    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
-    assert (tmp_path / "a.png").stat().st_size > 10_000
+    assert {path.name for path in tmp_path.iterdir()} == {files["svg"], files["png"]}
+    assert (tmp_path / files["png"]).stat().st_size > 10_000
 
 
 def test_the_table_has_the_shares_and_the_counts() -> None:

@@ -79,5 +79,7 @@ def test_nothing_is_harsher_than_its_rung_goes() -> None:
 
 
 def test_an_unknown_rung_is_named_with_those_that_there_are() -> None:
-    with pytest.raises(UnknownNameError, match=r"^rung must be one of control-period, delay, .*'x'"):
+    with pytest.raises(
+        UnknownNameError, match=r"^rung must be one of control-period, delay, .*'x'"
+    ):
         find_rung("x")
