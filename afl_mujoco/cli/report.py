@@ -15,7 +15,7 @@ Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Make report.html anew from what a validation left, for example when there are new films.
+    """Make report.html anew from what a validation left, when there are new films or studies.
 
     Example: afl-mujoco report renders/validation --films renders
 
@@ -27,12 +27,16 @@ class Report:
     films: Path = Path("renders")
     """Folder with films.json, which `afl-mujoco render` writes."""
 
+    survival: Path = Path("renders/survival")
+    """Folder with the survival studies, which `afl-mujoco ladder` and its like write."""
+
     def run(self) -> int:
         """Read what is there, write the page."""
         from afl_mujoco.reporting.page.folder import write_page
         from afl_mujoco.reporting.page.inputs.films import load_films
+        from afl_mujoco.reporting.page.inputs.studies import load_studies
 
         films = load_films(self.films, self.folder)
-        page = write_page(self.folder, films)
+        page = write_page(self.folder, films, load_studies(self.survival))
         print(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
         return SUCCESS

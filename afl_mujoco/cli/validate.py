@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,11 +15,12 @@ from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.reporting.page.inputs.films import Film
+    from afl_mujoco.reporting.page.inputs.studies import Study
     from afl_mujoco.validation.campaign import Report
 
 Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
 
-INDIFFERENT = ("out", "films", "page", "workers")
+INDIFFERENT = ("out", "films", "survival", "page", "workers")
 """Options that leave the numbers as they are, and so are no part of what reproduces them."""
 
 
@@ -52,6 +53,8 @@ class Validate:
     """Draw the figures and write report.html."""
     films: Path = Path("renders")
     """Folder with films.json, which `afl-mujoco render` writes: films for the page, if there."""
+    survival: Path = Path("renders/survival")
+    """Folder with survival studies, which `afl-mujoco ladder` and its like write: for the page."""
     out: Path = Path("renders/validation")
     """Folder for the report."""
 
@@ -78,7 +81,7 @@ class Validate:
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
         require_runnable(scenarios, controllers, settings, self.workers)
-        films = self._films()
+        films, studies = self._films(), self._studies()
         folder = output_folder(self.out)
         total = len(scenarios) * len(controllers) + (FULL if self.full else QUICK)
         with progress_bar(total, "validating") as progress:
@@ -87,7 +90,7 @@ class Validate:
             )
         report = replace(report, command=self.command)
         forget_page(folder)
-        files = [*write_report(report, folder), *self._write_page(report, folder, films)]
+        files = [*write_report(report, folder), *self._write_page(report, folder, films, studies)]
         print(f"wrote {', '.join(str(file) for file in files)}")
         print_report(report, Console(width=None if sys.stdout.isatty() else 140))
         return SUCCESS if report.passed else CHECK_FAILED
@@ -103,7 +106,19 @@ class Validate:
 
         return load_films(self.films, self.out) if self.page else ()
 
-    def _write_page(self, report: Report, folder: Path, films: Sequence[Film]) -> list[Path]:
+    def _studies(self) -> Mapping[str, Study]:
+        """Return the survival studies for the page."""
+        from afl_mujoco.reporting.page.inputs.studies import load_studies
+
+        return load_studies(self.survival) if self.page else {}
+
+    def _write_page(
+        self,
+        report: Report,
+        folder: Path,
+        films: Sequence[Film],
+        studies: Mapping[str, Study],
+    ) -> list[Path]:
         """Write the curves, the figures and the page."""
         from afl_mujoco.reporting.page.folder import (
             CURVES,
@@ -120,4 +135,4 @@ class Validate:
         data = report.to_dict()
         with progress_bar(figure_count(data, report.curves), "drawing") as progress:
             write_gallery(folder, data, report.curves, workers=self.workers, progress=progress)
-        return [folder / CURVES, folder / FIGURES, write_page(folder, films)]
+        return [folder / CURVES, folder / FIGURES, write_page(folder, films, studies)]

@@ -25,10 +25,12 @@ def finish(files: Sequence[Path], validation: Path, films: Path) -> None:
     """
     from afl_mujoco.reporting.page.folder import REPORT, write_page
     from afl_mujoco.reporting.page.inputs.films import load_films
+    from afl_mujoco.reporting.page.inputs.studies import load_studies
 
     print(f"wrote {', '.join(str(file) for file in files)}")
     if not (validation / REPORT).is_file():
         print(f"no {validation / REPORT}: afl-mujoco validate will put the study on its page")
         return
-    page = write_page(validation, load_films(films, validation))
+    studies = load_studies(files[0].parent)
+    page = write_page(validation, load_films(films, validation), studies)
     print(f"wrote {page}")

@@ -14,7 +14,8 @@ from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
 from afl_mujoco.reporting.page.inputs.report_data import AGAIN, Row, load_report
-from afl_mujoco.reporting.page.page import render_page
+from afl_mujoco.reporting.page.inputs.studies import Study
+from afl_mujoco.reporting.page.page import NO_STUDIES, render_page
 from afl_mujoco.validation.curves import REFERENCE, Curves, load_curves
 
 REPORT, CURVES, PAGE = "report.json", "curves.npz", "report.html"
@@ -99,7 +100,9 @@ def forget_page(folder: Path) -> None:
             raise FileError.cannot_be("written", path, error) from None
 
 
-def write_page(folder: Path, films: Sequence[Film] = ()) -> Path:
+def write_page(
+    folder: Path, films: Sequence[Film] = (), studies: Mapping[str, Study] = NO_STUDIES
+) -> Path:
     """Write report.html from the files of a folder, whole or not at all; nothing is computed.
 
     Parameters
@@ -108,6 +111,8 @@ def write_page(folder: Path, films: Sequence[Film] = ()) -> Path:
         Holds report.json and curves.npz, and figures if they were drawn.
     films
         From `load_films`.
+    studies
+        From `load_studies`.
 
     Returns
     -------
@@ -123,7 +128,7 @@ def write_page(folder: Path, films: Sequence[Film] = ()) -> Path:
     curves = _curves(folder / CURVES, report)
     pictures = load_pictures(folder, [run["scenario"] for run in report["runs"]])
     there = [name for name in LINKED if (folder / name).is_file()]
-    text = render_page(report, curves, pictures, films, files=there)
+    text = render_page(report, curves, pictures, films, studies=studies, files=there)
     write_text(folder / PAGE, text)
     return folder / PAGE
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -25,13 +26,17 @@ from afl_mujoco.reporting.page.evidence import evidence
 from afl_mujoco.reporting.page.inputs.films import Film, data_uri
 from afl_mujoco.reporting.page.inputs.pictures import Picture
 from afl_mujoco.reporting.page.inputs.report_data import Row
+from afl_mujoco.reporting.page.inputs.studies import Study
 from afl_mujoco.reporting.page.scenarios import HEADLINE, scenario_sections
 from afl_mujoco.reporting.page.summary import STATES, five_sentences
+from afl_mujoco.reporting.page.survival.tables import survival_view
 from afl_mujoco.validation.curves import Curves
 from afl_mujoco.validation.metrics import UNITS
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
+
+NO_STUDIES: Mapping[str, Study] = MappingProxyType({})
 
 PACKAGE = "afl_mujoco.reporting.page"
 
@@ -47,6 +52,7 @@ def render_page(
     pictures: Sequence[Picture],
     films: Sequence[Film],
     *,
+    studies: Mapping[str, Study] = NO_STUDIES,
     files: Sequence[str] = (),
 ) -> str:
     """Return the page.
@@ -61,8 +67,15 @@ def render_page(
         The figures, each with where it belongs.
     films
         The films.
+    studies
+        The survival studies by name.
     files
         Files beside the page that it links to.
+
+    Raises
+    ------
+    FileError
+        If a study does not hold what the page needs.
     """
     style, script = _style(), _script()
     claims = claim_rows(report["claims"], report["decisions"])
@@ -85,6 +98,7 @@ def render_page(
             **_checks(report),
             **_scenarios(report, curves, films),
             **evidence(report),
+            **survival_view(studies),
         )
         + "\n"
     )

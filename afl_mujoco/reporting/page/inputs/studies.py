@@ -1,0 +1,94 @@
+"""The survival studies of the page: what a folder holds of them, read and held to its form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from afl_mujoco.errors import FileError
+from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
+
+NAMES = ("ladder", "montecarlo", "attraction", "margins", "estimation")
+"""Of the studies, in the order in which they are read: each has file and command of that name."""
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A survival study.
+
+    Attributes
+    ----------
+    name
+        One of `NAMES`.
+    data
+        What its file holds.
+    pictures
+        Its figures.
+    """
+
+    name: str
+    data: Row
+    pictures: tuple[Picture, ...]
+
+
+def load_studies(folder: Path) -> dict[str, Study]:
+    """Return the studies that a folder holds, by name.
+
+    Parameters
+    ----------
+    folder
+        Where `afl-mujoco ladder` and its like write; it need not be there.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read or is no study.
+    """
+    return {name: _load(folder, name) for name in NAMES if (folder / f"{name}.json").is_file()}
+
+
+def _load(folder: Path, name: str) -> Study:
+    """Read one study."""
+    path = folder / f"{name}.json"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if (data["schema"], data["study"]) != (1, name):
+            raise ValueError(f"it must have schema 1 and be the study {name!r}")
+        if not isinstance(data["command"], str):
+            raise ValueError("command must be a text")
+        pictures = tuple(_pictures(data["figures"], folder))
+    except OSError as error:
+        raise FileError.cannot_be("read", path, error) from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise malformed(path, name, error) from None
+    return Study(name, data, pictures)
+
+
+def _pictures(entries: Iterable[Row], folder: Path) -> Iterable[Picture]:
+    """Return the figures, which must lie beside the file that lists them."""
+    for entry in entries:
+        for kind in ("svg", "png"):
+            if Path(entry[kind]).name != entry[kind]:
+                raise ValueError(f"{kind} must lie beside the file, got {entry[kind]!r}")
+        yield load_picture(entry, folder, "#survival")
+
+
+def malformed(path: Path | str, name: str, error: Exception) -> FileError:
+    """Return the error of a file that is no study.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        Of the study.
+    error
+        What was found out.
+    """
+    said = f"{error} is missing" if isinstance(error, KeyError) else error
+    return FileError(str(path), f"is not a survival study: {said}: run afl-mujoco {name}")
