@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup validate proof render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
+.PHONY: help setup validate proof survival ladder montecarlo attraction margins estimation render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -27,6 +27,16 @@ view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS=
 
 report: $(READY) ## make renders/validation/report.html anew, with the films of make render
 	@$(BIN)/afl-mujoco report $(ARGS)
+
+survival: $(READY) ## the five survival studies, into the report (30 minutes; ARGS="--quick": 5)
+	@$(BIN)/afl-mujoco ladder $(ARGS)
+	@$(BIN)/afl-mujoco montecarlo $(ARGS)
+	@$(BIN)/afl-mujoco attraction $(ARGS)
+	@$(BIN)/afl-mujoco margins $(ARGS)
+	@$(BIN)/afl-mujoco estimation $(ARGS)
+
+ladder montecarlo attraction margins estimation: $(READY)
+	@$(BIN)/afl-mujoco $@ $(ARGS)
 
 docs: $(READY) ## print the criteria into docs/verification.md
 	@$(BIN)/python -m afl_mujoco.reporting.criteria_table docs/verification.md

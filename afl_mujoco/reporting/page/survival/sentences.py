@@ -13,6 +13,7 @@ from afl_mujoco.reporting.survival.ladder_words import (
     spare,
     threshold_text,
 )
+from afl_mujoco.validation.ladder.climb import END_STOP, REFUSED
 from afl_mujoco.validation.ladder.thresholds import ABOVE
 
 OURS, REFERENCE = "adaptive", "lqr"
@@ -20,6 +21,20 @@ OURS, REFERENCE = "adaptive", "lqr"
 
 APART = ("rail", "together")
 """Rungs that have a clause of their own."""
+
+_ASKED = {
+    "delay": "a delay",
+    "control-period": "a control period",
+    "force-limit": "a force limit",
+    "noise": "sensor noise",
+}
+
+_HOW = {
+    "fell": "the pole falls",
+    "diverged": "the run diverges",
+    END_STOP: "the cart reaches the end stop",
+    REFUSED: "the law has no force to give",
+}
 
 _MARGIN = 1.05  # thresholds closer than that are as good as equal
 
@@ -77,7 +92,7 @@ def _breaks(ladder: Row | None) -> str:
     rise = rise_of(ladder, first["name"], OURS)
     at = threshold_text(first, rise["survives"])
     times = short(spare(first, rise["survives"]), 2)
-    how = rise["failure"]["failure"] if rise["failure"] else "nothing fails"
+    how = _HOW[rise["failure"]["failure"]] if rise["failure"] else "nothing fails"
     text = ""
     if "rail" in rungs:
         needs = rise_of(ladder, "rail", OURS)["survives"]
@@ -89,7 +104,7 @@ def _breaks(ladder: Row | None) -> str:
     verb = "it is" if text else "It is"
     return (
         f"{text}{verb} {first['title']}: at {at} {first['unit']}, {times} times that of a typical "
-        f"rig, the controller fails ({how})."
+        f"rig, {how}."
     )
 
 
@@ -98,28 +113,24 @@ def _thresholds(ladder: Row | None) -> str:
     if ladder is None:
         return _missing("ladder")
     rungs = {rung["name"]: rung for rung in ladder["rungs"]}
-    told = []
-    for name, words in (
-        ("delay", "a delay of"),
-        ("control-period", "a control period of"),
-        ("force-limit", "a force limit of"),
-        ("noise", "sensor noise of"),
-    ):
+    told: list[str] = []
+    borne: list[str] = []
+    for name, words in _ASKED.items():
         if name in rungs:
             threshold = rise_of(ladder, name, OURS)["survives"]
-            bears = threshold["place"] == ABOVE
-            text = f"{words} {threshold_text(rungs[name], threshold)} {rungs[name]['unit']}"
-            told.append(f"{text} (not reached)" if bears else text)
-    start = f"Alone it takes {_or(told)} to bring it down" if told else "Together"
-    if "together" not in rungs:
-        return f"{start}."
-    rise = rise_of(ladder, "together", OURS)
-    bound = threshold_text(rungs["together"], rise["survives"])
-    settles = threshold_text(rungs["together"], rise["settles"])
-    return (
-        f"{start}; but with all flaws at once it fails at {bound} times those of a typical rig, "
-        f"and no longer comes to rest at {settles} times."
-    )
+            text = f"{words} of {threshold_text(rungs[name], threshold)} {rungs[name]['unit']}"
+            (borne if threshold["place"] == ABOVE else told).append(text.replace("> ", ""))
+    parts = [f"{_or(told)} brings it down"] if told else []
+    parts += [f"{_or(borne)} does not"] if borne else []
+    if "together" in rungs:
+        rise = rise_of(ladder, "together", OURS)
+        bound = threshold_text(rungs["together"], rise["survives"])
+        settles = threshold_text(rungs["together"], rise["settles"])
+        parts.append(
+            f"all flaws at once do at {bound} times those of a typical rig, and keep it from "
+            f"coming to rest at {settles} times"
+        )
+    return f"{_start('; '.join(parts))}." if parts else _missing("ladder")
 
 
 def _confidence(data: Mapping[str, Row]) -> str:
@@ -158,7 +169,7 @@ def _compared(ladder: Row | None, data: Mapping[str, Row]) -> str:
         better, worse, equal = _score(ladder)
         told.append(
             f"On the ladder it bears more than LQR on {len(better)} rungs, as much on {equal} and "
-            f"less on {len(worse)}"
+            f"less on {len(worse)}{_both_together(ladder)}"
         )
     for pair in data.get("montecarlo", {}).get("comparisons", ()):
         if {pair["first"], pair["second"]} == {OURS, REFERENCE}:
@@ -174,8 +185,19 @@ def _compared(ladder: Row | None, data: Mapping[str, Row]) -> str:
         told.append(f"its least disk margin is {disks[0]}, LQR's {disks[1]}")
     if not told:
         return _missing("ladder")
-    text = "; ".join(told)
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{_start('; '.join(told))}."
+
+
+def _both_together(ladder: Row) -> str:
+    """Say how bad a whole rig must be to bring down ours, and the reference."""
+    rung = next((rung for rung in ladder["rungs"] if rung["name"] == "together"), None)
+    if rung is None:
+        return ""
+    ours, theirs = (
+        threshold_text(rung, rise_of(ladder, "together", name)["survives"])
+        for name in (OURS, REFERENCE)
+    )
+    return f", and fails on a rig {ours} times as bad as a typical one, LQR on one {theirs} times"
 
 
 def _score(ladder: Row) -> tuple[list[str], list[str], int]:
@@ -218,6 +240,11 @@ def _interval(ends: list[float]) -> str:
     """Return an interval of shares in percent."""
     low, high = (fixed(100.0 * end, 1) for end in ends)
     return f"{low} to {high} %"
+
+
+def _start(text: str) -> str:
+    """Return a sentence with a capital."""
+    return text[:1].upper() + text[1:]
 
 
 def _or(parts: list[str]) -> str:
