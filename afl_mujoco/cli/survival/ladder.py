@@ -101,7 +101,7 @@ class Ladder:
 
         controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
         settings = self._settings(scenarios)
-        require_climbable(controllers, settings, self.rungs)
+        require_climbable(controllers, settings, self.rungs, self.workers)
         folder = output_folder(self.out)
         with count_bar(unit_count(controllers, self.rungs), "climbing") as progress:
             found = run_ladder(

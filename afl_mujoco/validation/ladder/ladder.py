@@ -167,13 +167,13 @@ def run_ladder(
 
 
 def require_climbable(
-    controllers: Sequence[Law], settings: Settings, rungs: Sequence[str]
+    controllers: Sequence[Law], settings: Settings, rungs: Sequence[str], workers: int = 1
 ) -> tuple[str, ...]:
     """Return the names of the rungs, or raise at what breaks a rule, before anything is run.
 
     Parameters
     ----------
-    controllers, settings, rungs
+    controllers, settings, rungs, workers
         As of `run_ladder`.
 
     Raises
@@ -185,7 +185,8 @@ def require_climbable(
     _require_each_once("controller", [law.name for law in controllers])
     _require_each_once("scenario", [scenario.name for scenario in settings.scenarios])
     _require_each_once("rung", names)
-    for name, count, least in (("seeds", settings.seeds, 1), ("scan", settings.scan, 2)):
+    counts = (("seeds", settings.seeds, 1), ("scan", settings.scan, 2), ("workers", workers, 1))
+    for name, count, least in counts:
         if count < least:
             raise InvalidValueError(name, f"must be at least {least}", count)
     if not 1e-4 <= settings.tolerance <= 1.0:

@@ -1,0 +1,98 @@
+"""`afl-mujoco ladder` from the real command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+COMMAND = [sys.executable, "-m", "afl_mujoco", "ladder"]
+LAW = """\
+def push(time, state, belief):
+    return 20.0 * state[1] + 4.0 * state[3]
+"""
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def test_it_writes_numbers_figures_and_a_table_and_a_law_of_ones_own_can_climb(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "law.py").write_text(LAW)
+    (tmp_path / "short.toml").write_text(
+        'name = "short"\nduration = 0.5\ninitial_state = [0.0, 0.02, 0.0, 0.0]\n'
+    )
+    result = run(
+        "short.toml", "--controllers", "lqr", "law:push", "--rungs", "force-limit", "rail",
+        "--seeds", "1", "--scan", "3", "--tolerance", "0.5", "--out", "out", cwd=tmp_path,
+    )  # fmt: skip
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "from where the controller no longer survives short" in result.stdout
+    assert "afl-mujoco validate will put the study on its page" in result.stdout
+    content = json.loads((tmp_path / "out" / "ladder.json").read_text())
+    assert content["controllers"] == ["lqr", "law.push"]
+    assert [r["name"] for r in content["rungs"]] == ["force-limit", "rail"]
+    assert content["command"].startswith("afl-mujoco ladder short.toml --controllers lqr law:push")
+    assert "--tolerance 0.5" in content["command"] and "--out" not in content["command"]
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    figures = {f"ladder-{n}.{k}" for n in ("thresholds", "together") for k in ("svg", "png")}
+    assert written == figures | {"ladder.json"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere"], "scenario must be one of nominal, "),
+        (["--controllers", "pid"], "controller must be one of fixed, adaptive, "),
+        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
+        (["--rungs", "gravity"], "rung must be one of control-period, delay, "),
+        (["--seeds", "0"], "seeds must be at least 1, got 0"),
+        (["--scan", "1"], "scan must be at least 2, got 1"),
+        (["--tolerance", "nan"], "tolerance must lie in 1e-4 to 1, got nan"),
+        (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
+        (["--workers", "0"], "workers must be at least 1, got 0"),
+        (["--out", "file"], "output folder file cannot be written: file exists"),
+        (["real.toml"], "scenario 'real' must be ideal: what departs from it"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_one_line_and_nothing_is_written(
+    tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "real.toml").write_text('name = "real"\n[realism]\ndelay = 0.01\n')
+    result = run(*arguments, cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert len(result.stderr.splitlines()) == 1
+    assert message in result.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "real.toml"}
+
+
+def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, "--out", "out"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not (tmp_path / "out").exists():  # it is made when everything is imported and checked
+        time.sleep(0.05)
+        assert process.poll() is None
+    time.sleep(3.0)
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert (output, errors) == ("", "afl-mujoco: interrupted\n")
+    assert list((tmp_path / "out").iterdir()) == []
