@@ -125,8 +125,8 @@ BAD_ARGUMENTS = {
     "unknown command": (["validat"], "Unrecognized options: validat"),
     "no command": (
         [],
-        "Expected one of {validate, report, simulate, render, view, tune, attraction, margins, "
-        "regression}",
+        "Expected one of {validate, report, simulate, render, view, tune, montecarlo, attraction, "
+        "margins, regression}",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],

@@ -15,6 +15,7 @@ from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.survival.attraction import Attraction
 from afl_mujoco.cli.survival.margins import Margins
+from afl_mujoco.cli.survival.montecarlo import MonteCarlo
 from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.validate import Validate
@@ -23,7 +24,18 @@ from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Command = Validate | Report | Simulate | Render | View | Tune | Attraction | Margins | Regression
+Command = (
+    Validate
+    | Report
+    | Simulate
+    | Render
+    | View
+    | Tune
+    | MonteCarlo
+    | Attraction
+    | Margins
+    | Regression
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -56,7 +56,9 @@ def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
         yield lambda done: bar.update(task, completed=done)
 
 
-def typed(command: str, options: Any, leave_out: Collection[str]) -> str:
+def typed(
+    command: str, options: Any, leave_out: Collection[str], *, positional: bool = True
+) -> str:
     """Return a command as typed into a shell, options that are not the default written out.
 
     Parameters
@@ -64,19 +66,24 @@ def typed(command: str, options: Any, leave_out: Collection[str]) -> str:
     command
         Its name.
     options
-        The dataclass of its options; the first field holds the names that stand without option.
+        The dataclass of its options.
     leave_out
         Options that are not written.
+    positional
+        Whether the first field holds names that stand without option.
     """
-    first, *rest = fields(options)
-    words = ["afl-mujoco", command, *getattr(options, first.name)]
-    for option in rest:
+    named = list(fields(options))
+    words = ["afl-mujoco", command]
+    if positional:
+        words += getattr(options, named.pop(0).name)
+    for option in named:
         value = getattr(options, option.name)
         if option.name in leave_out or value == option.default:
             continue
-        words.append(f"--{option.name.replace('_', '-')}")
-        if value is not True:
-            words += value if isinstance(value, tuple) else [str(value)]
+        name = option.name.replace("_", "-")
+        words.append(f"--no-{name}" if value is False else f"--{name}")
+        if not isinstance(value, bool):
+            words += [str(x) for x in (value if isinstance(value, tuple) else (value,))]
     return shlex.join(words)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -54,6 +54,44 @@ class Budget:
         for name, least in (("generations", 1), ("population", 4)):
             if getattr(self, name) < least:
                 raise InvalidValueError(name, f"must be at least {least}", getattr(self, name))
+
+    @property
+    def runs(self) -> int:
+        """The most runs that both questions take for one controller."""
+        return 2 * (2 + self.generations * self.population)
+
+
+class Start(NamedTuple):
+    """A point of the cube, and the sample whose noise goes with it.
+
+    Attributes
+    ----------
+    point
+        The point.
+    noise
+        Index of the sample.
+    """
+
+    point: Point
+    noise: int
+
+
+class PointUnit(NamedTuple):
+    """What a worker is asked to run.
+
+    Attributes
+    ----------
+    law, space, seed, points, noise, settings
+        The controller, the cube, the campaign's seed, points of the cube, the index of the sample
+        whose noise they have, and how to run them.
+    """
+
+    law: Law
+    space: SampleSpace
+    seed: int
+    points: Sequence[Point]
+    noise: int
+    settings: Settings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,71 +193,87 @@ def search_worst(
 ) -> list[Found]:
     """Search the hardest rig for a law, then the failure nearest to the paper's nominal run.
 
-    Both searches have the noise of sample 0, so that they walk through a landscape that keeps
-    still. The first starts from the middle of the cube; the second from the nearest failure
-    known, and there is none if no failure is.
+    The first search starts from the hardest sample of the campaign, the second from the nearest
+    failure known. Each has the noise of the sample that it starts from, so that it walks through
+    a landscape that keeps still and finds nothing milder than what was known. There is no second
+    one if nothing fails.
 
     Parameters
     ----------
     law
         One of the campaign's.
     campaign
-        Gives space, seed, settings, and the failures known.
+        Gives space, seed, settings, and the samples.
     budget
         Of each search.
     executor
         From `open_executor`; who computes does not change a bit.
     progress
-        Called with how many runs are done, of at most ``2 * (1 + generations * population)``.
+        Called with how many runs are done, of at most ``budget.runs``.
     """
-    space, spent = campaign.space, 0
-    rng = search_generator(campaign.seed)
+    rng, spent = search_generator(campaign.seed), 0
 
-    def trials_at(points: list[Point]) -> list[Trial]:
-        nonlocal spent
-        pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
-        units = [(law, space, campaign.seed, piece, campaign.settings) for piece in pieces]
-        found = [trial for some in compute_all(run_points, units, executor) for trial in some]
-        spent += len(points)
-        progress(spent)
-        return found
+    def search(question: str, start: Start) -> tuple[Start, Found]:
+        def costs(points: list[Point]) -> list[float]:
+            nonlocal spent
+            found = _trials_at(points, start.noise, law, campaign, executor)
+            spent += len(points)
+            progress(spent)
+            return [
+                _cost(question, campaign.space, point, trial)
+                for point, trial in zip(points, found, strict=True)
+            ]
 
-    def gentleness(points: list[Point]) -> list[float]:
-        return [-trial.severity(space.duration) for trial in trials_at(points)]
+        point, tried = minimise(costs, start.point, STEP[question], rng, budget)
+        trial = _trials_at([point], start.noise, law, campaign, executor)[0]
+        end = Start(point, start.noise)
+        return end, _found(question, law, campaign, end, trial, tried)
 
-    def distance(points: list[Point]) -> list[float]:
-        # every failure before every survivor; a survivor the better the harder it had it
-        return [
-            2.0 - trial.severity(space.duration) if trial.survived else distance_of(space, point)
-            for point, trial in zip(points, trials_at(points), strict=True)
-        ]
+    def distance(start: Start) -> float:
+        return distance_of(campaign.space, start.point)
 
-    middle = np.full(space.dimension, 0.5)
-    hardest, tried = minimise(gentleness, middle, STEP[HARDEST], rng, budget)
-    results = [_found(HARDEST, law, campaign, hardest, trials_at([hardest])[0], tried)]
-    known = [sample_point(space, i, campaign.seed) for i in campaign.failures(law.name)]
-    known += [hardest] if not results[0].trial.survived else []
-    if known:
-        start = min(known, key=lambda point: distance_of(space, point))
-        nearest, tried = minimise(distance, start, STEP[NEAREST], rng, budget)
-        trial = trials_at([nearest])[0]
-        if not trial.survived:
-            results.append(_found(NEAREST, law, campaign, nearest, trial, tried))
-    return results
+    trials = campaign.trials[law.name]
+    severities = [trial.severity(campaign.space.duration) for trial in trials]
+    end, hardest = search(HARDEST, _sample(campaign, int(np.argmax(severities))))
+    known = [_sample(campaign, i) for i in campaign.failures(law.name)]
+    known += [] if hardest.trial.survived else [end]
+    return [hardest, search(NEAREST, min(known, key=distance))[1]] if known else [hardest]
 
 
-def run_points(
-    unit: tuple[Law, SampleSpace, int, Sequence[Point], Settings],
+def _sample(campaign: Campaign, index: int) -> Start:
+    """Return where a sample lies."""
+    return Start(sample_point(campaign.space, index, campaign.seed), index)
+
+
+def _trials_at(
+    points: list[Point], noise: int, law: Law, campaign: Campaign, executor: Executor
 ) -> list[Trial]:
+    """Run a law at points of the cube, shared among workers."""
+    pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
+    units = [PointUnit(law, campaign.space, campaign.seed, piece, noise, campaign.settings)
+             for piece in pieces]  # fmt: skip
+    return [trial for some in compute_all(run_points, units, executor) for trial in some]
+
+
+def _cost(question: str, space: SampleSpace, point: Point, trial: Trial) -> float:
+    """Return what a search minimises."""
+    severity = trial.severity(space.duration)
+    if question == HARDEST:
+        return -severity
+    # every failure before every survivor, and of these first the one that had it hardest
+    return 2.0 - severity if trial.survived else distance_of(space, point)
+
+
+def run_points(unit: PointUnit) -> list[Trial]:
     """Run a law at points of the cube.
 
     Parameters
     ----------
     unit
-        The law, the space, the seed of the campaign, the points and the settings.
+        What to run.
     """
-    law, space, seed, points, settings = unit
-    return run_trials([space.scenario_of(point, 0, seed) for point in points], law, settings)
+    rigs = [unit.space.scenario_of(point, unit.noise, unit.seed) for point in unit.points]
+    return run_trials(rigs, unit.law, unit.settings)
 
 
 def distance_of(space: SampleSpace, point: Point) -> float:
@@ -236,15 +290,16 @@ def distance_of(space: SampleSpace, point: Point) -> float:
 
 
 def _found(
-    question: str, law: Law, campaign: Campaign, point: Point, trial: Trial, tried: int
+    question: str, law: Law, campaign: Campaign, end: Start, trial: Trial, tried: int
 ) -> Found:
     """Put a result together."""
-    space = campaign.space
+    space, point = campaign.space, end.point
+    scenario = space.scenario_of(point, end.noise, campaign.seed)
     away = dict(zip(space.coordinates, (point - space.reference).tolist(), strict=True))
     return Found(
         question=question,
         controller=law.name,
-        scenario=space.scenario_of(point, 0, campaign.seed),
+        scenario=replace(scenario, name=f"{scenario.name}-{question}-{law.name}"),
         trial=trial,
         distance=distance_of(space, point),
         runs=tried,
