@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
     from afl_mujoco.sweep.executors import Executor
     from afl_mujoco.validation.montecarlo.campaign import Campaign
+    from afl_mujoco.validation.montecarlo.search import Budget
     from afl_mujoco.validation.montecarlo.trial import Settings
-    from afl_mujoco.validation.montecarlo.worst_case import Budget, Found
+    from afl_mujoco.validation.montecarlo.worst_case import Found
 
 SAMPLES, QUICK_SAMPLES = 1000, 100
 GENERATIONS, QUICK_GENERATIONS = 30, 5
@@ -107,9 +108,9 @@ class MonteCarloOptions:
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.errors import InvalidValueError
         from afl_mujoco.validation.montecarlo.campaign import require_campaign
+        from afl_mujoco.validation.montecarlo.search import Budget
         from afl_mujoco.validation.montecarlo.space import SampleSpace
         from afl_mujoco.validation.montecarlo.trial import Settings
-        from afl_mujoco.validation.montecarlo.worst_case import Budget
 
         laws = [find_controller(name) for name in self.controllers]
         settings = Settings(integrator=self.integrator)
@@ -150,11 +151,11 @@ class MonteCarloOptions:
         self, laws: list[Law], campaign: Campaign, budget: Budget, executor: Executor
     ) -> list[Found]:
         """Search the worst for each controller."""
-        from afl_mujoco.validation.montecarlo.worst_case import search_worst
+        from afl_mujoco.validation.montecarlo.worst_case import most_runs, search_worst
 
         found: list[Found] = []
         for law in laws:
-            with count_bar(budget.runs, f"searching the worst for {law.name}") as progress:
+            with count_bar(most_runs(budget), f"searching the worst for {law.name}") as progress:
                 found += search_worst(
                     law, campaign, budget=budget, executor=executor, progress=progress
                 )

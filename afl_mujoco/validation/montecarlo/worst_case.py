@@ -7,19 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.random import Generator
-from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.sweep.executors import Executor
 from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.montecarlo.campaign import Campaign, ending_of
+from afl_mujoco.validation.montecarlo.search import Budget, Point, minimise
 from afl_mujoco.validation.montecarlo.space import SampleSpace, sample_point, search_generator
 from afl_mujoco.validation.montecarlo.trial import Settings, Trial, run_trials
-
-Point = NDArray[np.float64]
 
 HARDEST, NEAREST = "hardest", "nearest"
 """The questions: the hardest rig found, and the failure nearest to the paper's nominal run."""
@@ -29,36 +25,6 @@ STEP = {HARDEST: 0.3, NEAREST: 0.1}
 
 PIECE = 4
 """Points of a generation that a worker runs at a time."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Budget:
-    """How much a search may spend; it ends earlier where the strategy itself does.
-
-    Attributes
-    ----------
-    generations, population
-        Generations, and points in each.
-
-    Raises
-    ------
-    InvalidValueError
-        If there is too little of either.
-    """
-
-    generations: int = 30
-    population: int = 16
-
-    def __post_init__(self) -> None:
-        """Check both."""
-        for name, least in (("generations", 1), ("population", 4)):
-            if getattr(self, name) < least:
-                raise InvalidValueError(name, f"must be at least {least}", getattr(self, name))
-
-    @property
-    def runs(self) -> int:
-        """The most runs that both questions take for one controller."""
-        return 2 * (2 + self.generations * self.population)
 
 
 class Start(NamedTuple):
@@ -136,53 +102,6 @@ class Found:
         }
 
 
-def minimise(
-    cost: Callable[[list[Point]], Sequence[float]],
-    start: Point,
-    step: float,
-    rng: Generator,
-    budget: Budget,
-) -> tuple[Point, int]:
-    """Search the unit cube by CMA-ES; return the best point and how many were tried.
-
-    Parameters
-    ----------
-    cost
-        Takes points of the cube and returns what to minimise, one number each. The start is
-        tried first, alone.
-    start
-        Where to begin.
-    step
-        Standard deviation at first.
-    rng
-        The only source of chance.
-    budget
-        When to end.
-    """
-    import cma
-
-    options = {
-        "bounds": [0.0, 1.0],
-        "popsize": budget.population,
-        "maxiter": budget.generations,
-        "randn": lambda rows, genes: rng.standard_normal((rows, genes)),
-        "seed": np.nan,  # the global generator is left alone
-        "verbose": -9,
-    }
-    strategy = cma.CMAEvolutionStrategy(start, step, options)
-    best, least, tried = start, cost([start])[0], 1
-    while not strategy.stop():
-        asked = strategy.ask()
-        points = [np.clip(x, 0.0, 1.0) for x in asked]
-        costs = list(cost(points))
-        strategy.tell(asked, costs)
-        tried += len(points)
-        k = int(np.argmin(costs))
-        if costs[k] < least:
-            best, least = points[k], costs[k]
-    return best, tried
-
-
 def search_worst(
     law: Law,
     campaign: Campaign,
@@ -209,7 +128,7 @@ def search_worst(
     executor
         From `open_executor`; who computes does not change a bit.
     progress
-        Called with how many runs are done, of at most ``budget.runs``.
+        Called with how many runs are done, of at most `most_runs`.
     """
     rng, spent = search_generator(campaign.seed), 0
 
@@ -238,6 +157,17 @@ def search_worst(
     known = [_sample(campaign, i) for i in campaign.failures(law.name)]
     known += [] if hardest.trial.survived else [end]
     return [hardest, search(NEAREST, min(known, key=distance))[1]] if known else [hardest]
+
+
+def most_runs(budget: Budget) -> int:
+    """Return the most runs that `search_worst` reports for one controller.
+
+    Parameters
+    ----------
+    budget
+        Of each of its two searches.
+    """
+    return 2 * budget.points
 
 
 def _sample(campaign: Campaign, index: int) -> Start:
