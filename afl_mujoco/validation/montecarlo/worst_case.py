@@ -115,7 +115,7 @@ def search_worst(
     The first search starts from the hardest sample of the campaign, the second from the nearest
     failure known. Each has the noise of the sample that it starts from, so that it walks through
     a landscape that keeps still and finds nothing milder than what was known. There is no second
-    one if nothing fails.
+    one if nothing fails, and none at all if nothing survives.
 
     Parameters
     ----------
@@ -152,6 +152,8 @@ def search_worst(
         return distance_of(campaign.space, start.point)
 
     trials = campaign.trials[law.name]
+    if not any(trial.survived for trial in trials):
+        return []
     severities = [trial.severity(campaign.space.duration) for trial in trials]
     end, hardest = search(HARDEST, _sample(campaign, int(np.argmax(severities))))
     known = [_sample(campaign, i) for i in campaign.failures(law.name)]
