@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,3 +166,14 @@ def test_a_space_that_no_rig_has_is_refused(changes, message: str) -> None:
 def test_a_point_outside_the_cube_is_refused(point) -> None:
     with pytest.raises(InvalidValueError, match=r"^point must "):
         SPACE.scenario_of(point, 0, 0)
+
+
+def test_the_documentation_has_the_ranges_of_the_code() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "montecarlo.md").read_text(encoding="utf-8")
+    said = [[cell.strip() for cell in line.split("|")[1:4]] for line in page.splitlines()]
+    for row in SPACE.to_rows():
+        if "range" in row:
+            text = " to ".join(f"{x:.4g}" for x in row["range"])
+        else:
+            text = "none" if row["value"] is None else f"{row['value']:.4g}"
+        assert [f"`{row['name']}`", row["unit"], text] in said
