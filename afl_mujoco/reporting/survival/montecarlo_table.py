@@ -52,13 +52,15 @@ def _rates(campaign: Campaign) -> Table:
     level = f"{100 * CONFIDENCE:g} %"
     table = Table(box=SIMPLE_HEAD, title=f"{campaign.samples} rigs, seed {campaign.seed}")
     table.add_column("controller")
-    for title in ("stays up", level, "settles", level, *ENDINGS[1:]):
+    for title in ("stays up", level, "settles", level, *ENDINGS[1:], "median travel"):
         table.add_column(escape(title), justify="right")
     for name, trials in campaign.trials.items():
         endings = [trial.outcome for trial in trials]
         counts = [str(endings.count(ending)) for ending in ENDINGS[1:]]
         rates = (*_cells(campaign.survival(name)), *_cells(campaign.settling(name)))
-        table.add_row(escape(name), *rates, *counts)
+        travel = campaign.travel(name)
+        far = "–" if travel is None else f"{travel[0]:.2f} m"
+        table.add_row(escape(name), *rates, *counts, far)
     return table
 
 

@@ -103,6 +103,17 @@ class Campaign:
         """
         return [i for i, trial in enumerate(self.trials[name]) if not trial.survived]
 
+    def travel(self, name: str) -> tuple[float, float] | None:
+        """Return median and largest of the peaks of abs(z) [m] of a controller's survivors.
+
+        Parameters
+        ----------
+        name
+            Of the controller.
+        """
+        peaks = [trial.peak_z for trial in self.trials[name] if trial.survived]
+        return (float(np.median(peaks)), max(peaks)) if peaks else None
+
     def pairings(self) -> dict[tuple[str, str], Pairing]:
         """Return every two controllers compared."""
         survived = {name: [t.survived for t in found] for name, found in self.trials.items()}
@@ -131,6 +142,7 @@ class Campaign:
     def _controller(self, name: str) -> dict[str, Any]:
         """Return one controller as plain data."""
         survived, settled = self.survival(name), self.settling(name)
+        travel = self.travel(name)
         endings = [trial.outcome for trial in self.trials[name]]
         return {
             "controller": name,
@@ -141,6 +153,8 @@ class Campaign:
             "settled": settled.count,
             "settled_rate": settled.share,
             "settled_interval": list(settled.interval),
+            "median_travel": travel and travel[0],
+            "largest_travel": travel and travel[1],
             "failures_by_outcome": {ending: endings.count(ending) for ending in ENDINGS[1:]},
             "failures": [
                 {"index": i, **ending_of(self.trials[name][i])} for i in self.failures(name)

@@ -24,7 +24,7 @@ from afl_mujoco.validation.montecarlo.trial import LAW_FAILED, Settings, Trial
 from afl_mujoco.validation.montecarlo.worst_case import NEAREST, Found
 
 SPACE, SAMPLES = SampleSpace(), 60
-UP = Trial(outcome="completed", end_time=20.0, settling_time=9.0)
+UP = Trial(outcome="completed", end_time=20.0, settling_time=9.0, peak_z=1.234)
 DOWN = Trial(outcome="fell", end_time=2.5)
 BROKEN = Trial(outcome=LAW_FAILED, message="controller [x] raised")
 
@@ -106,6 +106,7 @@ def test_the_tables_say_rates_pairs_and_worst_cases(rubbed: Campaign) -> None:
     rows = [line.split() for line in text.splitlines()]
     share = f"{100 * (1 - failed / 60):.1f}"
     assert ["adaptive", share, "%"] in [row[:3] for row in rows]
+    assert ["0", "1.23", "m"] in [row[-3:] for row in rows]
     assert ["adaptive", "lqr", str(60 - failed), "0", str(failed), "0"] in [row[:6] for row in rows]
     assert "nearest failure   fell at 2.50 s" in text
     assert "rail_friction +0.40, z -0.01" in text

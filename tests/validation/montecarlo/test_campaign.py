@@ -86,6 +86,8 @@ def test_the_counts_are_those_of_the_trials(thirty: Campaign) -> None:
         assert entry["settled"] == sum(not math.isnan(t.settling_time) for t in trials)
         assert entry["rate"] == entry["survived"] / 30
         assert entry["interval"][0] < entry["rate"] < entry["interval"][1]
+        peaks = sorted(t.peak_z for t in trials if t.survived)
+        assert peaks[0] < entry["median_travel"] < entry["largest_travel"] == peaks[-1]
         assert sum(entry["failures_by_outcome"].values()) == len(entry["failures"])
         assert len(entry["failures"]) == 30 - entry["survived"]
     (pairing,) = data["comparisons"]
