@@ -117,7 +117,7 @@ def draw_failures(campaign: Campaign) -> Drawn:
         axis.set_xlabel(trait)
     for axis in panels[:, 0]:
         axis.set_ylabel("failures [% of the rigs]")
-    panels[0, 0].set_ylim(bottom=0.0)
+    panels[0, 0].set_ylim(bottom=-0.03 * panels[0, 0].get_ylim()[1])  # room for a point at zero
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     counts = ", ".join(f"{name} {int(bad.sum())}" for name, bad in failed.items())

@@ -164,8 +164,10 @@ def test_a_law_that_breaks_down_fails_its_runs_and_says_how(name: str) -> None:
 
 def test_a_law_without_a_force_ends_the_run_as_a_failure() -> None:
     law = PythonLaw(name="nan", function=not_a_number)
-    trials = run([law], samples=3).trials["nan"]
-    assert {trial.outcome for trial in trials} == {"diverged"}
+    found = run([law], samples=3)
+    assert {trial.outcome for trial in found.trials["nan"]} == {"diverged"}
+    assert found.survival("nan").count == found.settling("nan").count == 0
+    assert found.failures("nan") == [0, 1, 2]
 
 
 def test_a_law_of_a_users_module_goes_to_the_workers(tmp_path, monkeypatch) -> None:
