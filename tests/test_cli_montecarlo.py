@@ -130,6 +130,10 @@ def test_a_law_that_breaks_down_is_an_outcome_with_its_message(tmp_path: Path) -
             "cluster must be local or tcp://host:port, got 'tcp://nowhere'",
         ),
         (["--out", "taken"], "taken/montecarlo/notes.txt is not of this study"),
+        (
+            ["--validation", "page", "--films", "page"],
+            "page/films.json does not list films: 'schema' is missing",
+        ),
     ],
     ids=lambda x: " ".join(x) if isinstance(x, list) else "",
 )
@@ -138,14 +142,16 @@ def test_bad_input_is_one_line_exit_2_and_nothing_written(
 ) -> None:
     (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
     (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
+    (tmp_path / "page").mkdir()
+    for name in ("report.json", "films.json"):
+        (tmp_path / "page" / name).write_text("{}")
+    before = sorted(p for p in tmp_path.rglob("*") if p.is_file())
     result = run(*arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
     assert line.startswith(f"afl-mujoco: {message}")
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [
-        tmp_path / "taken" / "montecarlo" / "notes.txt"
-    ]
+    assert sorted(p for p in tmp_path.rglob("*") if p.is_file()) == before
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])

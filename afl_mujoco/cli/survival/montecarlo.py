@@ -72,7 +72,7 @@ class MonteCarloOptions:
 
         from rich.console import Console
 
-        from afl_mujoco.cli.survival.ending import finish
+        from afl_mujoco.cli.survival.ending import finish, require_films
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.survival.montecarlo_figures import draw_montecarlo
         from afl_mujoco.reporting.survival.montecarlo_table import print_montecarlo
@@ -80,6 +80,7 @@ class MonteCarloOptions:
         from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.validation.montecarlo.files import require_ours, write_scenarios
 
+        require_films(self.validation, self.films)
         folder = output_folder(self.out)
         require_ours(folder)
         with open_executor(self.workers, self.cluster) as executor:
