@@ -34,7 +34,10 @@ VERDICT = (
     *("validate", "--full", "--no-page", "step-trapezoid", "trapezoid-step-impulse"),
     *("--controllers", "adaptive", "--workers", "1"),
 )
-TESTS = ("tests/control", "tests/plant", "tests/scenario", "tests/simulation")
+TESTS = (
+    *("tests/control", "tests/plant", "tests/scenario", "tests/simulation"),
+    "tests/validation/montecarlo",
+)
 TIME_LIMIT = 900  # [s] for one command
 HEADER = ("fault", "caught by")
 

@@ -125,9 +125,8 @@ BAD_ARGUMENTS = {
     "unknown command": (["validat"], "Unrecognized options: validat"),
     "no command": (
         [],
-        "Expected one of {validate, report, simulate, render, view, tune, ladder, attraction, "
-        "margins, "
-        "regression}",
+        "Expected one of {validate, report, simulate, render, view, tune, ladder, montecarlo, "
+        "attraction, margins, regression}",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],

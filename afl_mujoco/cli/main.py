@@ -16,6 +16,7 @@ from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.survival.attraction import Attraction
 from afl_mujoco.cli.survival.ladder import Ladder
 from afl_mujoco.cli.survival.margins import Margins
+from afl_mujoco.cli.survival.montecarlo import MonteCarlo
 from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.validate import Validate
@@ -24,9 +25,8 @@ from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Command = (
-    Validate | Report | Simulate | Render | View | Tune | Ladder | Attraction | Margins | Regression
-)
+Study = Ladder | MonteCarlo | Attraction | Margins
+Command = Validate | Report | Simulate | Render | View | Tune | Study | Regression
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -34,3 +34,23 @@ def finish(files: Sequence[Path], validation: Path, films: Path) -> None:
     studies = load_studies(files[0].parent)
     page = write_page(validation, load_films(films, validation), studies)
     print(f"wrote {page}")
+
+
+def require_films(validation: Path, films: Path) -> None:
+    """Raise at a list of films that `finish` could not read, before anything slow.
+
+    Parameters
+    ----------
+    validation, films
+        As of `finish`.
+
+    Raises
+    ------
+    FileError
+        If what is there cannot be understood.
+    """
+    from afl_mujoco.reporting.page.folder import REPORT
+    from afl_mujoco.reporting.page.inputs.films import load_films
+
+    if (validation / REPORT).is_file():
+        load_films(films, validation)

@@ -100,7 +100,7 @@ def run_rollouts(
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     threads
-        How many run at a time; each has its own model.
+        How many run at a time; each has its own model. One runs in the thread of the caller.
     patience
         How long a run must be settled, with nothing prescribed changing any more, to end early as
         completed [s]; ``None`` for never.
@@ -141,9 +141,12 @@ def run_rollouts(
             for name, value in _figures(memory, timestep).items():
                 figures[name][i] = value
 
-    with ThreadPoolExecutor(threads) as pool:
-        for task in [pool.submit(work) for _ in range(threads)]:
-            task.result()
+    if threads == 1:  # in the caller's thread: only the main one can interrupt a law that hangs
+        work()
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            for task in [pool.submit(work) for _ in range(threads)]:
+                task.result()
     return Rollouts(status=status, **figures)
 
 

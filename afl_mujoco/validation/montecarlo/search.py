@@ -1,0 +1,91 @@
+"""A search of the unit cube by CMA-ES, which knows nothing of cart-poles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+
+Point = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """How much a search may spend; it ends earlier where the strategy itself does.
+
+    Attributes
+    ----------
+    generations, population
+        Generations, and points in each.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is too little of either.
+    """
+
+    generations: int = 30
+    population: int = 16
+
+    def __post_init__(self) -> None:
+        """Check both."""
+        for name, least in (("generations", 1), ("population", 4)):
+            if getattr(self, name) < least:
+                raise InvalidValueError(name, f"must be at least {least}", getattr(self, name))
+
+    @property
+    def points(self) -> int:
+        """The most points that a search tries."""
+        return 1 + self.generations * self.population
+
+
+def minimise(
+    cost: Callable[[list[Point]], Sequence[float]],
+    start: Point,
+    step: float,
+    rng: Generator,
+    budget: Budget,
+) -> tuple[Point, int]:
+    """Search the unit cube by CMA-ES; return the best point and how many were tried.
+
+    Parameters
+    ----------
+    cost
+        Takes points of the cube and returns what to minimise, one number each. The start is
+        tried first, alone.
+    start
+        Where to begin.
+    step
+        Standard deviation at first.
+    rng
+        The only source of chance.
+    budget
+        When to end.
+    """
+    import cma
+
+    options = {
+        "bounds": [0.0, 1.0],
+        "popsize": budget.population,
+        "maxiter": budget.generations,
+        "randn": lambda rows, genes: rng.standard_normal((rows, genes)),
+        "seed": np.nan,  # the global generator is left alone
+        "verbose": -9,
+    }
+    strategy = cma.CMAEvolutionStrategy(start, step, options)
+    best, least, tried = start, cost([start])[0], 1
+    while not strategy.stop():
+        asked = strategy.ask()
+        points = [np.clip(x, 0.0, 1.0) for x in asked]
+        costs = list(cost(points))
+        strategy.tell(asked, costs)
+        tried += len(points)
+        k = int(np.argmin(costs))
+        if costs[k] < least:
+            best, least = points[k], costs[k]
+    return best, tried

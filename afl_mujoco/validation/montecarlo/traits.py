@@ -1,0 +1,78 @@
+"""What may tell a rig on which a controller fails from one on which it does not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import ks_2samp
+
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.validation.montecarlo.campaign import Campaign
+from afl_mujoco.validation.montecarlo.space import sample_scenario
+
+TRAITS: Mapping[str, Callable[[Scenario], float]] = {
+    "start angle |φ₀| [deg]": lambda s: math.degrees(abs(s.initial_state[1])),
+    "start velocity z′₀ [m/s]": lambda s: s.initial_state[2],
+    "start rate away from upright [rad/s]": lambda s: math.copysign(
+        s.initial_state[3], s.initial_state[1] * s.initial_state[3]
+    ),
+    "cart mass at the start [kg]": lambda s: s.cart_mass.at(0.0),
+    "least cart mass [kg]": lambda s: min(s.cart_mass.values),
+    "half-length at the start [m]": lambda s: s.half_length.at(0.0),
+    "least half-length [m]": lambda s: min(s.half_length.values),
+    "rail damping [N s/m]": lambda s: s.realism.rail_damping,
+    "rail damping / least cart mass [1/s]": lambda s: (
+        s.realism.rail_damping / min(s.cart_mass.values)
+    ),
+    "dry friction [N]": lambda s: s.realism.rail_friction,
+    "hinge damping [mN m s/rad]": lambda s: 1e3 * s.realism.hinge_damping,
+    "delay + lag [ms]": lambda s: 1e3 * (s.realism.delay + s.realism.actuator_lag),
+    "noise of φ [mrad]": lambda s: 1e3 * s.realism.noise_phi,
+    "noise of φ′ [mrad/s]": lambda s: 1e3 * s.realism.noise_phi_dot,
+    "encoder step of φ [mrad]": lambda s: 1e3 * s.realism.encoder_step_phi,
+}
+"""Numbers of a scenario by their label, which gives the unit."""
+
+FEWEST = 5
+"""Failures, and survivors, below which a controller has no say in what is telling."""
+
+
+def traits_of(campaign: Campaign) -> dict[str, NDArray[np.float64]]:
+    """Return every trait of every sample, each of shape (samples,).
+
+    Parameters
+    ----------
+    campaign
+        Gives the samples.
+    """
+    rigs = [sample_scenario(campaign.space, i, campaign.seed) for i in range(campaign.samples)]
+    return {name: np.array([trait(rig) for rig in rigs]) for name, trait in TRAITS.items()}
+
+
+def most_telling(
+    traits: Mapping[str, NDArray[np.float64]], failed: Sequence[NDArray[np.bool_]], count: int
+) -> list[str]:
+    """Return the traits that differ most between failures and survivors, the most telling first.
+
+    They are ranked by the largest gap between the two distribution functions (the statistic of
+    Kolmogorov and Smirnov), the largest over the controllers.
+
+    Parameters
+    ----------
+    traits
+        From `traits_of`.
+    failed
+        For each controller, which samples it did not survive, shape (samples,).
+    count
+        How many to return.
+    """
+    judges = [bad for bad in failed if FEWEST <= int(bad.sum()) <= len(bad) - FEWEST]
+
+    def gap(name: str) -> float:
+        x = traits[name]
+        return max((float(ks_2samp(x[bad], x[~bad]).statistic) for bad in judges), default=0.0)
+
+    return sorted(traits, key=lambda name: -gap(name))[:count]
