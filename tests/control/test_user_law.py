@@ -136,6 +136,25 @@ def test_a_law_that_does_not_return_is_stopped():
     assert clock.perf_counter() - start < 5.0
 
 
+def test_a_law_that_catches_what_stops_it_and_answers_late_is_told_so():
+    def stubborn(time, state, belief):
+        try:
+            clock.sleep(10.0)
+        except:  # noqa: E722 (as laws are written)
+            return 1.0
+
+    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+        law(stubborn, call_limit=0.05).command(0.0, STATE, TOLD)
+
+
+def test_a_law_that_ends_the_program_is_answered_in_one_line():
+    def leaving(time, state, belief):
+        raise SystemExit("enough")
+
+    with pytest.raises(LawError, match=r"^controller 'mine' raised SystemExit at t = 0 s: enough$"):
+        law(leaving).command(0.0, STATE, TOLD)
+
+
 def test_a_law_that_is_slow_in_another_thread_is_told_so_afterwards():
     answers = []
 

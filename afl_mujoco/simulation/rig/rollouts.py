@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
@@ -100,7 +101,7 @@ def run_rollouts(
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     threads
-        How many run at a time; each has its own model.
+        How many run at a time; each has its own model. A law in Python runs one at a time.
     patience
         How long a run must be settled, with nothing prescribed changing any more, to end early as
         completed [s]; ``None`` for never.
@@ -141,6 +142,9 @@ def run_rollouts(
             for name, value in _figures(memory, timestep).items():
                 figures[name][i] = value
 
+    if isinstance(law, PythonLaw):  # here one that hangs can be stopped, and threads gain nothing
+        work()
+        return Rollouts(status=status, **figures)
     with ThreadPoolExecutor(threads) as pool:
         for task in [pool.submit(work) for _ in range(threads)]:
             task.result()
