@@ -250,7 +250,8 @@ def march(at, plan, course, memory, record, initial_state, sensors, actuator, ki
 
 @borrowing_kernel
 def march_estimating(
-    at, plan, course, memory, record, initial_state, sensors, actuator, law, filter_memory, settings
+    at, plan, course, memory, record, initial_state, sensors, actuator, law, filter_memory, settings,
+    beliefs,
 ):
     """Run the closed loop with a law that an estimator tells M, l and the state.
 
@@ -264,6 +265,8 @@ def march_estimating(
         A `CompiledLaw`.
     filter_memory, settings
         Of the estimator, as of `estimator.start`.
+    beliefs
+        Takes the M [kg] and l [m] that are believed at each control tick, shape (T, 2), or (0, 2).
     """
     kind, table, masses, lengths = law
     start(at, plan, course, memory, record, initial_state)
@@ -276,6 +279,8 @@ def march_estimating(
             force = memory[MEAN_FORCE] if settings[FORCE_SENSED] else memory[COMMAND]
             mass, length = update_estimate(filter_memory, settings, z, phi, force, sensors.period)
         z, phi, z_dot, phi_dot = filtered_state(filter_memory)
+        if tick < len(beliefs):
+            beliefs[tick, 0], beliefs[tick, 1] = mass, length
         believed = (mass, settings[POLE_MASS], length, settings[GRAVITY])
         command = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed)
         advance(at, plan, actuator, course, memory, record, command)

@@ -14,6 +14,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.simulation.rig import loop
 from afl_mujoco.simulation.rig.channels import STATUS, STEP, blank_memory, sense
+from afl_mujoco.simulation.rig.estimated import simulate_estimated
 from afl_mujoco.simulation.rig.rollouts import run_rollouts
 from afl_mujoco.simulation.rig.runs import prepare
 
@@ -96,3 +97,13 @@ def test_it_runs_nowhere_else(odd_scenario, told):
     for simulate in (simulate_ode, simulate_mujoco):
         with pytest.raises(InvalidValueError, match=rule):
             simulate(odd_scenario, told)
+
+
+def test_what_is_believed_along_a_run_can_be_kept_and_changes_nothing(odd_scenario, told):
+    scenario = replace(odd_scenario, realism=REAL)
+    kept, run = simulate_estimated(scenario, told), simulate_mujoco(scenario, told, "sampled")
+    assert kept.run.state.tobytes() == run.state.tobytes()
+    np.testing.assert_allclose(kept.time, np.arange(400) * 0.002)
+    _, _, last = by_hand(scenario, told)
+    assert (kept.cart_mass[0], kept.half_length[0]) == pytest.approx((0.9, 0.45))
+    assert (kept.cart_mass[-1], kept.half_length[-1]) == last
