@@ -4,7 +4,7 @@ from math import cos, sin
 
 
 def law(time, state, belief):
-    """Return the force on the cart [N] at a time [s], a state, and what is believed of the plant."""
+    """Return the force on the cart [N], from time [s], state, and belief about the plant."""
     z, phi, z_dot, phi_dot = state  # position [m], angle from upright [rad], and their rates
     mass, length = belief.cart_mass + belief.pole_mass, 4.0 / 3.0 * belief.half_length
     lean = -25.0 * phi - 10.0 * phi_dot  # the angular acceleration that uprights the pole ...

@@ -14,6 +14,7 @@ from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.survival.attraction import Attraction
+from afl_mujoco.cli.survival.estimation import Estimation
 from afl_mujoco.cli.survival.margins import Margins
 from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
 from afl_mujoco.cli.tune import Tune
@@ -23,7 +24,18 @@ from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Command = Validate | Report | Simulate | Render | View | Tune | Attraction | Margins | Regression
+Command = (
+    Validate
+    | Report
+    | Simulate
+    | Render
+    | View
+    | Tune
+    | Attraction
+    | Margins
+    | Estimation
+    | Regression
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -222,7 +222,7 @@ def _peaks(one: Curves) -> str:
 
 
 def _largest(values: np.ndarray) -> float:
-    """Return the largest size among what is a number; 0 if nothing is, as of a law without force."""
+    """Return the largest size of what is a number; 0 if nothing is, as of a law without force."""
     return float(np.abs(values[~np.isnan(values)]).max(initial=0.0))
 
 

@@ -68,6 +68,5 @@ def simulate_estimated(
         beliefs=beliefs,
     )
     told = beliefs[~np.isnan(beliefs[:, 0])]
-    return EstimatedRun(
-        run=run, time=np.arange(len(told)) * period, cart_mass=told[:, 0], half_length=told[:, 1]
-    )
+    time = np.asarray(np.arange(len(told)) * period, dtype=np.float64)
+    return EstimatedRun(run=run, time=time, cart_mass=told[:, 0], half_length=told[:, 1])

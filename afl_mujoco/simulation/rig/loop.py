@@ -250,7 +250,17 @@ def march(at, plan, course, memory, record, initial_state, sensors, actuator, ki
 
 @borrowing_kernel
 def march_estimating(
-    at, plan, course, memory, record, initial_state, sensors, actuator, law, filter_memory, settings,
+    at,
+    plan,
+    course,
+    memory,
+    record,
+    initial_state,
+    sensors,
+    actuator,
+    law,
+    filter_memory,
+    settings,
     beliefs,
 ):
     """Run the closed loop with a law that an estimator tells M, l and the state.
