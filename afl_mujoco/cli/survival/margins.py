@@ -28,7 +28,7 @@ class Margins:
         "pole-placement",
         "partial-linearization",
     )
-    """Controllers by name."""
+    """Controllers by name, or a law in Python, my_module:my_law."""
     cart_masses: tuple[float, ...] | None = None
     """Cart masses M of the grid [kg]; the paper's 20 by default."""
     half_lengths: tuple[float, ...] | None = None
@@ -48,11 +48,13 @@ class Margins:
 
         from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
         from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.control.estimation.estimated_law import refuse_estimated
         from afl_mujoco.output import output_folder, write_text
         from afl_mujoco.reporting.survival.margins_table import print_margins
         from afl_mujoco.validation.margins.survey import survey_margins
 
         controllers = [find_controller(name) for name in self.controllers]
+        refuse_estimated(controllers)
         masses = self.cart_masses or CART_MASSES
         folder = output_folder(self.out)
         with count_bar(len(controllers) * len(masses), "linearising") as progress:

@@ -108,7 +108,7 @@ def tracking(truth: Schedule, time: Array, estimate: Array) -> Tracking:
         steps=tuple(
             _step(time, error, start, stop)
             for start, stop in spans
-            if start > 0.0 and truth.at(start) != truth.before(start)
+            if start > 0.0 and _differ(truth.before(start), truth.at(start))
         ),
         ramps=tuple(
             Ramp(start=start, end=stop, lag=_lag(truth, time, estimate, start, stop))
@@ -128,10 +128,15 @@ def _rms(error: Array) -> float | None:
     return float(np.sqrt(np.mean(error**2))) if len(error) else None
 
 
+def _differ(one: float, other: float) -> bool:
+    """Return whether two values differ by more than rounding."""
+    return not math.isclose(one, other, rel_tol=1e-6)
+
+
 def _rate(truth: Schedule, start: float, end: float) -> float:
     """Return how fast the truth changes between two breakpoints; 0 if only by rounding."""
     first, last = truth.at(start), truth.before(end)
-    return 0.0 if math.isclose(first, last, rel_tol=1e-6) else (last - first) / (end - start)
+    return (last - first) / (end - start) if _differ(first, last) else 0.0
 
 
 def _step(time: Array, error: Array, start: float, end: float) -> Step:

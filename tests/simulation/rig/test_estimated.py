@@ -11,6 +11,7 @@ from afl_mujoco.control.estimation import estimator
 from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.reporting.films.replay import Deployment, record
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.simulation.rig import loop
 from afl_mujoco.simulation.rig.channels import STATUS, STEP, blank_memory, sense
@@ -107,3 +108,10 @@ def test_what_is_believed_along_a_run_can_be_kept_and_changes_nothing(odd_scenar
     _, _, last = by_hand(scenario, told)
     assert (kept.cart_mass[0], kept.half_length[0]) == pytest.approx((0.9, 0.45))
     assert (kept.cart_mass[-1], kept.half_length[-1]) == last
+
+
+def test_its_ghost_in_a_film_is_told_the_truth(odd_scenario, told, adaptive):
+    film = record(odd_scenario, told, Deployment(), 50)
+    truth = record(odd_scenario, adaptive, Deployment(), 50)
+    np.testing.assert_array_equal(film.ideal, truth.ideal)
+    assert np.abs(film.state - truth.state).max() > 1e-6
