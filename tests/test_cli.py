@@ -150,7 +150,7 @@ BAD_ARGUMENTS = {
     "no command": (
         [],
         "Expected one of {validate, report, simulate, render, view, tune, attraction, margins, "
-        "regression}",
+        "estimation, regression}",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],

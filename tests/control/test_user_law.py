@@ -241,6 +241,13 @@ def test_a_law_that_does_nothing_lets_the_pole_fall(smooth_scenario, simulate):
     assert simulate(smooth_scenario, law(lambda *_: 0.0)).outcome.kind == "fell"
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_law_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
+    own = law(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
+    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+        afl.run_rollouts([smooth_scenario] * 2, own, threads=threads)
+
+
 # Loading
 
 
