@@ -50,13 +50,14 @@ def draw_estimation(cases: Sequence[Case]) -> Drawn:
         axis.set_ylabel(label)
     panels[0, 0].legend(loc="lower right")
     panels[2, 0].legend(loc="lower right")
-    controller = cases[0].controller
+    controller, noise = cases[0].controller, cases[0].noise
     return Drawn(
         name="estimation",
         title="M and l estimated online",
         caption=(
             f"The {controller} law told M, l and the state by the estimator, as deployed at 1 kHz, "
-            "with 0.1 mm and 0.5 mrad of noise on the measured z and φ. Black: the truth, and the "
+            f"with {1e3 * noise.noise_z:g} mm and {1e3 * noise.noise_phi:g} mrad of noise on the "
+            "measured z and φ. Black: the truth, and the "
             "same law told the truth without noise. An estimate is frozen while the motion says "
             "nothing about it: a plant that changes at rest is found when it next moves."
         ),
