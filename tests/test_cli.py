@@ -97,6 +97,30 @@ BAD_ARGUMENTS = {
         ["validate", "short.toml", "--controllers", "pid"],
         "controller must be one of fixed, adaptive, fixed-retuned, adaptive-retuned, ",
     ),
+    "law told by the estimator, judged": (
+        ["validate", "short.toml", "--controllers", "adaptive-estimated"],
+        "controller 'adaptive-estimated' is told by an estimator, which only sampled mode ",
+    ),
+    "law told by the estimator, in the ODE": (
+        ["simulate", "short.toml", "--simulator", "ode", "--controller", "lqr-estimated"],
+        "controller 'lqr-estimated' is told by an estimator, which only sampled mode simulates",
+    ),
+    "law told by the estimator, in exact mode": (
+        ["simulate", "short.toml", "--simulator", "exact", "--controller", "fixed-estimated"],
+        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
+    ),
+    "law told by the estimator, in continuous mode": (
+        ["simulate", "short.toml", "--simulator", "continuous", "--controller", "fixed-estimated"],
+        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
+    ),
+    "margins of a law told by the estimator": (
+        ["margins", "--controllers", "fixed-estimated"],
+        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
+    ),
+    "attraction of a law told by the estimator": (
+        ["attraction", "--controllers", "fixed-estimated"],
+        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
+    ),
     "unknown gain labels": (
         ["validate", "short.toml", "--gain-labels", "table3"],
         "gain labels must be one of table2, table1, got 'table3'",
@@ -126,7 +150,7 @@ BAD_ARGUMENTS = {
     "no command": (
         [],
         "Expected one of {validate, report, simulate, render, view, tune, ladder, montecarlo, "
-        "attraction, margins, regression}",
+        "attraction, margins, estimation, regression}",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],

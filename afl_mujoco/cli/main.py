@@ -14,6 +14,7 @@ from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.survival.attraction import Attraction
+from afl_mujoco.cli.survival.estimation import Estimation
 from afl_mujoco.cli.survival.ladder import Ladder
 from afl_mujoco.cli.survival.margins import Margins
 from afl_mujoco.cli.survival.montecarlo import MonteCarlo
@@ -25,7 +26,7 @@ from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Study = Ladder | MonteCarlo | Attraction | Margins
+Study = Ladder | MonteCarlo | Attraction | Margins | Estimation
 Command = Validate | Report | Simulate | Render | View | Tune | Study | Regression
 
 

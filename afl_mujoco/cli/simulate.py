@@ -32,7 +32,8 @@ class Simulate:
     """Scenario by name, or a TOML file."""
     controller: str = "adaptive"
     """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
-    partial-linearization; or a law in Python, my_module:my_law (ode and exact)."""
+    partial-linearization; any but -nominal with -estimated after it, told M and l by the estimator
+    (sampled); or a law in Python, my_module:my_law (examples/README.md)."""
     simulator: str = "sampled"
     """ode, or a mode of MuJoCo: exact, continuous, sampled."""
     compare: bool = False

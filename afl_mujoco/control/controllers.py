@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.afl import sliding_and_drift
 from afl_mujoco.control.baselines.state_feedback import baselines
 from afl_mujoco.control.compiled_law import AFL, CompiledLaw
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
 from afl_mujoco.control.law import Law, belief_as_data
@@ -149,6 +150,13 @@ CONTROLLERS: Mapping[str, Law] = MappingProxyType(_build())
 """Every controller by name; those that end in ``-nominal`` are never told M(t) and l(t)."""
 
 
+_ESTIMABLE = tuple(name for name in CONTROLLERS if not name.endswith("-nominal"))
+
+ESTIMATED = "-estimated"
+"""Ending of the name of a law that the estimator tells M, l and the state: ``adaptive-estimated``.
+Such laws are not in `CONTROLLERS`, since only sampled mode runs them."""
+
+
 def find_controller(name: str, gain_labels: str = "table2") -> Law:
     """Return a controller by its name, in either reading of the paper's gain columns.
 
@@ -157,7 +165,8 @@ def find_controller(name: str, gain_labels: str = "table2") -> Law:
     Parameters
     ----------
     name
-        A key of `CONTROLLERS`, or ``module:function`` of a law in Python.
+        A key of `CONTROLLERS`; one that does not end in ``-nominal``, with ``-estimated`` after it,
+        for the same law told by the estimator; or ``module:function`` of a law in Python.
     gain_labels
         A key of `GAIN_LABELS`, decision D2.
 
@@ -172,8 +181,12 @@ def find_controller(name: str, gain_labels: str = "table2") -> Law:
         raise UnknownNameError.among("gain labels", gain_labels, GAIN_LABELS)
     if ":" in name:
         return load_python_law(name)
+    if (told := name.removesuffix(ESTIMATED)) != name and told in _ESTIMABLE:
+        law = find_controller(told, gain_labels)
+        return EstimatedLaw(name=f"{law.name}{ESTIMATED}", law=law)
     if name not in CONTROLLERS:
-        raise UnknownNameError.among("controller", name, CONTROLLERS)
+        others = (f"({', '.join(_ESTIMABLE)}){ESTIMATED}", "module:function")
+        raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
     controller = CONTROLLERS[name]
     if not isinstance(controller, Controller):
         return controller

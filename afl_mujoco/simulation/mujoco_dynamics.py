@@ -13,6 +13,7 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import mujoco_loops as loops
 from afl_mujoco.simulation.integrator import Derivative, Transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike, write_parameters
+from afl_mujoco.simulation.user_law.march import march_own_law
 
 
 def closed_loop(
@@ -65,6 +66,43 @@ def _interpreted(
         return result
 
     return derivative
+
+
+def march_segment(
+    at: NDArray[np.int64],
+    state: NDArray[np.float64],
+    times: NDArray[np.float64],
+    cart_mass: NDArray[np.float64],
+    half_length: NDArray[np.float64],
+    constants: tuple[float, float],
+    acting: tuple[float, float],
+    controller: Law,
+    law: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], int]:
+    """March through a segment as `mujoco_loops.march_continuous` does, under any law.
+
+    Parameters
+    ----------
+    at, state, times, cart_mass, half_length, constants, acting, law
+        As of `mujoco_loops.march_continuous`.
+    controller
+        The law.
+    """
+    course = (at, state, times, cart_mass, half_length, constants, acting)
+    if not isinstance(controller, PythonLaw):
+        reached: tuple[NDArray[np.float64], int] = loops.march_continuous(
+            *course, controller.compiled.kind, law
+        )
+        return reached
+    pole_mass, gravity = constants
+
+    def slope(k: int, stage: int, x: NDArray[np.float64], force: float) -> tuple[float, ...]:
+        true = (cart_mass[k, stage], pole_mass, half_length[k, stage], gravity)
+        rate: tuple[float, ...] = loops.forced_derivative(at, x, true, force, *acting)
+        return rate
+
+    states, _, status = march_own_law(controller, state, times, law, lambda k, x: x, slope)
+    return states, status
 
 
 def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange) -> Transition:

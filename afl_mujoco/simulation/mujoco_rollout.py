@@ -18,7 +18,7 @@ from afl_mujoco.scenario.sampling import impulses_by_step, steps, time_grid, who
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import mujoco_loops as loops
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
-from afl_mujoco.simulation.mujoco_dynamics import closed_loop, transition
+from afl_mujoco.simulation.mujoco_dynamics import closed_loop, march_segment, transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.rig.runs import control_period_of, simulate_rig
 from afl_mujoco.simulation.trajectory import (
@@ -150,7 +150,7 @@ def _continuous(
         before = segment
         first, last = np.searchsorted(march.times, (segment.start, segment.end))
         part = slice(first, last)
-        states, code = loops.march_continuous(
+        states, code = march_segment(
             model.addresses,
             state,
             march.times[first : last + 1],
@@ -158,7 +158,7 @@ def _continuous(
             march.half_length[part],
             (scenario.pole_mass, scenario.gravity),
             (segment.push, segment.half_length[1] if change.stretching else 0.0),
-            controller.compiled.kind,
+            controller,
             law[part],
         )
         state, status = states[-1], OUTCOMES[code]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.compiled_law import given_force
 from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.sampling import Steps, steps, whole_steps
@@ -30,6 +31,7 @@ from afl_mujoco.simulation.trajectory import (
     ending_of,
     within_limits,
 )
+from afl_mujoco.simulation.user_law.march import march_own_law
 
 SUBSTEPS = 8
 """RK4 steps within each held step: they leave an error some 4000 times below RK4 at the step."""
@@ -77,16 +79,8 @@ def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
     )
     plant = _plants(march.cart_mass, march.half_length, scenario)
-    states, _, status = _march(
-        np.array(scenario.initial_state),
-        march.times,
-        plant,
-        march.push,
-        march.impulse,
-        controller.compiled.kind,
-        law,
-        np.empty(0, dtype=np.bool_),
-    )
+    course = (np.array(scenario.initial_state), march.times, plant, march.push, march.impulse)
+    states, _, status = _marched(controller, *course, law, np.empty(0, dtype=np.bool_))
     outcome = Outcome(OUTCOMES[status], float(march.times[len(states) - 1]))
     settings = {"timestep": timestep}
     return assemble(scenario, controller, "ode RK4", settings, march.times, states, outcome)
@@ -150,16 +144,9 @@ def simulate_ode_held(
         scenario.gravity,
     )
     mass, length, push, impulse = _held_inputs(scenario, fine, start_of, timestep, holds)
-    states, forces, status = _march(
-        np.array(scenario.initial_state),
-        fine.times,
-        _plants(mass, length, scenario),
-        push,
-        impulse,
-        controller.compiled.kind,
-        law,
-        update,
-    )
+    plant = _plants(mass, length, scenario)
+    course = (np.array(scenario.initial_state), fine.times, plant, push, impulse)
+    states, forces, status = _marched(controller, *course, law, update)
     outcome = Outcome(OUTCOMES[status], float(fine.times[len(states) - 1]))
     kept = start_of[start_of < len(states)]
     settings = {"timestep": timestep, "control_period": holds.control_period, "substeps": substeps}
@@ -203,6 +190,22 @@ def _plants(
     plant[..., 0], plant[..., 1] = cart_mass, scenario.pole_mass
     plant[..., 2], plant[..., 3] = half_length, scenario.gravity
     return plant
+
+
+def _marched(controller, initial_state, times, plant, push, impulse, law, update):
+    """Return what `_march` does, of a law in Python too."""
+    if not isinstance(controller, PythonLaw):
+        kind = controller.compiled.kind
+        return _march(initial_state, times, plant, push, impulse, kind, law, update)
+
+    def slope(k, stage, x, force):
+        return _slope(x, force + push[k], plant[k, stage])
+
+    def arrive(k, x):
+        return _struck(x, impulse[k], plant[k, 0])
+
+    held = update if len(update) else None
+    return march_own_law(controller, initial_state, times, law, arrive, slope, held)
 
 
 @kernel
@@ -256,6 +259,12 @@ def _law_step(x, dt, plant, push, kind, law):
 
 
 @kernel
+def _struck(x, impulse, plant):
+    """Return the state after an impulse [N s]: accelerations are linear in the force."""
+    return x + (_slope(x, impulse, plant) - _slope(x, 0.0, plant)) if impulse != 0.0 else x
+
+
+@kernel
 def _march(initial_state, times, plant, push, impulse, kind, law, update):
     """March by RK4 and return states and forces reached and the status.
 
@@ -273,8 +282,7 @@ def _march(initial_state, times, plant, push, impulse, kind, law, update):
             return states[: k + 1], forces[: k + 1], _FELL
         if k == count:
             break
-        if impulse[k] != 0.0:  # accelerations are linear in the force
-            x += _slope(x, impulse[k], plant[k, 0]) - _slope(x, 0.0, plant[k, 0])
+        x[:] = _struck(x, impulse[k], plant[k, 0])
         if not held or update[k]:
             force = given_force(kind, x, law[k, 0])
         forces[k] = force

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.control.controllers import CONTROLLERS
+from afl_mujoco.control.estimation.estimated_law import refuse_estimated
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.catalogue import SCENARIOS
@@ -216,6 +217,7 @@ def require_runnable(
         for name in names:
             if names.count(name) > 1:
                 raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")
+    refuse_estimated(controllers)
     whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
     for scenario in scenarios:
         scenario.require_ideal()

@@ -147,10 +147,30 @@ def test_a_gain_function_needs_five_finite_coefficients():
 def test_unknown_names_are_answered_with_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
         find_controller("adaptiv")
-    names = ", ".join(CONTROLLERS)
+    told = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
+    names = ", ".join(CONTROLLERS) + f", ({told}partial-linearization)-estimated, module:function"
     assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'"
     with pytest.raises(UnknownNameError, match=r"^gain labels must be one of table2, table1, got "):
         find_controller("fixed", "table3")
+
+
+@pytest.mark.parametrize("name", [n for n in CONTROLLERS if not n.endswith("-nominal")])
+def test_every_law_has_a_twin_that_the_estimator_tells(name):
+    twin = find_controller(f"{name}-estimated")
+    assert (twin.name, twin.law) == (f"{name}-estimated", CONTROLLERS[name])
+    assert twin.name not in CONTROLLERS
+
+
+def test_the_twin_has_the_gains_in_the_reading_that_is_asked_for():
+    twin = find_controller("adaptive-estimated", "table1")
+    assert twin.name == "adaptive-table1-estimated"
+    assert twin.law.gain_function == find_controller("adaptive", "table1").gain_function
+
+
+@pytest.mark.parametrize("name", ["adaptive-nominal-estimated", "pid-estimated", "-estimated"])
+def test_a_law_that_is_told_a_nominal_plant_or_is_none_has_no_such_twin(name):
+    with pytest.raises(UnknownNameError, match=rf", got '{name}'$"):
+        find_controller(name)
 
 
 def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_parameters):

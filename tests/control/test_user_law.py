@@ -8,6 +8,7 @@ import pickle
 import sys
 import threading
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from afl_mujoco.control.controllers import CONTROLLERS, find_controller
 from afl_mujoco.control.user_law.loading import load_python_law
 from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.validation.metrics import metrics
 
 TOLD = np.array([1.0, 0.05, 0.5, 9.81])
@@ -134,6 +136,25 @@ def test_a_law_that_does_not_return_is_stopped():
     assert clock.perf_counter() - start < 5.0
 
 
+def test_a_law_that_catches_what_stops_it_and_answers_late_is_told_so():
+    def stubborn(time, state, belief):
+        try:
+            clock.sleep(10.0)
+        except:  # noqa: E722 (as laws are written)
+            return 1.0
+
+    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+        law(stubborn, call_limit=0.05).command(0.0, STATE, TOLD)
+
+
+def test_a_law_that_ends_the_program_is_answered_in_one_line():
+    def leaving(time, state, belief):
+        raise SystemExit("enough")
+
+    with pytest.raises(LawError, match=r"^controller 'mine' raised SystemExit at t = 0 s: enough$"):
+        law(leaving).command(0.0, STATE, TOLD)
+
+
 def test_a_law_that_is_slow_in_another_thread_is_told_so_afterwards():
     answers = []
 
@@ -160,43 +181,71 @@ def test_what_cannot_be_called_as_a_law_is_refused_before_a_run(function):
 # In the simulators
 
 
-def test_the_paper_s_law_in_python_is_the_compiled_one_in_the_ode_and_in_mujoco(odd_scenario):
-    own, compiled = law(paper), CONTROLLERS["fixed"]
-    for run, reference in (
-        (afl.simulate_ode(odd_scenario, own), afl.simulate_ode(odd_scenario, compiled)),
-        (
-            afl.simulate_mujoco(odd_scenario, own, "exact"),
-            afl.simulate_mujoco(odd_scenario, compiled, "exact"),
-        ),
-    ):
-        assert run.outcome == reference.outcome
-        np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
-        np.testing.assert_allclose(run.force, reference.force, rtol=1e-8, atol=1e-8)
-        assert metrics(odd_scenario, own, run)["saturated_share"] is None
+SIMULATORS = {
+    "ode": afl.simulate_ode,
+    "exact": lambda *of: afl.simulate_mujoco(*of, "exact"),
+    "continuous": lambda *of: afl.simulate_mujoco(*of, "continuous"),
+    "sampled": lambda *of: afl.simulate_mujoco(*of, "sampled", control_period=0.004),
+    "RK4": lambda *of: afl.simulate_ode_rk4(*of),
+    "held": lambda *of: afl.simulate_ode_held(*of, control_period=0.004),
+    "only the schedule held": lambda *of: afl.simulate_ode_held(*of, holds=Holds(schedule=True)),
+}
 
 
-def test_a_law_is_told_the_time(smooth_scenario):
-    own = law(lambda time, state, belief: 3.0 * time)
-    run = afl.simulate_ode(smooth_scenario, own)
-    np.testing.assert_array_equal(run.force, 3.0 * run.time)
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
+@pytest.mark.parametrize("gains", ["fixed", "fixed-nominal"])
+def test_the_paper_s_law_in_python_is_the_compiled_one(odd_scenario, simulate, gains):
+    compiled = CONTROLLERS[gains]
+    own = law(paper, belief=compiled.belief)
+    run, reference = (simulate(odd_scenario, controller) for controller in (own, compiled))
+    assert run.outcome == reference.outcome
+    np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
+    np.testing.assert_allclose(run.force, reference.force, rtol=1e-8, atol=1e-8)
+    assert metrics(odd_scenario, own, run)["saturated_share"] is None
 
 
-def test_a_law_without_a_force_ends_the_run_as_diverged(smooth_scenario):
-    own = law(lambda time, state, belief: math.nan if time > 0.3 else 0.0)
-    run = afl.simulate_ode(smooth_scenario, own)
+def test_what_a_jump_of_the_rod_does_is_the_same_under_a_law_in_python(odd_scenario):
+    settings = {"dynamics": "stretching-rod", "jumps": "momenta"}
+    run, reference = (
+        afl.simulate_mujoco(odd_scenario, controller, "continuous", **settings)
+        for controller in (law(paper), CONTROLLERS["fixed"])
+    )
+    np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
+
+
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
+def test_a_law_is_told_the_time(smooth_scenario, simulate):
+    run = simulate(smooth_scenario, law(lambda time, state, belief: 3.0 * time))
+    period = run.provenance["settings"].get("control_period")
+    told = run.time if period is None else period * np.floor(run.time / period + 1e-9)
+    np.testing.assert_allclose(run.force[:-1], 3.0 * told[:-1], atol=1e-9)
+
+
+def test_a_law_is_told_the_time_within_a_step(smooth_scenario):
+    """Of a force linear in time the two ODEs agree as no scheme of a lower order would."""
+    own = law(lambda time, state, belief: 8.0 * time - 2.0)
+    scenario = replace(smooth_scenario, duration=0.2)
+    run, reference = afl.simulate_ode_rk4(scenario, own), afl.simulate_ode(scenario, own)
+    np.testing.assert_allclose(run.state, reference.state, atol=1e-9)
+
+
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
+def test_a_law_without_a_force_ends_the_run_as_diverged(smooth_scenario, simulate):
+    run = simulate(smooth_scenario, law(lambda time, *_: math.nan if time > 0.3 else 0.0))
     assert run.outcome.kind == "diverged"
     assert run.outcome.time == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_law_that_does_nothing_lets_the_pole_fall(smooth_scenario):
-    run = afl.simulate_mujoco(smooth_scenario, law(lambda *_: 0.0), "exact")
-    assert run.outcome.kind == "fell"
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
+def test_a_law_that_does_nothing_lets_the_pole_fall(smooth_scenario, simulate):
+    assert simulate(smooth_scenario, law(lambda *_: 0.0)).outcome.kind == "fell"
 
 
-def test_a_mode_that_runs_compiled_laws_says_so(smooth_scenario):
-    rule = r"^controller 'mine' is written in Python, which this simulator does not run$"
-    with pytest.raises(InvalidValueError, match=rule):
-        afl.simulate_mujoco(smooth_scenario, law(paper), "continuous")
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_law_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
+    own = law(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
+    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+        afl.run_rollouts([smooth_scenario] * 2, own, threads=threads)
 
 
 # Loading

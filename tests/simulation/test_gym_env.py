@@ -90,6 +90,26 @@ def test_importing_the_package_registers_whatever_is_imported_first(imports: str
 
 
 @needs_gymnasium
+def test_a_name_can_say_what_to_import_and_must_if_nothing_else_does() -> None:
+    """As docs/gymnasium.md has it: since 1.0 Gymnasium looks at no entry points."""
+    made = program(
+        "import gymnasium",
+        "print(gymnasium.make('afl_mujoco:afl_mujoco/CartPole-step-step-v0').spec.id)",
+    )
+    assert (made.stdout, made.stderr) == ("afl_mujoco/CartPole-step-step-v0\n", "")
+    unknown = program("import gymnasium", "gymnasium.make('afl_mujoco/CartPole-step-step-v0')")
+    assert "NamespaceNotFound" in unknown.stderr
+
+
+@needs_gymnasium
+def test_the_example_of_the_documentation_runs() -> None:
+    text = (ROOT / "docs" / "gymnasium.md").read_text(encoding="utf-8")
+    example = text.split("```python\n")[1].split("```")[0]
+    run = program(*example.splitlines(), "print(terminated)")
+    assert (run.stdout, run.stderr) == ("True\n", "")
+
+
+@needs_gymnasium
 def test_asking_where_gymnasium_is_does_not_keep_it_from_being_registered_with() -> None:
     run = program(
         "import afl_mujoco, importlib.util, sys",

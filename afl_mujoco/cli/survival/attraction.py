@@ -34,7 +34,7 @@ class Attraction:
     """
 
     controllers: tuple[str, ...] = ("adaptive", "lqr")
-    """Controllers by name."""
+    """Controllers by name; not a law in Python, nor one told by the estimator."""
     planes: tuple[str, ...] = ("states", "plants")
     """Maps to draw: states, plants."""
     grid: int | None = None

@@ -48,6 +48,7 @@ class Ladder:
         "fixed-retuned",
         "adaptive-retuned",
         "adaptive-nominal",
+        "adaptive-estimated",
         "lqr",
         "pole-placement",
         "partial-linearization",
@@ -90,8 +91,8 @@ class Ladder:
         from afl_mujoco.cli.survival.ending import finish
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.output import output_folder
-        from afl_mujoco.reporting.survival.ladder_figures import draw_ladder
-        from afl_mujoco.reporting.survival.ladder_table import print_ladder
+        from afl_mujoco.reporting.survival.ladder.figures import draw_ladder
+        from afl_mujoco.reporting.survival.ladder.table import print_ladder
         from afl_mujoco.reporting.survival.study import write_study
         from afl_mujoco.validation.ladder.ladder import (
             require_climbable,

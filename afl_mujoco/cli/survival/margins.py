@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
     from afl_mujoco.validation.margins.delay import DelayComparison
 
+QUICK = 4
+"""Of how many M and l one is looked at in haste."""
+
 INDIFFERENT = ("out", "validation", "films", "workers")
 """Options that leave the numbers as they are."""
 
@@ -25,7 +28,7 @@ class Margins:
 
     Example: afl-mujoco margins --controllers fixed lqr --control-period 0.005
 
-    The loop is linearised by finite differences on MuJoCo; on some plants the delay at which a
+    The loop is linearised by finite differences on MuJoCo; on six plants the delay at which a
     small motion in MuJoCo grows is measured as well. Writes margins.json and figures.
     """
 
@@ -38,7 +41,7 @@ class Margins:
         "pole-placement",
         "partial-linearization",
     )
-    """Controllers by name."""
+    """Controllers by name, or a law in Python, my_module:my_law."""
     cart_masses: tuple[float, ...] | None = None
     """Cart masses M of the grid [kg]; the paper's 20 by default."""
     half_lengths: tuple[float, ...] | None = None
@@ -47,7 +50,9 @@ class Margins:
     """How long the sampled loop holds the force [s]."""
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
-    measure: bool = True
+    quick: bool = False
+    """Every fourth M and l of the paper, and no measurement, where not given otherwise."""
+    measure: bool | None = None
     """Measure on six plants what delay MuJoCo bears."""
     out: Path = Path("renders/survival")
     """Folder for the files."""
@@ -63,6 +68,7 @@ class Margins:
         from afl_mujoco.cli.survival.ending import finish
         from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
         from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.control.estimation.estimated_law import refuse_estimated
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.survival.margins_figures import draw_margins
         from afl_mujoco.reporting.survival.margins_table import print_margins, print_measured
@@ -70,13 +76,15 @@ class Margins:
         from afl_mujoco.validation.margins.survey import survey_margins
 
         controllers = [find_controller(name) for name in self.controllers]
-        masses = self.cart_masses or CART_MASSES
+        refuse_estimated(controllers)
+        every = QUICK if self.quick else 1
+        masses = self.cart_masses or CART_MASSES[::every]
         folder = output_folder(self.out)
         with count_bar(len(controllers) * len(masses), "linearising") as progress:
             survey = survey_margins(
                 controllers,
                 cart_masses=masses,
-                half_lengths=self.half_lengths or HALF_LENGTHS,
+                half_lengths=self.half_lengths or HALF_LENGTHS[::every],
                 control_period=self.control_period,
                 workers=self.workers,
                 progress=progress,
@@ -94,7 +102,7 @@ class Margins:
         """Return margin and measurement of each law on each plant."""
         from afl_mujoco.validation.margins.delay import compare_delays, comparison_count
 
-        if not self.measure:
+        if not (not self.quick if self.measure is None else self.measure):
             return ()
         with count_bar(comparison_count(controllers), "measuring") as progress:
             return compare_delays(controllers, workers=self.workers, progress=progress)

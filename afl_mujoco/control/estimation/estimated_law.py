@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -72,3 +73,21 @@ class EstimatedLaw(Law):
             "estimator": asdict(self.settings),
             "belief": "estimated",
         }
+
+
+def refuse_estimated(laws: Iterable[Law]) -> None:
+    """Raise if a law is told by an estimator, before anything is run that cannot run it.
+
+    Parameters
+    ----------
+    laws
+        What is to be run.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is one.
+    """
+    for law in laws:
+        if isinstance(law, EstimatedLaw):
+            _ = law.compiled

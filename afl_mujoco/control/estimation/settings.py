@@ -16,7 +16,8 @@ POSITION_VARIANCE, ANGLE_VARIANCE, ACCELERATION_INTENSITY = 0, 1, 2
 LEAST_VARIANCE, LEAST_EXCITATION = 3, 5  # each of M, then of l
 LN_START, LN_VARIANCE, LN_LOWEST, LN_HIGHEST = 7, 9, 11, 13  # each of M, then of l
 SPEED_VARIANCE, RATE_VARIANCE, EXCITATION_MEMORY, POLE_MASS, GRAVITY = 15, 16, 17, 18, 19
-SIZE = 20
+FORCE_SENSED = 20
+SIZE = 21
 
 _RANGES = ("cart_mass_range", "half_length_range")
 
@@ -55,6 +56,10 @@ class EstimatorSettings:
         quarter more.
     pole_mass, gravity
         m [kg] and g [m/s^2], which are known.
+    force_sensed
+        Whether the drive reports the force that it exerts, as one does that measures its current.
+        Otherwise the estimator is told what was commanded, cut off at the force limit, and knows
+        nothing of a delay, a slew rate or a lag of the drive.
 
     Raises
     ------
@@ -80,10 +85,12 @@ class EstimatorSettings:
     half_length_range: tuple[float, float] = (0.04, 1.25)
     pole_mass: float = NOMINAL.pole_mass
     gravity: float = NOMINAL.gravity
+    force_sensed: bool = False
 
     def __post_init__(self) -> None:
         """Validate every field and store its numbers as floats."""
-        for field in fields(self):
+        require_type("force_sensed", self.force_sensed, bool)
+        for field in fields(self)[:-1]:
             name, value = field.name, getattr(self, field.name)
             checked = _range(name, value) if name in _RANGES else require_positive(name, value)
             object.__setattr__(self, name, checked)
@@ -96,7 +103,7 @@ class EstimatorSettings:
 
     @property
     def array(self) -> NDArray[np.float64]:
-        """The settings as the compiled estimator takes them, shape (20,)."""
+        """The settings as the compiled estimator takes them, shape (21,)."""
         starts = (self.initial_cart_mass, self.initial_half_length)
         ends = zip(self.cart_mass_range, self.half_length_range, strict=True)
         return np.array(
@@ -117,6 +124,7 @@ class EstimatorSettings:
                 self.excitation_memory,
                 self.pole_mass,
                 self.gravity,
+                self.force_sensed,
             ]
         )
 

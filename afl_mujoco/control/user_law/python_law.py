@@ -112,7 +112,7 @@ class PythonLaw(Law):
         except _Overrun:
             rule = f"must answer within {self.call_limit:g} s, did not at t = {time:g} s"
             raise LawError(f"controller {self.name!r}", rule) from None
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if not abs(phi) < 0.5 * np.pi:  # where a run has ended, but an integrator may look
                 return math.nan
             rule = f"raised {type(error).__name__} at t = {time:g} s: {error}"
@@ -244,7 +244,11 @@ def _limited(seconds: float) -> Iterator[None]:
             raise _Overrun
         return
 
+    rang = False
+
     def ring(number: int, frame: object) -> None:
+        nonlocal rang
+        rang = True
         raise _Overrun
 
     before = signal.signal(signal.SIGALRM, ring)
@@ -254,6 +258,8 @@ def _limited(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before or signal.SIG_DFL)
+    if rang:  # and the law has caught what interrupted it
+        raise _Overrun
 
 
 def _source_hash(function: object) -> str | None:

@@ -217,8 +217,13 @@ def _peaks(one: Curves) -> str:
         f"{one.controller.capitalize()}: the pole starts at {in_words(state[0, 1])} rad and swings "
         f"{in_words(_beyond(state[:, 1]))} rad beyond upright, the cart strays {z} m, its speed "
         f"peaks at {z_dot} m/s, the pole's rate at {phi_dot} rad/s, the force at "
-        f"{in_words(float(np.nanmax(np.abs(force))))} N."
+        f"{in_words(_largest(force))} N."
     )
+
+
+def _largest(values: np.ndarray) -> float:
+    """Return the largest size of what is a number; 0 if nothing is, as of a law without force."""
+    return float(np.abs(values[~np.isnan(values)]).max(initial=0.0))
 
 
 def _beyond(values: np.ndarray) -> float:
@@ -255,7 +260,7 @@ def _apart(one: Curves, columns: Iterable[int]) -> float:
     for column in columns:
         (_, deployed), (_, ideal) = (_column(one, run, column) for run in (DEPLOYED, REFERENCE))
         both = min(len(deployed), len(ideal))
-        largest = max(largest, float(np.nanmax(np.abs(deployed[:both] - ideal[:both]))))
+        largest = max(largest, _largest(deployed[:both] - ideal[:both]))
     return largest
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -98,6 +99,8 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
 def record(scenario: Scenario, controller: Law, deployment: Deployment, fps: int) -> Replay:
     """Run the law as deployed in MuJoCo, and the ideal ODE, for a film.
 
+    In the ideal ODE a law that an estimator tells the plant is told the truth.
+
     Parameters
     ----------
     scenario, controller
@@ -115,7 +118,8 @@ def record(scenario: Scenario, controller: Law, deployment: Deployment, fps: int
         control_period=deployment.control_period,
         integrator=deployment.integrator,
     )
-    ideal = simulate_ode(scenario, controller, sample_period=deployment.timestep)
+    told = controller.law if isinstance(controller, EstimatedLaw) else controller
+    ideal = simulate_ode(scenario, told, sample_period=deployment.timestep)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
     runs_on = times <= run.outcome.time

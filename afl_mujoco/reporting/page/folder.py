@@ -180,7 +180,7 @@ def _curves(path: Path, report: Row) -> tuple[Curves, ...]:
         raise FileError(error.thing, f"{error.rule}: {AGAIN}") from None
     here = {(one.scenario, one.controller) for one in curves}
     wanted = {(run["scenario"], run["controller"]) for run in report["runs"]}
-    drawable = all(len(one.states.get(REFERENCE, ())) > 1 for one in curves)
+    drawable = all(len(one.states.get(REFERENCE, ())) for one in curves)
     if here != wanted or not drawable:
         raise FileError(str(path), f"must hold the runs of {REPORT} beside it: {AGAIN}")
     return curves

@@ -21,7 +21,7 @@ from afl_mujoco.reporting.figures.style import (
     new_figure,
     styled,
 )
-from afl_mujoco.reporting.survival.ladder_words import Row
+from afl_mujoco.reporting.survival.ladder.words import Row
 
 COLUMNS = 4
 SHADES = "viridis"

@@ -15,10 +15,11 @@ from afl_mujoco.simulation.mujoco_model import PHI, PHI_DOT, Z_DOT, Z
 from afl_mujoco.simulation.rig.noise import normals
 
 # Places in the memory of a run: what is written in the model, what was seen, the actuator's state,
-# how far the run is, figures of it, the force over the last control period, commands under way.
+# how far the run is, figures of it, what the drive was asked for and exerted over the last control
+# period, commands under way.
 CART_MASS, HALF_LENGTH, SEEN_Z, SEEN_PHI, SEEN_Z_DOT, SEEN_PHI_DOT, DEMAND, FORCE = range(8)
 STATUS, STEP, PEAK_Z, PEAK_PHI, MAX_FORCE, IAE_Z, IAE_PHI, UNSETTLED, AT_STOP = range(8, 17)
-MEAN_FORCE, RING = 17, 18
+COMMAND, MEAN_FORCE, RING = 17, 18, 19
 
 RUNNING = -1
 """The status of a run that has not ended; else it is an index into `OUTCOMES`."""

@@ -9,7 +9,7 @@ from afl_mujoco.control.compiled_law import given_force, law_force
 from afl_mujoco.control.estimation.estimator import filtered_state
 from afl_mujoco.control.estimation.estimator import start as begin_estimate
 from afl_mujoco.control.estimation.estimator import update as update_estimate
-from afl_mujoco.control.estimation.settings import GRAVITY, POLE_MASS
+from afl_mujoco.control.estimation.settings import FORCE_SENSED, GRAVITY, POLE_MASS
 from afl_mujoco.simulation.mujoco_model import (
     CONTROL,
     DATA,
@@ -28,6 +28,7 @@ from afl_mujoco.simulation.mujoco_model import (
 from afl_mujoco.simulation.rig.channels import (
     AT_STOP,
     CART_MASS,
+    COMMAND,
     HALF_LENGTH,
     IAE_PHI,
     IAE_Z,
@@ -185,7 +186,7 @@ def advance(at, plan, actuator, course, memory, record, command):
         if len(record) > 0:
             record[first, 4] = command
         return
-    memory[MEAN_FORCE] = 0.0
+    memory[COMMAND], memory[MEAN_FORCE] = command, 0.0
     for k in range(first, min(first + plan.hold, plan.steps)):
         force = actuate(actuator, memory, command, k)
         if len(record) > 0:
@@ -249,19 +250,33 @@ def march(at, plan, course, memory, record, initial_state, sensors, actuator, ki
 
 @borrowing_kernel
 def march_estimating(
-    at, plan, course, memory, record, initial_state, sensors, actuator, law, filter_memory, settings
+    at,
+    plan,
+    course,
+    memory,
+    record,
+    initial_state,
+    sensors,
+    actuator,
+    law,
+    filter_memory,
+    settings,
+    beliefs,
 ):
     """Run the closed loop with a law that an estimator tells M, l and the state.
 
     Parameters
     ----------
     at, plan, course, memory, record, initial_state, sensors, actuator
-        As of `march`; the estimator gets the measured positions, and the force over each control
-        period as the drive exerts it.
+        As of `march`; the estimator gets the measured positions, and the force that was commanded
+        over each control period, cut off at the limit; if its settings say that the drive reports
+        the force, the mean of what it exerted.
     law
         A `CompiledLaw`.
     filter_memory, settings
         Of the estimator, as of `estimator.start`.
+    beliefs
+        Takes the M [kg] and l [m] that are believed at each control tick, shape (T, 2), or (0, 2).
     """
     kind, table, masses, lengths = law
     start(at, plan, course, memory, record, initial_state)
@@ -271,9 +286,11 @@ def march_estimating(
         if tick == 0:
             mass, length = begin_estimate(filter_memory, settings, z, phi)
         else:
-            force, period = memory[MEAN_FORCE], sensors.period
-            mass, length = update_estimate(filter_memory, settings, z, phi, force, period)
+            force = memory[MEAN_FORCE] if settings[FORCE_SENSED] else memory[COMMAND]
+            mass, length = update_estimate(filter_memory, settings, z, phi, force, sensors.period)
         z, phi, z_dot, phi_dot = filtered_state(filter_memory)
+        if tick < len(beliefs):
+            beliefs[tick, 0], beliefs[tick, 1] = mass, length
         believed = (mass, settings[POLE_MASS], length, settings[GRAVITY])
         command = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed)
         advance(at, plan, actuator, course, memory, record, command)

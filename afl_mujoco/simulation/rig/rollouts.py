@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
@@ -100,7 +101,8 @@ def run_rollouts(
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     threads
-        How many run at a time; each has its own model. One runs in the thread of the caller.
+        How many run at a time; each has its own model. One runs in the thread of the caller, as a
+        law in Python does: there it can be stopped if it hangs.
     patience
         How long a run must be settled, with nothing prescribed changing any more, to end early as
         completed [s]; ``None`` for never.
@@ -141,8 +143,8 @@ def run_rollouts(
             for name, value in _figures(memory, timestep).items():
                 figures[name][i] = value
 
-    if threads == 1:  # in the caller's thread: only the main one can interrupt a law that hangs
-        work()
+    if threads == 1 or isinstance(law, PythonLaw):
+        work()  # here a law in Python that hangs can be stopped, and threads gain it nothing
     else:
         with ThreadPoolExecutor(threads) as pool:
             for task in [pool.submit(work) for _ in range(threads)]:

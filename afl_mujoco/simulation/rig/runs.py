@@ -166,7 +166,12 @@ def _grid(count: int) -> NDArray[np.float64]:
 
 
 def perform(
-    model: CartPoleModel, run: Run, law: Law, *, record: bool
+    model: CartPoleModel,
+    run: Run,
+    law: Law,
+    *,
+    record: bool,
+    beliefs: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """March a run from start to end.
 
@@ -180,6 +185,9 @@ def perform(
         The law that it was prepared for.
     record
         Whether to keep every state and force.
+    beliefs
+        Takes what an `EstimatedLaw` believes of M [kg] and l [m] at each control tick, shape
+        (T, 2).
 
     Returns
     -------
@@ -193,7 +201,8 @@ def perform(
     rows = np.empty((plan.steps + 1 if record else 0, 5))
     march = (at, plan, run.course, memory, rows, run.initial_state)
     if isinstance(law, EstimatedLaw):
-        told = (law.law.compiled, blank_estimator(), law.settings.array)
+        kept = np.empty((0, 2)) if beliefs is None else beliefs
+        told = (law.law.compiled, blank_estimator(), law.settings.array, kept)
         loop.march_estimating(*march, run.sensors, run.actuator, *told)
         return memory, rows
     if not isinstance(law, PythonLaw):
@@ -218,6 +227,7 @@ def simulate_rig(
     control_period: float | None = None,
     integrator: str = "RK4",
     model: CartPoleModel | None = None,
+    beliefs: NDArray[np.float64] | None = None,
 ) -> Trajectory:
     """Simulate a scenario with all its realism, as `simulate_mujoco` does in sampled mode.
 
@@ -231,6 +241,8 @@ def simulate_rig(
         As of `simulate_mujoco`.
     model
         The model to use instead of a fresh one, its timestep and integrator as given here.
+    beliefs
+        As of `perform`.
 
     Raises
     ------
@@ -245,7 +257,7 @@ def simulate_rig(
             integrator=integrator,
             realism=scenario.realism,
         )
-    memory, rows = perform(model, run, law, record=True)
+    memory, rows = perform(model, run, law, record=True, beliefs=beliefs)
     count = int(memory[STEP])
     times = _grid(run.plan.steps + 1) * timestep
     settings = {

@@ -88,7 +88,7 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
         for step in (STEP, COARSER * STEP)
     )
     disagreement = max(
-        float(np.abs(one - other).max() / np.abs(one).max())
+        float(np.abs(one - other).max() / max(np.abs(one).max(), 1e-300))
         for one, other in zip(fine, coarse, strict=True)
     )
     if not disagreement <= AGREEMENT:

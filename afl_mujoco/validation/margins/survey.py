@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
+from afl_mujoco.control.estimation.estimated_law import refuse_estimated
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
@@ -192,6 +193,7 @@ def survey_margins(
     AflMujocoError
         If a setting breaks its rule.
     """
+    refuse_estimated(controllers)
     period = require_positive("control_period", control_period)
     masses = tuple(require_positive("cart_masses", x) for x in cart_masses)
     lengths = tuple(require_positive("half_lengths", x) for x in half_lengths)

@@ -10,8 +10,9 @@ import survival_case
 from matplotlib.colors import to_rgba
 from rich.console import Console
 
-from afl_mujoco.reporting.survival import ladder_figures, ladder_words
-from afl_mujoco.reporting.survival.ladder_table import print_ladder
+from afl_mujoco.reporting.survival.ladder import figures as ladder_figures
+from afl_mujoco.reporting.survival.ladder import words as ladder_words
+from afl_mujoco.reporting.survival.ladder.table import print_ladder
 from afl_mujoco.reporting.survival.margins_figures import draw_margins
 
 LADDER = survival_case.make_ladder()

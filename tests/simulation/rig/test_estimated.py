@@ -11,15 +11,18 @@ from afl_mujoco.control.estimation import estimator
 from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.reporting.films.replay import Deployment, record
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.simulation.rig import loop
 from afl_mujoco.simulation.rig.channels import STATUS, STEP, blank_memory, sense
+from afl_mujoco.simulation.rig.estimated import simulate_estimated
 from afl_mujoco.simulation.rig.rollouts import run_rollouts
 from afl_mujoco.simulation.rig.runs import prepare
 
 REAL = Realism(
-    noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004, seed=4
-)
+    noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004,
+    force_limit=8.0, seed=4,
+)  # fmt: skip
 SETTINGS = EstimatorSettings(initial_cart_mass=0.9, initial_half_length=0.45)
 
 
@@ -29,24 +32,26 @@ def told(adaptive):
 
 
 def by_hand(scenario, law):
-    """The same loop in Python: measure, estimate with the mean force that acted, command, advance.
+    """The same loop in Python: measure, estimate with the force, command, advance.
 
-    Returns states and forces, and the force that was told to the estimator at each tick.
+    Returns states and forces, and the last estimates.
     """
     run = prepare(scenario, law, timestep=1e-3)
     model = CartPoleModel(scenario.parameters_at(0.0), realism=scenario.realism)
     memory, rows = blank_memory(run.actuator), np.empty((run.plan.steps + 1, 5))
     filtering, settings = estimator.blank_memory(), law.settings.array
     loop.start(model.addresses, run.plan, run.course, memory, rows, run.initial_state)
-    tick = 0
+    tick, command = 0, 0.0
     while memory[STATUS] == loop.RUNNING:
         z, phi, _, _ = sense(model.addresses, run.sensors, memory, tick)
         if tick == 0:
             mass, length = estimator.start(filtering, settings, z, phi)
         else:
             k = int(memory[STEP])
-            acted = float(rows[k - 1, 4] / 2 + rows[k - 2, 4] / 2) if tick else 0.0
-            mass, length = estimator.update(filtering, settings, z, phi, acted, 0.002)
+            force = max(min(command, 8.0), -8.0)
+            if law.settings.force_sensed:
+                force = float(rows[k - 1, 4] / 2 + rows[k - 2, 4] / 2)
+            mass, length = estimator.update(filtering, settings, z, phi, force, 0.002)
         believed = (mass, law.settings.pole_mass, length, law.settings.gravity)
         state = estimator.filtered_state(filtering)
         command = law_force(*law.law.compiled, *state, believed)
@@ -56,7 +61,11 @@ def by_hand(scenario, law):
     return rows[: count + 1, :4], rows[: count + 1, 4], (mass, length)
 
 
-def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, told):
+@pytest.mark.parametrize("sensed", [False, True], ids=["commanded", "sensed"])
+def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, adaptive, sensed):
+    """And what the estimator is told of the force is what a rig knows of it."""
+    settings = replace(SETTINGS, force_sensed=sensed)
+    told = EstimatedLaw(name="told", law=adaptive, settings=settings)
     scenario = replace(odd_scenario, realism=REAL)
     run = simulate_mujoco(scenario, told, "sampled")
     states, forces, (mass, length) = by_hand(scenario, told)
@@ -89,3 +98,20 @@ def test_it_runs_nowhere_else(odd_scenario, told):
     for simulate in (simulate_ode, simulate_mujoco):
         with pytest.raises(InvalidValueError, match=rule):
             simulate(odd_scenario, told)
+
+
+def test_what_is_believed_along_a_run_can_be_kept_and_changes_nothing(odd_scenario, told):
+    scenario = replace(odd_scenario, realism=REAL)
+    kept, run = simulate_estimated(scenario, told), simulate_mujoco(scenario, told, "sampled")
+    assert kept.run.state.tobytes() == run.state.tobytes()
+    np.testing.assert_allclose(kept.time, np.arange(400) * 0.002)
+    _, _, last = by_hand(scenario, told)
+    assert (kept.cart_mass[0], kept.half_length[0]) == pytest.approx((0.9, 0.45))
+    assert (kept.cart_mass[-1], kept.half_length[-1]) == last
+
+
+def test_its_ghost_in_a_film_is_told_the_truth(odd_scenario, told, adaptive):
+    film = record(odd_scenario, told, Deployment(), 50)
+    truth = record(odd_scenario, adaptive, Deployment(), 50)
+    np.testing.assert_array_equal(film.ideal, truth.ideal)
+    assert np.abs(film.state - truth.state).max() > 1e-6

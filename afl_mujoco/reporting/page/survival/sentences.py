@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from afl_mujoco.reporting.page.inputs.studies import Row, Study
 from afl_mujoco.reporting.page.numbers import fixed, percent, short
 from afl_mujoco.reporting.page.summary import Sentence
-from afl_mujoco.reporting.survival.ladder_words import (
+from afl_mujoco.reporting.survival.ladder.words import (
     level_text,
     rise_of,
     spare,

@@ -10,7 +10,7 @@ from typing import Any
 from afl_mujoco.reporting.page.inputs.studies import Row, Study, malformed
 from afl_mujoco.reporting.page.numbers import fixed, percent, short
 from afl_mujoco.reporting.page.survival.sentences import survival_sentences
-from afl_mujoco.reporting.survival.ladder_words import (
+from afl_mujoco.reporting.survival.ladder.words import (
     CLASSES,
     class_of,
     level_text,

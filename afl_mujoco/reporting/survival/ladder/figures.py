@@ -16,7 +16,7 @@ from afl_mujoco.reporting.figures.style import (
     new_figure,
     styled,
 )
-from afl_mujoco.reporting.survival.ladder_words import (
+from afl_mujoco.reporting.survival.ladder.words import (
     CLASSES,
     FAILS,
     MUCH,

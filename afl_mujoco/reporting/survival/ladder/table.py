@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from afl_mujoco.reporting.survival.ladder_words import (
+from afl_mujoco.reporting.survival.ladder.words import (
     FAILS,
     LITTLE,
     Row,

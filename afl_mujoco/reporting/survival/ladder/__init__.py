@@ -1,0 +1,1 @@
+"""The realism ladder as a table and figures."""

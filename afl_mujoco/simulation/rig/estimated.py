@@ -1,0 +1,72 @@
+"""A run of a law that the estimator tells the plant, with what it believed along the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.rig.runs import control_period_of, simulate_rig
+from afl_mujoco.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EstimatedRun:
+    """A run and its estimates.
+
+    Attributes
+    ----------
+    run
+        The run.
+    time
+        Control ticks that the run reached [s], shape (T,).
+    cart_mass, half_length
+        M [kg] and l [m] as they were believed in the command of each tick, shape (T,).
+    """
+
+    run: Trajectory
+    time: NDArray[np.float64]
+    cart_mass: NDArray[np.float64]
+    half_length: NDArray[np.float64]
+
+
+def simulate_estimated(
+    scenario: Scenario,
+    law: EstimatedLaw,
+    *,
+    timestep: float = 1e-3,
+    control_period: float | None = None,
+    integrator: str = "RK4",
+) -> EstimatedRun:
+    """Simulate a scenario as `simulate_mujoco` does in sampled mode, and keep the estimates.
+
+    Parameters
+    ----------
+    scenario
+        What happens, and what departs from the ideal.
+    law
+        Law and estimator.
+    timestep, control_period, integrator
+        As of `simulate_mujoco`.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule.
+    """
+    period = control_period_of(scenario, control_period, timestep)
+    beliefs = np.full((int(scenario.duration / period) + 2, 2), np.nan)
+    run = simulate_rig(
+        scenario,
+        law,
+        timestep=timestep,
+        control_period=control_period,
+        integrator=integrator,
+        beliefs=beliefs,
+    )
+    told = beliefs[~np.isnan(beliefs[:, 0])]
+    time = np.asarray(np.arange(len(told)) * period, dtype=np.float64)
+    return EstimatedRun(run=run, time=time, cart_mass=told[:, 0], half_length=told[:, 1])

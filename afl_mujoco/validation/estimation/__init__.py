@@ -1,0 +1,1 @@
+"""How well M and l are estimated online, and what that costs the closed loop."""

@@ -1,0 +1,161 @@
+"""The example of a law of one's own, and laws that go wrong, from the real command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco.simulation.trajectory import Trajectory
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+SHORT = "duration = 0.3\n"
+
+BROKEN = """
+import math
+
+def raises(time, state, belief):
+    return 0.0 if time < 0.05 else 1.0 / 0.0
+
+def shape(time, state, belief):
+    return state
+
+def hangs(time, state, belief):
+    while True:
+        pass
+
+def leaves(time, state, belief):
+    raise SystemExit(0)
+
+def nothing(time, state, belief):
+    return math.nan
+"""
+
+SAID = {
+    "raises": "controller 'broken.raises' raised ZeroDivisionError at t = 0.05",
+    "shape": "controller 'broken.shape' must return one number at t = 0 s, got an array of shape",
+    "hangs": "controller 'broken.hangs' must answer within 1 s, did not at t = 0 s",
+    "leaves": "controller 'broken.leaves' raised SystemExit at t = 0 s: 0",
+}
+
+COMMANDS = {
+    "exact": ["simulate", "--simulator", "exact", "--controller"],
+    "continuous": ["simulate", "--simulator", "continuous", "--controller"],
+    "sampled": ["simulate", "--simulator", "sampled", "--controller"],
+    # a second law, so that there is work for two processes
+    "validate": ["validate", "--workers", "2", "--controllers", "fixed"],
+    "render": ["render", "--size", "160x128", "--fps", "10", "--workers", "2", "--controllers"],
+}
+
+
+def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command in a working directory."""
+    return subprocess.run(
+        [sys.executable, "-m", "afl_mujoco", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def with_law(command: str, law: str, scenario: Path, out: Path) -> list[str]:
+    """Return the arguments of a command."""
+    law = f"fixed,{law}" if command == "render" else law
+    name, *rest = COMMANDS[command]
+    return [name, str(scenario), *rest, law, "--out", str(out)]
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT)
+    return path
+
+
+def files(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
+def test_the_example_has_ten_lines() -> None:
+    lines = (EXAMPLES / "own_law.py").read_text().splitlines()
+    body = [x for x in lines if x.strip() and not x.lstrip().startswith(("#", '"""'))]
+    assert len(body) <= 10
+
+
+@pytest.mark.parametrize("mode", ["exact", "continuous", "sampled"])
+def test_the_example_balances_in_every_mode(mode: str, tmp_path: Path) -> None:
+    arguments = ("--simulator", mode, "--controller", "own_law:law", "--out", str(tmp_path))
+    run = program(EXAMPLES, "simulate", "step-step", *arguments)
+    assert (run.returncode, run.stderr) == (0, "")
+    saved = Trajectory.load(tmp_path / f"step-step-own_law.law-{mode}.npz")
+    assert str(saved.outcome) == "completed"
+    assert abs(saved.state[-1]).max() < 0.01
+    assert saved.provenance["controller"]["law"] == "own_law.law"
+
+
+def test_the_example_is_validated(scenario: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run = program(EXAMPLES, *with_law("validate", "own_law:law", scenario, out))
+    assert (run.returncode, run.stderr) == (0, "")
+    report = json.loads((out / "report.json").read_text())
+    judged = {c["id"] for c in report["checks"] if c["controller"] == "own_law.law"}
+    assert judged == {"A5", "B1", "B2b", "B3", "B5"}
+    assert "own_law.law" in (out / "report.html").read_text()
+
+
+def test_the_example_is_filmed(graphics: None, scenario: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run = program(EXAMPLES, *with_law("render", "own_law:law", scenario, out))
+    assert (run.returncode, run.stderr) == (0, "")
+    assert (out / "short-own_law.law.mp4").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("command", "law"),
+    [
+        *(("sampled", law) for law in SAID),
+        *((command, "raises") for command in COMMANDS if command != "sampled"),
+        *((command, "hangs") for command in ("validate", "render")),
+    ],
+)
+def test_a_law_that_goes_wrong_is_one_line_and_leaves_no_file(
+    command: str, law: str, scenario: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    if command == "render":
+        request.getfixturevalue("graphics")
+    (tmp_path / "broken.py").write_text(BROKEN)
+    before = files(tmp_path)
+    run = program(tmp_path, *with_law(command, f"broken:{law}", scenario, tmp_path / "out"))
+    assert run.returncode == 2
+    assert run.stdout == ""
+    assert run.stderr.startswith(f"afl-mujoco: {SAID[law]}")
+    assert len(run.stderr.splitlines()) == 1
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_law_without_a_force_ends_the_run_and_the_result_says_so(
+    command: str, scenario: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    if command == "render":
+        request.getfixturevalue("graphics")
+    (tmp_path / "broken.py").write_text(BROKEN)
+    out = tmp_path / "out"
+    run = program(tmp_path, *with_law(command, "broken:nothing", scenario, out))
+    assert run.returncode == 0
+    assert run.stderr == ""
+    if command == "validate":
+        runs = json.loads((out / "report.json").read_text())["runs"]
+        ended = {r["outcome"] for r in runs if r["controller"] == "broken.nothing"}
+        assert ended == {"diverged at t = 0 s"}
+        assert "broken.nothing" in (out / "report.html").read_text()
+    elif command != "render":
+        assert "diverged at t = 0 s" in run.stdout
