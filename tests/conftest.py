@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CONTROLLERS, CartPoleParameters, Scenario, constant, piecewise_linear, step
+from afl_mujoco.cli.main import main
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 
@@ -84,3 +85,19 @@ def graphics():
         if os.environ.get("AFL_MUJOCO_REQUIRE_GL"):
             pytest.fail(f"AFL_MUJOCO_REQUIRE_GL is set, but {reason}")
         pytest.skip(reason)
+
+
+@pytest.fixture
+def command_line(tmp_path, monkeypatch, capsys):
+    """Runs the command line in this process, in a folder of its own: quick, for what it refuses.
+
+    Returns exit code, what was printed and what was said on stderr.
+    """
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.chdir(tmp_path)
+        code = main(arguments)
+        output, errors = capsys.readouterr()
+        return code, output, errors
+
+    return run

@@ -36,7 +36,8 @@ VERDICT = (
 )
 TESTS = (
     *("tests/control", "tests/plant", "tests/scenario", "tests/simulation"),
-    "tests/validation/montecarlo",
+    *("tests/validation/ladder", "tests/validation/montecarlo"),
+    "tests/validation/test_delay_margins.py",
 )
 TIME_LIMIT = 900  # [s] for one command
 HEADER = ("fault", "caught by")

@@ -71,21 +71,21 @@ def test_the_numbers_do_not_depend_on_the_threads(tmp_path: Path) -> None:
         (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
         (["--threads", "0"], "threads must be at least 1, got 0"),
         (["--out", "file"], "output folder file cannot be written: file exists"),
-        (["--controllers", "law:force"], "controller 'law.force' is written in Python"),
+        (["--controllers", "pushing:force"], "controller 'pushing.force' is written in Python"),
     ],
     ids=str,
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
-    tmp_path: Path, arguments: list[str], message: str
+    tmp_path: Path, command_line, arguments: list[str], message: str
 ) -> None:
     (tmp_path / "file").write_text("")
-    (tmp_path / "law.py").write_text("def force(time, state, belief): return 0.0\n")
-    result = run(*arguments, cwd=tmp_path)
-    assert (result.returncode, result.stdout) == (2, "")
-    assert len(result.stderr.splitlines()) == 1
-    assert message in result.stderr
+    (tmp_path / "pushing.py").write_text("def force(time, state, belief): return 0.0\n")
+    code, output, errors = command_line("attraction", *arguments)
+    assert (code, output) == (2, "")
+    assert len(errors.splitlines()) == 1
+    assert message in errors
     left = {path.name for path in tmp_path.iterdir()} - {"__pycache__"}
-    assert left == {"file", "law.py"}
+    assert left == {"file", "pushing.py"}
 
 
 def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:

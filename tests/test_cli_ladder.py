@@ -67,14 +67,14 @@ def test_it_writes_numbers_figures_and_a_table_and_a_law_of_ones_own_can_climb(
     ids=str,
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
-    tmp_path: Path, arguments: list[str], message: str
+    tmp_path: Path, command_line, arguments: list[str], message: str
 ) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "real.toml").write_text('name = "real"\n[realism]\ndelay = 0.01\n')
-    result = run(*arguments, cwd=tmp_path)
-    assert (result.returncode, result.stdout) == (2, "")
-    assert len(result.stderr.splitlines()) == 1
-    assert message in result.stderr
+    code, output, errors = command_line("ladder", *arguments)
+    assert (code, output) == (2, "")
+    assert len(errors.splitlines()) == 1
+    assert message in errors
     assert {path.name for path in tmp_path.iterdir()} == {"file", "real.toml"}
 
 

@@ -138,7 +138,7 @@ def test_a_law_that_breaks_down_is_an_outcome_with_its_message(tmp_path: Path) -
     ids=lambda x: " ".join(x) if isinstance(x, list) else "",
 )
 def test_bad_input_is_one_line_exit_2_and_nothing_written(
-    arguments: list[str], message: str, tmp_path: Path
+    arguments: list[str], message: str, tmp_path: Path, command_line
 ) -> None:
     (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
     (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
@@ -146,10 +146,9 @@ def test_bad_input_is_one_line_exit_2_and_nothing_written(
     for name in ("report.json", "films.json"):
         (tmp_path / "page" / name).write_text("{}")
     before = sorted(p for p in tmp_path.rglob("*") if p.is_file())
-    result = run(*arguments, cwd=tmp_path)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    (line,) = result.stderr.splitlines()
+    code, output, errors = command_line("montecarlo", *arguments)
+    assert (code, output) == (2, "")
+    (line,) = errors.splitlines()
     assert line.startswith(f"afl-mujoco: {message}")
     assert sorted(p for p in tmp_path.rglob("*") if p.is_file()) == before
 

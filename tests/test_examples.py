@@ -118,6 +118,24 @@ def test_the_example_is_filmed(graphics: None, scenario: Path, tmp_path: Path) -
     assert (out / "short-own_law.law.mp4").stat().st_size > 1000
 
 
+def test_the_example_climbs_the_ladder_where_a_broken_law_fails(tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text("duration = 2.0\n")
+    (tmp_path / "broken.py").write_text(BROKEN)
+    example = (EXAMPLES / "own_law.py").read_text()
+    (tmp_path / "own_law.py").write_text(example)
+    run = program(
+        tmp_path, "ladder", "short.toml", "--controllers", "own_law:law", "broken:raises",
+        "--rungs", "force-limit", "--seeds", "1", "--scan", "2", "--tolerance", "1",
+        "--out", "out",
+    )  # fmt: skip
+    assert (run.returncode, run.stderr) == (0, "")
+    ladder = json.loads((tmp_path / "out" / "ladder.json").read_text())
+    mine, broken = ladder["rises"]
+    assert mine["survives"]["holds_at"] > 50.0  # it needs more than a typical rig has
+    assert mine["failure"]["failure"] == "fell"
+    assert broken["typical"]["failure"] == "the law has no force"
+
+
 @pytest.mark.parametrize(
     ("command", "law"),
     [

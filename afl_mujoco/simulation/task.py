@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.files import find_scenario
@@ -219,7 +220,9 @@ def load(
     return control.Environment(physics, task, n_sub_steps=hold, legacy_step=False, **settings)
 
 
-def law_policy(controller: Law, scenario: Scenario) -> Callable[[TimeStep], NDArray[np.float64]]:
+def law_policy(
+    controller: Law, scenario: Scenario, *, control_period: float | None = None
+) -> Callable[[TimeStep], NDArray[np.float64]]:
     """Return the agent that runs a control law on the observation.
 
     Through it an environment repeats `simulate_mujoco` in sampled mode, bit for bit.
@@ -230,15 +233,27 @@ def law_policy(controller: Law, scenario: Scenario) -> Callable[[TimeStep], NDAr
         The law.
     scenario
         Gives the constants m and g.
+    control_period
+        That of the environment [s]: a law in Python is told the time, which is no observation.
 
     Returns
     -------
     callable
         From a `dm_env.TimeStep` to an action. It raises `LawDomainError` at a pole angle where the
         law has no value, and `InvalidValueError` if the observation lacks what the law needs.
+
+    Raises
+    ------
+    InvalidValueError
+        If a law in Python is given without the control period.
     """
+    if isinstance(controller, PythonLaw) and control_period is None:
+        raise InvalidValueError("control_period", f"must be given for {controller.name!r}")
+    period, tick = control_period or 0.0, 0
 
     def policy(time_step: TimeStep) -> NDArray[np.float64]:
+        nonlocal tick
+        tick = 0 if time_step.first() else tick + 1
         seen = time_step.observation
         for name in ("position", "velocity", "parameters"):
             if name not in seen:
@@ -251,6 +266,6 @@ def law_policy(controller: Law, scenario: Scenario) -> Callable[[TimeStep], NDAr
             gravity=scenario.gravity,
         )
         state = np.concatenate([seen["position"], seen["velocity"]])
-        return np.array([controller.force(state, truth)])
+        return np.array([controller.force(state, truth, tick * period)])
 
     return policy

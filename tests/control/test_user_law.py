@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+import signal
 import sys
 import threading
 import time as clock
@@ -145,6 +146,21 @@ def test_a_law_that_catches_what_stops_it_and_answers_late_is_told_so():
 
     with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
         law(stubborn, call_limit=0.05).command(0.0, STATE, TOLD)
+
+
+def test_an_alarm_of_the_program_s_own_goes_on():
+    rang = []
+    before = signal.signal(signal.SIGALRM, lambda number, frame: rang.append(number))
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.2)
+        law = PythonLaw(name="quick", function=lambda time, state, belief: 1.0)
+        assert law.force(np.zeros(4), afl.CartPoleParameters()) == 1.0
+        assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.2
+        clock.sleep(0.3)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert rang == [signal.SIGALRM]
 
 
 def test_a_law_that_ends_the_program_is_answered_in_one_line():

@@ -289,6 +289,8 @@ def test_no_step_is_taken_before_a_reset_or_after_the_end() -> None:
     environment.step([0.0])
     environment.close()
     environment.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError, match=r"^a closed environment"):
+        environment.reset()
 
 
 @needs_gymnasium

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.simulation.task import Balance, law_policy, reward
@@ -91,6 +92,20 @@ def test_the_law_that_believes_the_nominal_plant_repeats_its_rollout_too():
 
 def test_a_run_of_the_paper_is_repeated_to_its_end_at_20_s():
     _compare(afl.SCENARIOS["trapezoid-step-impulse"], afl.CONTROLLERS["adaptive"], 10, "RK4")
+
+
+def test_a_law_in_python_is_told_the_time():
+    law = PythonLaw(name="clock", function=lambda time, state, belief: 5.0 * np.sin(20.0 * time))
+    scenario = _short("step-step", 0.3, initial_state=(0.0, 0.1, 0.0, 0.0))
+    settings = {"timestep": TIMESTEP, "control_period": 10 * TIMESTEP}
+    reference = afl.simulate_mujoco(scenario, law, mode="sampled", **settings)
+    environment = afl.load(scenario, **settings)
+    policy = law_policy(law, scenario, control_period=10 * TIMESTEP)
+    for _ in range(2):  # the second episode begins at 0 again
+        states = _states(environment, policy)
+        np.testing.assert_array_equal(states, reference.state[::10])
+    with pytest.raises(InvalidValueError, match=r"^control_period must be given for 'clock'$"):
+        law_policy(law, scenario)
 
 
 def test_a_second_episode_repeats_the_first():

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.compiled_law import CompiledLaw
 from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
 
@@ -40,6 +41,12 @@ class EstimatedLaw(Law):
         """Validate the kind of every field."""
         require_type("controller name", self.name, str)
         require_type("settings", self.settings, EstimatorSettings)
+        thing = f"law of controller {self.name!r}"
+        kinds = type(self.law).__mro__
+        if Law not in kinds or EstimatedLaw in kinds or PythonLaw in kinds:
+            raise InvalidValueError(thing, "must be a compiled law", repr(self.law))
+        if self.law.belief is not None:
+            raise InvalidValueError(thing, "must have no belief of its own", self.law.name)
 
     @property
     def compiled(self) -> CompiledLaw:

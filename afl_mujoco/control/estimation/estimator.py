@@ -129,7 +129,7 @@ def update(memory, settings, z, phi, force, dt):
     memory[SURPRISE] = surprise
     for i in range(2):
         j = 4 + i
-        if learns[i] and _excited(memory, settings, i):
+        if _excited(memory, settings, i):
             covariance[j, j] = max(covariance[j, j], settings[_LEAST_VARIANCE + i])
         memory[j] = min(max(memory[j], settings[_LN_LOWEST + i]), settings[_LN_HIGHEST + i])
     return estimate(memory)

@@ -113,7 +113,7 @@ class PythonLaw(Law):
             rule = f"must answer within {self.call_limit:g} s, did not at t = {time:g} s"
             raise LawError(f"controller {self.name!r}", rule) from None
         except (Exception, SystemExit) as error:
-            if not abs(phi) < 0.5 * np.pi:  # where a run has ended, but an integrator may look
+            if not abs(phi) < 0.5 * np.pi:  # as it seems: an integrator or noise may look there
                 return math.nan
             rule = f"raised {type(error).__name__} at t = {time:g} s: {error}"
             raise LawError(f"controller {self.name!r}", rule) from error
@@ -244,20 +244,27 @@ def _limited(seconds: float) -> Iterator[None]:
             raise _Overrun
         return
 
-    rang = False
+    rang = under_way = False
 
     def ring(number: int, frame: object) -> None:
         nonlocal rang
-        rang = True
-        raise _Overrun
+        if under_way:
+            rang = True
+            raise _Overrun
 
     before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    left, interval = signal.setitimer(signal.ITIMER_REAL, seconds)
+    start = clock.perf_counter()
     try:
+        under_way = True
         yield
     finally:
+        under_way = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before or signal.SIG_DFL)
+        if left > 0.0:  # an alarm of the program's own goes on
+            remaining = max(left - (clock.perf_counter() - start), 1e-6)
+            signal.setitimer(signal.ITIMER_REAL, remaining, interval)
     if rang:  # and the law has caught what interrupted it
         raise _Overrun
 

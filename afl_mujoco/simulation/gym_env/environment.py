@@ -99,7 +99,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), dtype=np.float64)
         self._force_limit, self._noisy = float(force_limit), initial_noise > 0.0
         self._picture = {"height": height, "width": width, "camera_id": camera}
-        self._under_way = False
+        self._under_way = self._closed = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -117,7 +117,14 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         -------
         tuple
             Observation, and information: ``time`` [s] and the ``force`` [N] that acted.
+
+        Raises
+        ------
+        gymnasium.error.ClosedEnvironmentError
+            If it was closed.
         """
+        if self._closed:
+            raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
         super().reset(seed=seed)
         start = _initial_state(options or {})
         task, physics = self.dm_environment.task, self.dm_environment.physics
@@ -176,7 +183,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
 
     def close(self) -> None:
         """Free what drawing has taken; the environment is of no use afterwards."""
-        self._under_way = False
+        self._under_way, self._closed = False, True
         self.dm_environment.physics.free()
 
     def _information(self) -> dict[str, Any]:

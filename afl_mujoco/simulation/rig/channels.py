@@ -67,23 +67,20 @@ class Actuator(NamedTuple):
     limit
         Largest force [N].
     slew
-        Largest change of the force in a physics step [N].
+        Largest rate of the force [N/step].
     late
         Whole physics steps of the transport delay.
     later_share
-        What is left of the delay, as a share of a step [1].
-    lag_decay
-        What is left, after a step, of a difference between demand and force [1].
-    lag_mean
-        What is left of it in the mean over the step [1]; 0 without a lag.
+        What is left of the delay [step].
+    lag
+        Time constant of the first-order lag [step].
     """
 
     limit: float
     slew: float
     late: int
     later_share: float
-    lag_decay: float
-    lag_mean: float
+    lag: float
 
 
 def sensors_of(realism: Realism, period: float) -> Sensors:
@@ -120,15 +117,12 @@ def actuator_of(realism: Realism, timestep: float, steps: int) -> Actuator:
     r = realism
     delay = min(r.delay / timestep, steps + 1.0)
     late = math.floor(delay + SNAP)
-    lag = r.actuator_lag / timestep
-    decay = math.exp(-1.0 / lag) if lag > 0.0 else 0.0
     return Actuator(
         limit=math.inf if r.force_limit is None else r.force_limit,
         slew=math.inf if r.slew_rate is None else r.slew_rate * timestep,
         late=late,
         later_share=delay - late if delay - late > SNAP else 0.0,
-        lag_decay=decay,
-        lag_mean=-lag * math.expm1(-1.0 / lag) if lag > 0.0 else 0.0,
+        lag=r.actuator_lag / timestep,
     )
 
 
@@ -193,11 +187,41 @@ def within_reach(actuator, command):
 
 
 @borrowing_kernel
+def _follow(memory, start, rate, length, lag):
+    """Return the integral of the force, lagging a demand that changes at a constant rate.
+
+    In steps and newtons: the demand goes from `start` at `rate` for `length`.
+    """
+    if lag == 0.0:
+        return (start + 0.5 * rate * length) * length
+    excess = memory[FORCE] - start + rate * lag
+    lost = -math.expm1(-length / lag)
+    memory[FORCE] = start + rate * (length - lag) + excess * (1.0 - lost)
+    return (start + rate * (0.5 * length - lag)) * length + excess * lag * lost
+
+
+@borrowing_kernel
+def _obey(actuator, memory, command, length):
+    """Return the integral of the force while a command stands for a length, a step at most."""
+    demand, ramp = memory[DEMAND], 0.0
+    memory[DEMAND] = command
+    integral = 0.0
+    if command != demand and actuator.slew < np.inf:
+        rate = math.copysign(actuator.slew, command - demand)
+        ramp = min((command - demand) / rate, length)
+        integral = _follow(memory, demand, rate, ramp, actuator.lag)
+        if ramp == length:
+            memory[DEMAND] = demand + rate * length
+    return integral + _follow(memory, command, 0.0, length - ramp, actuator.lag)
+
+
+@borrowing_kernel
 def actuate(actuator, memory, command, k):
     """Return the mean force on the cart over a physics step.
 
-    Delay and lag act continuously in time on a command that is held; what a step gets is the exact
-    mean over the step, so that it delivers the right momentum with any integrator of MuJoCo's.
+    Delay, slew limit and lag act continuously in time, one after the other, on a command that is
+    held; what a step gets is the exact mean over the step, so that it delivers the right momentum
+    with any integrator of MuJoCo's.
 
     Parameters
     ----------
@@ -210,20 +234,13 @@ def actuate(actuator, memory, command, k):
     k
         Number of the step; each is asked for once, in order.
     """
-    if actuator.late > 0 or actuator.later_share > 0.0:
+    before, share = command, actuator.later_share
+    if actuator.late > 0 or share > 0.0:
         size = len(memory) - RING
         memory[RING + k % size] = command
         command = memory[RING + (k - actuator.late) % size]
-        if actuator.later_share > 0.0:
-            before = memory[RING + (k - actuator.late - 1) % size]
-            command += actuator.later_share * (before - command)
-    if actuator.slew < np.inf:
-        change = command - memory[DEMAND]
-        if abs(change) > actuator.slew:
-            command = memory[DEMAND] + np.copysign(actuator.slew, change)
-        memory[DEMAND] = command
-    if actuator.lag_mean > 0.0:
-        excess = memory[FORCE] - command
-        memory[FORCE] = command + actuator.lag_decay * excess
-        command += actuator.lag_mean * excess
-    return command
+        before = memory[RING + (k - actuator.late - 1) % size]
+    if actuator.lag == 0.0 and actuator.slew == np.inf:
+        return command if share == 0.0 else command + share * (before - command)
+    integral = _obey(actuator, memory, before, share) if share > 0.0 else 0.0
+    return integral + _obey(actuator, memory, command, 1.0 - share)

@@ -177,7 +177,8 @@ def advance(at, plan, actuator, course, memory, record, command):
     actuator
         An `Actuator`.
     command
-        What the law commands [N]; NaN, or a force beyond all bounds, ends the run.
+        What the law commands [N]; NaN, or a force beyond all bounds that no limit of the drive
+        cuts off, ends the run.
     """
     first, half = int(memory[STEP]), 0.5 * plan.timestep
     command = within_reach(actuator, command)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,10 +123,13 @@ def run_rollouts(
     status = np.zeros(len(scenarios), dtype=np.int64)
     figures = {name: np.full(len(scenarios), np.nan) for name in Rollouts.__slots__[1:]}
     following = itertools.count()  # taking a number from it is atomic
+    given_up = threading.Event()
 
     def work() -> None:
         model: CartPoleModel | None = None
-        for i in _taken(following, len(scenarios)):
+        for i in itertools.takewhile(lambda i: i < len(scenarios), following):
+            if given_up.is_set():
+                return
             scenario = scenarios[i]
             plant = scenario.parameters_at(0.0)
             if model is None:
@@ -147,14 +151,13 @@ def run_rollouts(
         work()  # here a law in Python that hangs can be stopped, and threads gain it nothing
     else:
         with ThreadPoolExecutor(threads) as pool:
-            for task in [pool.submit(work) for _ in range(threads)]:
-                task.result()
+            try:
+                for task in as_completed([pool.submit(work) for _ in range(threads)]):
+                    task.result()
+            except BaseException:  # a Ctrl-C as well: what has not begun is given up
+                given_up.set()
+                raise
     return Rollouts(status=status, **figures)
-
-
-def _taken(following: Iterator[int], count: int) -> Iterator[int]:
-    """Yield the numbers below `count` that nobody else has taken."""
-    return itertools.takewhile(lambda i: i < count, following)
 
 
 def _figures(memory: NDArray[np.float64], timestep: float) -> dict[str, float]:

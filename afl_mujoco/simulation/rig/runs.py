@@ -127,7 +127,7 @@ def prepare(
             pole_mass=s.pole_mass,
             gravity=s.gravity,
             rail=math.inf if r.rail_half_length is None else r.rail_half_length,
-            quiet=changing,
+            quiet=min(math.ceil((last + r.belief_delay + r.delay) / timestep) + 1, count),
             patience=_steps_of("patience", patience, timestep),
         ),
         sensors=sensors_of(r, period),

@@ -164,9 +164,8 @@ def test_a_step_rises_with_the_lag_of_the_actuator(lag):
 def test_the_slew_rate_limits_every_change():
     commands = np.array([5.0] * 10 + [-5.0] * 30)
     force = forces(Realism(slew_rate=1000.0), commands)
-    changes = np.diff(force, prepend=0.0)
-    np.testing.assert_allclose(changes[:5], 1.0)  # 1000 N/s for 1 ms
-    np.testing.assert_allclose(changes[10:20], -1.0)
+    np.testing.assert_allclose(force[:6], [0.5, 1.5, 2.5, 3.5, 4.5, 5.0])  # means of a ramp
+    np.testing.assert_allclose(np.diff(force[10:20]), -1.0)  # 1000 N/s for 1 ms
     assert force[9] == 5.0
     assert force[-1] == -5.0
 
@@ -174,7 +173,39 @@ def test_the_slew_rate_limits_every_change():
 def test_a_limited_force_comes_back_at_once_where_an_unlimited_one_must_first_unwind():
     commands = np.array([100.0] * 20 + [-100.0] * 4)
     real = Realism(slew_rate=1000.0, force_limit=10.0)
-    assert forces(real, commands)[19:].tolist() == [10.0, 9.0, 8.0, 7.0, 6.0]
+    assert forces(real, commands)[19:].tolist() == [10.0, 9.5, 8.5, 7.5, 6.5]
+
+
+CHAINS = {
+    "fractional delay and lag": Realism(delay=0.0035, actuator_lag=0.004),
+    "less than a step": Realism(delay=0.0005, actuator_lag=0.001),
+    "slew": Realism(slew_rate=5000.0),
+    "slew and lag": Realism(slew_rate=5000.0, actuator_lag=0.002),
+    "everything": Realism(
+        delay=0.0035, slew_rate=5000.0, actuator_lag=0.004, force_limit=8.0
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(name, rng):
+    real, fine, count = CHAINS[name], 2000, 40
+    commands = 6.0 * rng.normal(size=count)
+    limit = math.inf if real.force_limit is None else real.force_limit
+    slew = math.inf if real.slew_rate is None else real.slew_rate * H / fine
+    held = np.repeat(np.clip(commands, -limit, limit), fine)
+    late = np.concatenate([np.zeros(round(real.delay / H * fine)), held])[: len(held)]
+    demand = force = 0.0
+    found = np.empty(len(held))
+    for i, wanted in enumerate(late):
+        demand += min(max(wanted - demand, -slew), slew)
+        if real.actuator_lag > 0.0:
+            force += (demand - force) * -math.expm1(-H / fine / real.actuator_lag)
+        else:
+            force = demand
+        found[i] = force
+    expected = found.reshape(count, fine).mean(axis=1)
+    np.testing.assert_allclose(forces(real, commands), expected, rtol=0, atol=5e-3)
 
 
 def test_delay_and_lag_in_a_chain_deliver_the_delayed_lagged_step():

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco import CartPoleModel, simulate_mujoco, simulate_ode
+from afl_mujoco import CONTROLLERS, CartPoleModel, simulate_mujoco, simulate_ode
 from afl_mujoco.control.compiled_law import law_force
 from afl_mujoco.control.estimation import estimator
 from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.estimation.settings import EstimatorSettings
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.reporting.films.replay import Deployment, record
 from afl_mujoco.scenario.realism import Realism
@@ -91,6 +92,15 @@ def test_an_ideal_scenario_is_estimated_as_well(odd_scenario, told, adaptive):
     estimated = simulate_mujoco(odd_scenario, told, "sampled")
     assert np.abs(estimated.state - simulate_mujoco(odd_scenario, adaptive, "sampled").state).any()
     assert estimated.provenance["controller"]["belief"] == "estimated"
+
+
+def test_only_a_compiled_law_without_belief_can_be_told(told):
+    stubborn = PythonLaw(name="mine", function=lambda time, state, belief: 0.0)
+    for law in (stubborn, told, "no law"):
+        with pytest.raises(InvalidValueError, match=r"^law of controller 'x' must be a compiled"):
+            EstimatedLaw(name="x", law=law)
+    with pytest.raises(InvalidValueError, match=r"must have no belief of its own, got adaptive-n"):
+        EstimatedLaw(name="x", law=CONTROLLERS["adaptive-nominal"])
 
 
 def test_it_runs_nowhere_else(odd_scenario, told):

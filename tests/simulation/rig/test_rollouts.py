@@ -148,6 +148,33 @@ def test_a_settled_run_may_end_early_but_not_before_its_last_change(adaptive):
     assert early.settling_time.tolist() == whole.settling_time.tolist()
 
 
+def test_a_run_does_not_end_before_its_law_has_learnt_what_changed(adaptive):
+    late = Scenario(
+        name="told late",
+        duration=16.0,
+        half_length=step((2.0,), (0.5, 1.0)),
+        initial_state=(0.0, 0.1, 0.0, 0.0),
+        realism=Realism(belief_delay=10.0),
+    )
+    early = run_rollouts([late], adaptive, patience=1.0)
+    assert early.end_time[0] >= 13.0  # a second after it was told
+
+
+def test_an_error_gives_up_what_has_not_begun(adaptive):
+    done = []
+
+    class Watched(Scenario):
+        def parameters_at(self, time):
+            done.append(time)
+            return Scenario.parameters_at(self, time)
+
+    short = Watched(name="short", duration=0.5)
+    bad = Scenario(name="bad", duration=0.5, realism=Realism(control_period=0.0015))
+    with pytest.raises(InvalidValueError, match=r"^timestep 0\.001 s must divide"):
+        run_rollouts([bad, *[short] * 300], adaptive, threads=2)
+    assert len(done) < 150
+
+
 def test_a_law_in_python_runs_as_well(scenarios, adaptive):
     def function(time, state, belief):
         return adaptive.force(state, belief)
