@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.rig import channels as places
+from afl_mujoco.simulation.rig.loop import DWELL
 from afl_mujoco.simulation.rig.runs import perform, prepare
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
 
@@ -48,7 +50,7 @@ class Rollouts:
         Integrals of abs(z) [m s] and abs(phi) [rad s] up to then.
     settling_time
         From when on abs(z) and abs(phi) stayed within `loop.BAND_Z` and `loop.BAND_PHI` [s]; NaN
-        if they did not, or the run did not complete.
+        if that is less than `loop.DWELL` before the end, or the run did not complete.
     stop_time
         When the cart first reached an end stop [s]; NaN if it never did.
     """
@@ -106,7 +108,7 @@ def run_rollouts(
         law in Python does: there it can be stopped if it hangs.
     patience
         How long a run must be settled, with nothing prescribed changing any more, to end early as
-        completed [s]; ``None`` for never.
+        completed [s]; ``None`` for never. Less than `loop.DWELL` is refused.
 
     Returns
     -------
@@ -118,8 +120,7 @@ def run_rollouts(
     AflMujocoError
         If a setting breaks its rule.
     """
-    if threads < 1:
-        raise InvalidValueError("threads", "must be at least 1", threads)
+    _require(threads, patience)
     status = np.zeros(len(scenarios), dtype=np.int64)
     figures = {name: np.full(len(scenarios), np.nan) for name in Rollouts.__slots__[1:]}
     following = itertools.count()  # taking a number from it is atomic
@@ -160,14 +161,23 @@ def run_rollouts(
     return Rollouts(status=status, **figures)
 
 
+def _require(threads: int, patience: float | None) -> None:
+    """Raise if a setting breaks its rule."""
+    if threads < 1:
+        raise InvalidValueError("threads", "must be at least 1", threads)
+    if patience is not None and not patience >= DWELL:
+        raise InvalidValueError("patience", f"must be at least {DWELL:g} s", patience)
+
+
 def _figures(memory: NDArray[np.float64], timestep: float) -> dict[str, float]:
     """Return the figures of a run."""
     steps, settled = memory[places.STEP], memory[places.UNSETTLED]
+    rested = (steps - settled) * timestep >= DWELL - SNAP * timestep
     completed = OUTCOMES[int(memory[places.STATUS])] == COMPLETED
     at_stop = memory[places.AT_STOP]
     return {
         "end_time": float(steps * timestep),
         **{name: float(memory[place]) for name, place in _SUMMED.items()},
-        "settling_time": float(settled * timestep) if completed and settled <= steps else math.nan,
+        "settling_time": float(settled * timestep) if completed and rested else math.nan,
         "stop_time": float(at_stop * timestep) if at_stop >= 0.0 else math.nan,
     }

@@ -27,10 +27,14 @@ from afl_mujoco.validation.ladder.rungs import (
 from afl_mujoco.validation.ladder.thresholds import Threshold, find_threshold, scan_levels
 
 PATIENCE = 2.0
-"""A run ends early once it has been settled for so long and nothing more will happen [s]."""
+"""A run without noise ends early once it has been settled for so long and nothing more is to come
+[s]; noise may yet drive it out again."""
 
-END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "the law has no force"
+END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "the law failed"
 """Ways to fail besides the outcomes of a run."""
+
+NOISES = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
+"""What of a `Realism` is chance."""
 
 METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 """Figures of a run on the ladder, in SI units, as of `Rollouts`."""
@@ -79,6 +83,8 @@ class Verdict:
         Which that was, and when it ended or reached the stop [s]; None if none failed.
     metrics
         The largest of each of `METRICS` over the runs; None where a run has none.
+    message
+        What a law said that has no force for what it is told; empty for all others.
     """
 
     level: float
@@ -88,6 +94,7 @@ class Verdict:
     scenario: str | None
     time: float | None
     metrics: dict[str, float | None]
+    message: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,10 +219,14 @@ def judge(
     scenarios = [replace(s, realism=r) for s in settings.scenarios for r in real]
     try:
         runs = run_rollouts(
-            scenarios, law, timestep=timestep, integrator=settings.integrator, patience=PATIENCE
+            scenarios,
+            law,
+            timestep=timestep,
+            integrator=settings.integrator,
+            patience=None if any(_noisy(r) for r in real) else PATIENCE,
         )
-    except (LawError, GainError):
-        return _refused(level)
+    except (LawError, GainError) as error:
+        return _refused(level, str(error))
     failures = [_failure(runs, i) for i in range(len(runs))]
     fatal = [failure not in ("", UNSETTLED) for failure in failures]
     worst = min(range(len(runs)), key=lambda i: (not fatal[i], not failures[i]))
@@ -232,12 +243,17 @@ def judge(
     )
 
 
-def _refused(level: float) -> Verdict:
+def _noisy(realism: Realism) -> bool:
+    """Return whether chance plays a part."""
+    return any(getattr(realism, name) > 0.0 for name in NOISES)
+
+
+def _refused(level: float, message: str) -> Verdict:
     """Return the verdict on a law that has no force for what it is told."""
     nothing: dict[str, float | None] = dict.fromkeys(METRICS)
     return Verdict(
         level=level, survives=False, settles=False, failure=REFUSED, scenario=None, time=None,
-        metrics=nothing,
+        metrics=nothing, message=message,
     )  # fmt: skip
 
 

@@ -153,16 +153,15 @@ def run_ladder(
         pairs = [(law, settings) for law in controllers]
         together = compute_all(climb_together, pairs, executor, lambda i: progress(next(done)))
         linear = [law for law in controllers if not isinstance(law, EstimatedLaw | PythonLaw)]
-        margins = compute_all(
-            least_margin, [(law, settings.scenarios) for law in linear if _DELAY in names], executor
-        )
+        plants = [(law, settings.scenarios) for law in linear if _DELAY in names]
+        margins = compute_all(least_margin, plants, executor)
     return Ladder(
         controllers=tuple(law.name for law in controllers),
         rungs=names,
         settings=settings,
         rises=tuple(rises),
         together=tuple(tuple(verdicts) for verdicts in together),
-        margins=tuple(margins),
+        margins=tuple(margin for margin in margins if margin is not None),
     )
 
 

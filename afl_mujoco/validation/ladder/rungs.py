@@ -93,17 +93,6 @@ class Rung:
             return level
         return max(1, round(level / self.quantum)) * self.quantum
 
-    def severity(self, level: float) -> float:
-        """Return how many times worse than the typical rig a level is.
-
-        Parameters
-        ----------
-        level
-            As of `benign` and `harsh`.
-        """
-        ratio = level / self.typical
-        return 1.0 / ratio if self.less_is_worse else ratio
-
 
 _SENSORS = {"encoder_step_phi": 1.0, "encoder_step_z": _Z_PER_PHI}
 _NOISE = {

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.control.law import Law
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
@@ -185,8 +186,8 @@ class LeastMargin:
     half_length: float
 
 
-def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin:
-    """Return the least delay margin over the plants of some scenarios.
+def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin | None:
+    """Return the least delay margin over the plants of some scenarios; None if a law has a kink.
 
     Parameters
     ----------
@@ -195,7 +196,10 @@ def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin:
     """
     law, scenarios = unit
     plants = sorted({plant for scenario in scenarios for plant in _plants_of(scenario)})
-    margins = [(delay_margin(law, *plant) or 0.0, *plant) for plant in plants]
+    try:
+        margins = [(delay_margin(law, *plant) or 0.0, *plant) for plant in plants]
+    except InvalidValueError:  # not smooth at upright: it has no linearisation
+        return None
     margin, mass, length = min(margins)
     return LeastMargin(controller=law.name, margin=margin, cart_mass=mass, half_length=length)
 

@@ -175,6 +175,16 @@ def test_an_error_gives_up_what_has_not_begun(adaptive):
     assert len(done) < 150
 
 
+def test_to_be_within_the_bands_at_the_last_instant_is_not_to_have_settled(adaptive):
+    """One run that ends 0.9 s after it has come into the bands, one that ends 1.1 s after."""
+    calm = Scenario(name="calm", duration=15.0)
+    (settled,) = run_rollouts([calm], adaptive).settling_time
+    ends = [round(settled + after, 3) for after in (0.9, 1.1)]
+    found = run_rollouts([replace(calm, duration=end) for end in ends], adaptive)
+    assert np.isnan(found.settling_time[0])
+    assert found.settling_time[1] == settled
+
+
 def test_a_law_in_python_runs_as_well(scenarios, adaptive):
     def function(time, state, belief):
         return adaptive.force(state, belief)
@@ -193,6 +203,8 @@ def test_no_scenarios_are_no_runs(adaptive):
 def test_an_error_in_one_run_is_raised(scenarios, adaptive):
     with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
         run_rollouts(scenarios, adaptive, threads=0)
+    with pytest.raises(InvalidValueError, match=r"^patience must be at least 1 s, got 0\.5$"):
+        run_rollouts(scenarios, adaptive, patience=0.5)
     tiny = Scenario(name="tiny", half_length=constant(0.001))
     with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
         run_rollouts([*scenarios, tiny], CONTROLLERS["adaptive"], threads=2)
