@@ -11,6 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
+from page_case import make_curves, make_report
+
+from afl_mujoco.validation.curves import save_curves
 
 COMMAND = [sys.executable, "-m", "afl_mujoco", "ladder"]
 LAW = """\
@@ -38,13 +41,14 @@ def test_it_writes_numbers_figures_and_a_table_and_a_law_of_ones_own_can_climb(
     )  # fmt: skip
     assert (result.returncode, result.stderr) == (0, "")
     assert "from where the controller no longer survives short" in result.stdout
-    assert "afl-mujoco validate will put the study on its page" in result.stdout
+    assert "afl-mujoco report --survival out puts it on the page" in result.stdout
     content = json.loads((tmp_path / "out" / "ladder.json").read_text())
     assert content["controllers"] == ["lqr", "law.push"]
     assert [r["name"] for r in content["rungs"]] == ["force-limit", "rail"]
     assert content["command"].startswith("afl-mujoco ladder short.toml --controllers lqr law:push")
     assert "--tolerance 0.5" in content["command"] and "--out" not in content["command"]
     written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert not (tmp_path / "renders").exists()
     figures = {f"ladder-{n}.{k}" for n in ("thresholds", "together") for k in ("svg", "png")}
     assert written == figures | {"ladder.json"}
 
@@ -96,3 +100,24 @@ def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> 
     assert process.returncode == 130
     assert (output, errors) == ("", "afl-mujoco: interrupted\n")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_the_page_is_made_anew_only_where_it_was_asked_for(tmp_path: Path, command_line) -> None:
+    page_folder = tmp_path / "renders" / "validation"
+    page_folder.mkdir(parents=True)
+    (page_folder / "report.json").write_text(json.dumps(make_report(second="mine")))
+    save_curves(page_folder / "curves.npz", make_curves(second="mine"))
+    (tmp_path / "short.toml").write_text("duration = 1.0\n")
+    few = ["ladder", "short.toml", "--controllers", "lqr", "--rungs", "rail", "--scan", "2"]
+    code, output, errors = command_line(*few, "--tolerance", "1", "--workers", "1", "--out", "own")
+    assert (code, errors) == (0, "")
+    assert not (page_folder / "report.html").exists()
+    code, output, _ = command_line(*few, "--tolerance", "1", "--workers", "1")
+    assert code == 0 and "wrote renders/validation/report.html" in output
+    page = (page_folder / "report.html").read_text()
+    assert 'id="ladder"' in page and "The single flaws of a rig were not tried." in page
+    (tmp_path / "renders" / "survival" / "margins.json").write_text("{")
+    code, output, errors = command_line(*few)
+    assert (code, output) == (2, "")
+    assert errors.startswith("afl-mujoco: renders/survival/margins.json is not a survival study")
+    assert (page_folder / "report.html").read_text() == page

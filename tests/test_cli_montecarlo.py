@@ -61,7 +61,7 @@ def test_it_writes_the_study_its_figures_and_a_file_for_every_failure(folder: Pa
     said = (folder / "said").read_text()
     assert "16 rigs, seed 1" in said
     assert "worst cases by CMA-ES" in said
-    assert said.rstrip().endswith("afl-mujoco validate will put the study on its page")
+    assert said.rstrip().endswith("--survival out puts it on the page of a report")
 
 
 def test_the_command_that_it_prints_replays_the_failure(folder: Path) -> None:

@@ -67,8 +67,8 @@ class Attraction:
     """Threads to share the rollouts among; the numbers do not depend on it."""
     out: Path = Path("renders/survival")
     """Folder for the files."""
-    validation: Path = Path("renders/validation")
-    """Folder of a report, whose page is made anew with what was found."""
+    validation: Path | None = None
+    """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
     films: Path = Path("renders")
     """Folder with films.json, for the page."""
 
@@ -80,13 +80,14 @@ class Attraction:
 
         from rich.console import Console
 
-        from afl_mujoco.cli.survival.ending import finish
+        from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.survival.attraction_figures import attraction_figures
         from afl_mujoco.reporting.survival.attraction_table import print_attraction
         from afl_mujoco.reporting.survival.study import write_study
         from afl_mujoco.validation.attraction.files import save_comparisons
 
+        require_page("attraction", self.out, self.validation, self.films)
         folder = output_folder(self.out)
         rollouts = 2 * len(controllers) * sum(len(cells.starts) for cells in maps)
         with count_bar(rollouts, "mapping") as progress:
@@ -97,7 +98,7 @@ class Attraction:
         drawn = attraction_figures(found)
         files = write_study("attraction", content, drawn, folder, command=command)
         print_attraction(found, Console(width=None if sys.stdout.isatty() else 140))
-        finish([*maps_of, *files], self.validation, self.films)
+        finish([*maps_of, *files], self.out, self.validation, self.films)
         return SUCCESS
 
     def _request(self) -> tuple[list[Law], list[Cells], Settling]:

@@ -5,16 +5,61 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+OUT, VALIDATION = Path("renders/survival"), Path("renders/validation")
+"""Where the studies are written, and the report whose page shows them, unless told otherwise."""
 
-def finish(files: Sequence[Path], validation: Path, films: Path) -> None:
+
+def page_folder(out: Path, validation: Path | None) -> Path | None:
+    """Return the folder of the report whose page a study is put on, None for no report.
+
+    Parameters
+    ----------
+    out
+        Where the study is written: elsewhere than `OUT`, nothing but that folder is touched.
+    validation
+        The folder as asked for, if it was.
+    """
+    if validation is not None:
+        return validation
+    return VALIDATION if out == OUT else None
+
+
+def require_page(study: str, out: Path, validation: Path | None, films: Path) -> None:
+    """Raise at what `finish` could not put on the page, before anything slow.
+
+    Parameters
+    ----------
+    study
+        The one that is about to be made; the others must be readable.
+    out, validation, films
+        As of `finish`.
+
+    Raises
+    ------
+    FileError
+        If what is there cannot be understood.
+    """
+    from afl_mujoco.reporting.page.folder import REPORT
+    from afl_mujoco.reporting.page.inputs.films import load_films
+    from afl_mujoco.reporting.page.inputs.studies import load_studies
+
+    folder = page_folder(out, validation)
+    if folder is not None and (folder / REPORT).is_file():
+        load_films(films, folder)
+        load_studies(out, leave_out=study)
+
+
+def finish(files: Sequence[Path], out: Path, validation: Path | None, films: Path) -> None:
     """Print what was written, and make the report's page anew if there is a report.
 
     Parameters
     ----------
     files
-        What the command wrote, all in one folder: that of the survival studies.
+        What the command wrote.
+    out
+        Folder of the survival studies.
     validation
-        Folder that `afl-mujoco validate` wrote, if it did.
+        Folder that `afl-mujoco validate` wrote, as asked for.
     films
         Folder with films.json, if there are films.
 
@@ -28,29 +73,11 @@ def finish(files: Sequence[Path], validation: Path, films: Path) -> None:
     from afl_mujoco.reporting.page.inputs.studies import load_studies
 
     print(f"wrote {', '.join(str(file) for file in files)}")
-    if not (validation / REPORT).is_file():
-        print(f"no {validation / REPORT}: afl-mujoco validate will put the study on its page")
-        return
-    studies = load_studies(files[0].parent)
-    page = write_page(validation, load_films(films, validation), studies)
-    print(f"wrote {page}")
-
-
-def require_films(validation: Path, films: Path) -> None:
-    """Raise at a list of films that `finish` could not read, before anything slow.
-
-    Parameters
-    ----------
-    validation, films
-        As of `finish`.
-
-    Raises
-    ------
-    FileError
-        If what is there cannot be understood.
-    """
-    from afl_mujoco.reporting.page.folder import REPORT
-    from afl_mujoco.reporting.page.inputs.films import load_films
-
-    if (validation / REPORT).is_file():
-        load_films(films, validation)
+    folder = page_folder(out, validation)
+    if folder is None:
+        print(f"afl-mujoco report --survival {out} puts it on the page of a report")
+    elif not (folder / REPORT).is_file():
+        print(f"no {folder / REPORT}: afl-mujoco validate will put the study on its page")
+    else:
+        page = write_page(folder, load_films(films, folder), load_studies(out))
+        print(f"wrote {page}")

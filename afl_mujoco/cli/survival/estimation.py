@@ -38,24 +38,31 @@ class Estimation:
     """2 seeds, where not given otherwise."""
     out: Path = Path("renders/survival")
     """Folder for the files."""
-    validation: Path = Path("renders/validation")
-    """Folder that `afl-mujoco validate` wrote; its page is made anew."""
+    validation: Path | None = None
+    """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
     films: Path = Path("renders")
     """Folder with films.json for that page."""
 
     def run(self) -> int:
         """Study, write the files, print where they are."""
-        from afl_mujoco.cli.survival.ending import finish
+        from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.survival.estimation_figures import draw_estimation
         from afl_mujoco.reporting.survival.study import write_study
-        from afl_mujoco.validation.estimation.study import CASES, describe, study_estimation
+        from afl_mujoco.validation.estimation.study import (
+            CASES,
+            describe,
+            require_study,
+            study_estimation,
+        )
 
         cases = self.scenarios or CASES
         seeds = self.seeds if self.seeds is not None else QUICK_SEEDS if self.quick else SEEDS
+        require_study(self.controller, cases, seeds)
+        require_page("estimation", self.out, self.validation, self.films)
+        folder = output_folder(self.out)
         with count_bar(len(cases), "estimating") as progress:
             found = study_estimation(self.controller, cases, seeds=seeds, progress=progress)
-        folder = output_folder(self.out)
         files = write_study(
             "estimation",
             describe(found),
@@ -63,5 +70,5 @@ class Estimation:
             folder,
             command=typed("estimation", self, INDIFFERENT),
         )
-        finish(files, self.validation, self.films)
+        finish(files, self.out, self.validation, self.films)
         return SUCCESS

@@ -74,8 +74,8 @@ class Ladder:
     """Address of a Dask scheduler, or local, instead of processes."""
     out: Path = Path("renders/survival")
     """Folder for the files."""
-    validation: Path = Path("renders/validation")
-    """Folder of a report, whose page is made anew with what was found."""
+    validation: Path | None = None
+    """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
     films: Path = Path("renders")
     """Folder with films.json, for the page."""
 
@@ -88,7 +88,7 @@ class Ladder:
 
         from rich.console import Console
 
-        from afl_mujoco.cli.survival.ending import finish
+        from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.survival.ladder.figures import draw_ladder
@@ -103,6 +103,7 @@ class Ladder:
         controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
         settings = self._settings(scenarios)
         require_climbable(controllers, settings, self.rungs, self.workers)
+        require_page("ladder", self.out, self.validation, self.films)
         folder = output_folder(self.out)
         with count_bar(unit_count(controllers, self.rungs), "climbing") as progress:
             found = run_ladder(
@@ -117,7 +118,7 @@ class Ladder:
         command = typed("ladder", self, INDIFFERENT)
         files = write_study("ladder", content, draw_ladder(content), folder, command=command)
         print_ladder(content, Console(width=None if sys.stdout.isatty() else 160))
-        finish(files, self.validation, self.films)
+        finish(files, self.out, self.validation, self.films)
         return SUCCESS
 
     def _settings(self, scenarios: tuple[Scenario, ...]) -> Settings:

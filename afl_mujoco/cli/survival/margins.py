@@ -51,13 +51,13 @@ class Margins:
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
     quick: bool = False
-    """Every fourth M and l of the paper, and no measurement, where not given otherwise."""
-    measure: bool | None = None
+    """Every fourth M and l of the paper where not given otherwise, and no measurement."""
+    measure: bool = True
     """Measure on six plants what delay MuJoCo bears."""
     out: Path = Path("renders/survival")
     """Folder for the files."""
-    validation: Path = Path("renders/validation")
-    """Folder of a report, whose page is made anew with what was found."""
+    validation: Path | None = None
+    """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
     films: Path = Path("renders")
     """Folder with films.json, for the page."""
 
@@ -65,7 +65,7 @@ class Margins:
         """Survey the margins, write and print them."""
         from rich.console import Console
 
-        from afl_mujoco.cli.survival.ending import finish
+        from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.control.estimation.estimated_law import refuse_estimated
@@ -73,18 +73,21 @@ class Margins:
         from afl_mujoco.reporting.survival.margins_figures import draw_margins
         from afl_mujoco.reporting.survival.margins_table import print_margins, print_measured
         from afl_mujoco.reporting.survival.study import write_study
-        from afl_mujoco.validation.margins.survey import survey_margins
+        from afl_mujoco.validation.margins.survey import require_survey, survey_margins
 
         controllers = [find_controller(name) for name in self.controllers]
         refuse_estimated(controllers)
         every = QUICK if self.quick else 1
         masses = self.cart_masses or CART_MASSES[::every]
+        lengths = self.half_lengths or HALF_LENGTHS[::every]
+        require_survey(controllers, masses, lengths, self.control_period, self.workers)
+        require_page("margins", self.out, self.validation, self.films)
         folder = output_folder(self.out)
         with count_bar(len(controllers) * len(masses), "linearising") as progress:
             survey = survey_margins(
                 controllers,
                 cart_masses=masses,
-                half_lengths=self.half_lengths or HALF_LENGTHS[::every],
+                half_lengths=lengths,
                 control_period=self.control_period,
                 workers=self.workers,
                 progress=progress,
@@ -95,14 +98,14 @@ class Margins:
         files = write_study("margins", content, draw_margins(content), folder, command=command)
         print_margins(survey, Console(width=None if sys.stdout.isatty() else 140))
         print_measured(measured)
-        finish(files, self.validation, self.films)
+        finish(files, self.out, self.validation, self.films)
         return SUCCESS
 
     def _measure(self, controllers: Sequence[Law]) -> Sequence[DelayComparison]:
         """Return margin and measurement of each law on each plant."""
         from afl_mujoco.validation.margins.delay import compare_delays, comparison_count
 
-        if not (not self.quick if self.measure is None else self.measure):
+        if self.quick or not self.measure:
             return ()
         with count_bar(comparison_count(controllers), "measuring") as progress:
             return compare_delays(controllers, workers=self.workers, progress=progress)

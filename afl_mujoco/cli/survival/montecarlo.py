@@ -61,8 +61,8 @@ class MonteCarloOptions:
     """Share it among the workers of a Dask cluster: tcp://host:port, or local."""
     out: Path = Path("renders/survival")
     """Folder for the files."""
-    validation: Path = Path("renders/validation")
-    """Folder that `afl-mujoco validate` wrote: its page is made anew with the study."""
+    validation: Path | None = None
+    """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
     films: Path = Path("renders")
     """Folder with films.json, for that page."""
 
@@ -72,7 +72,7 @@ class MonteCarloOptions:
 
         from rich.console import Console
 
-        from afl_mujoco.cli.survival.ending import finish, require_films
+        from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.survival.montecarlo_figures import draw_montecarlo
         from afl_mujoco.reporting.survival.montecarlo_table import print_montecarlo
@@ -80,7 +80,7 @@ class MonteCarloOptions:
         from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.validation.montecarlo.files import require_ours, write_scenarios
 
-        require_films(self.validation, self.films)
+        require_page("montecarlo", self.out, self.validation, self.films)
         folder = output_folder(self.out)
         require_ours(folder)
         with open_executor(self.workers, self.cluster) as executor:
@@ -96,7 +96,7 @@ class MonteCarloOptions:
             if any(failure["file"] for failure in entry["failures"]):
                 first = shlex.quote(str(folder / entry["failures"][0]["file"]))
                 print(f"replay: {entry['replay'].replace('FILE', first)}")
-        finish([*files, held], self.validation, self.films)
+        finish([*files, held], self.out, self.validation, self.films)
         return SUCCESS
 
     @property

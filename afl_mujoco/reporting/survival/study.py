@@ -20,7 +20,7 @@ _PACKAGES = ("afl_mujoco", "control", "mujoco", "numpy", "scipy", "numba")
 def write_study(
     study: str, content: Mapping[str, Any], figures: Sequence[Drawn], folder: Path, *, command: str
 ) -> list[Path]:
-    """Write the figures of a study, then its JSON, which lists them.
+    """Write the figures of a study, then its JSON, which lists them, in place of an older one's.
 
     Parameters
     ----------
@@ -40,6 +40,10 @@ def write_study(
     list of Path
         The files.
     """
+    path = folder / f"{study}.json"
+    path.unlink(missing_ok=True)  # lest it list figures of another study
+    for old in (*folder.glob(f"{study}*.svg"), *folder.glob(f"{study}*.png")):
+        old.unlink()
     entries = [write_drawn(drawn, folder) for drawn in figures]
     data = {
         "schema": SCHEMA,
@@ -52,6 +56,5 @@ def write_study(
         **content,
         "figures": entries,
     }
-    path = folder / f"{study}.json"
     write_text(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     return [path, *(folder / entry[kind] for entry in entries for kind in ("svg", "png"))]

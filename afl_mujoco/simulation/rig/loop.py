@@ -57,9 +57,6 @@ from afl_mujoco.simulation.trajectory import (
 BAND_Z, BAND_PHI = 0.05, 0.02
 """A run is settled while ``|z|`` and ``|phi|`` stay within these [m, rad]."""
 
-DWELL = 1.0
-"""For how long it must stay settled, up to its end, to be said to have settled [s]."""
-
 COURSE_MASS, COURSE_LENGTH, COURSE_PUSH, COURSE_IMPULSE = range(4)
 """Columns of a course: M [kg], l [m], disturbing force [N] in each step, jump of the momentum along
 z [N s] at its start. The last row stays in force until the run ends."""

@@ -19,9 +19,11 @@ from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.rig import channels as places
-from afl_mujoco.simulation.rig.loop import DWELL
 from afl_mujoco.simulation.rig.runs import perform, prepare
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
+
+DWELL = 1.0
+"""For how long a run must stay settled, up to its end, to be said to have settled [s]."""
 
 _SUMMED = {
     "peak_z": places.PEAK_Z,
@@ -50,7 +52,7 @@ class Rollouts:
         Integrals of abs(z) [m s] and abs(phi) [rad s] up to then.
     settling_time
         From when on abs(z) and abs(phi) stayed within `loop.BAND_Z` and `loop.BAND_PHI` [s]; NaN
-        if that is less than `loop.DWELL` before the end, or the run did not complete.
+        if that is less than `DWELL` before the end, or the run did not complete.
     stop_time
         When the cart first reached an end stop [s]; NaN if it never did.
     """
@@ -108,7 +110,7 @@ def run_rollouts(
         law in Python does: there it can be stopped if it hangs.
     patience
         How long a run must be settled, with nothing prescribed changing any more, to end early as
-        completed [s]; ``None`` for never. Less than `loop.DWELL` is refused.
+        completed [s]; ``None`` for never. Less than `DWELL` is refused.
 
     Returns
     -------

@@ -119,6 +119,9 @@ def prepare(
     changing = min(math.ceil(last / timestep) + 1, count)
     ticks = _grid(min(math.ceil((last + r.belief_delay) / period) + 2, -(-count // hold)))
     told_at = ticks * hold * timestep - (r.belief_delay - SNAP * timestep if r.belief_delay else 0)
+    mass_error, length_error = r.mass_error, r.length_error
+    if isinstance(law, EstimatedLaw):  # nobody tells it anything
+        mass_error = length_error = 0.0
     return Run(
         plan=loop.Plan(
             steps=count,
@@ -135,8 +138,8 @@ def prepare(
         course=_course(s, timestep, changing, count),
         initial_state=np.array(s.initial_state),
         given=law.law_inputs(
-            s.cart_mass(told_at) * (1.0 + r.mass_error),
-            s.half_length(told_at) * (1.0 + r.length_error),
+            s.cart_mass(told_at) * (1.0 + mass_error),
+            s.half_length(told_at) * (1.0 + length_error),
             s.pole_mass,
             s.gravity,
         ),

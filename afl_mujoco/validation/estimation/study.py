@@ -102,6 +102,32 @@ class Case:
         }
 
 
+def require_study(controller: str, cases: Sequence[str], seeds: int) -> EstimatedLaw:
+    """Return the law that is told by the estimator, or raise before anything is run.
+
+    Parameters
+    ----------
+    controller, cases, seeds
+        As of `study_estimation`.
+
+    Raises
+    ------
+    AflMujocoError
+        If there is no such law or scenario, or a setting breaks its rule.
+    """
+    if seeds < 1:
+        raise InvalidValueError("seeds", "must be at least 1", seeds)
+    told = find_controller(f"{controller}{ESTIMATED}")
+    if not isinstance(told, EstimatedLaw):
+        raise InvalidValueError(f"controller {controller!r}", "must be a law that can be told M, l")
+    for name in cases:
+        if name not in SCENARIOS:
+            raise UnknownNameError.among("scenario", name, SCENARIOS)
+        if list(cases).count(name) > 1:
+            raise InvalidValueError("scenario names", "must differ", f"{name!r} twice")
+    return told
+
+
 def study_estimation(
     controller: str = "adaptive",
     cases: Sequence[str] = CASES,
@@ -135,14 +161,7 @@ def study_estimation(
     AflMujocoError
         If there is no such law or scenario.
     """
-    if seeds < 1:
-        raise InvalidValueError("seeds", "must be at least 1", seeds)
-    told = find_controller(f"{controller}{ESTIMATED}")
-    if not isinstance(told, EstimatedLaw):
-        raise InvalidValueError(f"controller {controller!r}", "must be a law that can be told M, l")
-    for name in cases:
-        if name not in SCENARIOS:
-            raise UnknownNameError.among("scenario", name, SCENARIOS)
+    told = require_study(controller, cases, seeds)
     found = []
     for name in cases:
         found.append(_case(SCENARIOS[name], controller, told, seeds, noise))

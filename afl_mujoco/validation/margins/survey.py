@@ -194,13 +194,9 @@ def survey_margins(
         If a setting breaks its rule.
     """
     refuse_estimated(controllers)
-    period = require_positive("control_period", control_period)
-    masses = tuple(require_positive("cart_masses", x) for x in cart_masses)
-    lengths = tuple(require_positive("half_lengths", x) for x in half_lengths)
-    names = tuple(controller.name for controller in controllers)
-    for thing, items in (("controllers", names), ("cart_masses", masses), ("lengths", lengths)):
-        if not items or len(set(items)) < len(items):
-            raise InvalidValueError(thing, "must hold at least one, each once", list(items))
+    names, masses, lengths, period = require_survey(
+        controllers, cart_masses, half_lengths, control_period, workers
+    )
     units: list[Unit] = [(c, mass, lengths, period) for c in controllers for mass in masses]
     done = iter(range(1, len(units) + 1))
     with open_executor(min(workers, len(units))) as executor:
@@ -215,6 +211,39 @@ def survey_margins(
         continuous=data[..., 0, :],
         sampled=data[..., 1, :],
     )
+
+
+def require_survey(
+    controllers: Sequence[Law],
+    cart_masses: Sequence[float],
+    half_lengths: Sequence[float],
+    control_period: float,
+    workers: int,
+) -> tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...], float]:
+    """Return the names, masses, lengths and period of a survey, or raise before it is made.
+
+    Parameters
+    ----------
+    controllers, cart_masses, half_lengths, control_period, workers
+        As of `survey_margins`. Each law is linearised once: one that is not smooth is found here.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule.
+    """
+    period = require_positive("control_period", control_period)
+    if workers < 1:
+        raise InvalidValueError("workers", "must be at least 1", workers)
+    masses = tuple(require_positive("cart_masses", x) for x in cart_masses)
+    lengths = tuple(require_positive("half_lengths", x) for x in half_lengths)
+    names = tuple(controller.name for controller in controllers)
+    for thing, items in (("controllers", names), ("cart_masses", masses), ("lengths", lengths)):
+        if not items or len(set(items)) < len(items):
+            raise InvalidValueError(thing, "must hold at least one, each once", list(items))
+    for controller in controllers:
+        linearize(controller, CartPoleParameters(cart_mass=masses[0], half_length=lengths[0]))
+    return names, masses, lengths, period
 
 
 def margins_of_row(unit: Unit) -> Array:

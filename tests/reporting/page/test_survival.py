@@ -36,35 +36,92 @@ def test_the_first_page_answers_in_five_sentences(folder: Path) -> None:
         "What holds", "What breaks first", "At what threshold", "How sure that is",
         "Better than what",
     ]  # fmt: skip
-    assert "stays up on 4 of 4 rungs and also comes to rest on 3; on 2 it" in said["What holds"]
+    assert said["What holds"] == (
+        "Of 4 single flaws of a good laboratory rig, each at its usual size and the rail aside, "
+        "the adaptive controller survives 4 and also comes to rest under 3; 2 of them it was seen "
+        "to survive at ten times that size."
+    )
     assert said["What breaks first"] == (
-        "The rail: it must reach 3.7 m to either side, where a rig has 1 m. On an endless rail it "
-        "is rail damping: at 7.3 N s/m, 1.5 times that of a typical rig, the pole falls."
+        "The rail: 1 m to either side, as on a rig, is too short and 3.7 m the least; on an "
+        "endless one, rail damping: at 7.3 N s/m, 1.5 times that of a typical rig, the pole falls."
     )
     assert said["At what threshold"] == (
         "A delay of 47 ms or a force limit of 10 N brings it down; a control period of 50 ms does "
-        "not; all flaws at once do at 1.1 times those of a typical rig, and keep it from coming to "
-        "rest at 0.33 times."
+        "not; all flaws at once, the rail aside, bring it down at 1.1 times their usual size and "
+        "keep it from coming to rest at 0.33 times."
     )
-    assert "On 60 random rigs it stays up on 95 %" in said["How sure that is"]
+    assert "On 60 random rigs with an endless rail it stays up on 95 %" in said["How sure that is"]
     assert "(exact 95 % interval 86.1 to 99.0 %)" in said["How sure that is"]
     assert "found one that fails" in said["How sure that is"]
     assert "bisected to 2 % on step-step, with 4 seeds" in said["How sure that is"]
-    assert "more than LQR on 3 rungs, as much on 1 and less on 2" in said["Better than what"]
+    assert "more than LQR on 3, as much on 1 and less on 2" in said["Better than what"]
     assert "it alone stays up on 5, LQR alone on 3 (p = 0.73)" in said["Better than what"]
-    assert "least disk margin is 0.40, LQR's 0.40" in said["Better than what"]
+    assert "linearised, it is unstable on 1 of 6 plants, LQR on 1" in said["Better than what"]
+
+
+def change(folder: Path, **thresholds: tuple[str, float, bool]) -> None:
+    """Give the adaptive controller other thresholds: place, level, whether a typical rig is ok."""
+    ladder = survival_case.make_ladder()
+    for rise in ladder["rises"]:
+        name = rise["rung"].replace("-", "_")
+        if rise["controller"] == "adaptive" and name in thresholds:
+            place, level, fine = thresholds[name]
+            rise["survives"] = survival_case.threshold(place, level)
+            rise["typical"] = survival_case.verdict(fine, fine, rise["rung"])
+            lost = survival_case.verdict(False, False, rise["rung"])
+            rise["failure"] = None if place == "above" else lost
+    (folder / "ladder.json").write_text(json.dumps(ladder))
 
 
 def test_a_worse_number_is_a_worse_sentence(folder: Path) -> None:
+    change(folder, delay=("between", 0.001, False))
+    said = sentences(folder)
+    assert "survives 3 and also" in said["What holds"]
+    assert "transport delay: at 1 ms, 0.5 times" in said["What breaks first"]
+
+
+def test_a_rail_that_suffices_is_not_what_breaks_first(folder: Path) -> None:
+    change(folder, rail=("between", 0.2, True))
+    assert sentences(folder)["What breaks first"] == (
+        "Rail damping: at 7.3 N s/m, 1.5 times that of a typical rig, the pole falls."
+    )
+    change(folder, rail=("below", 100.0, False))
+    assert sentences(folder)["What breaks first"].startswith(
+        "The rail: 1 m to either side, as on a rig, is too short; on an endless one, rail damping"
+    )
+
+
+def test_what_no_level_brings_down_and_what_the_mildest_does(folder: Path) -> None:
+    bears = ("above", 1.0, True)
+    names = ("delay", "control_period", "force_limit", "rail_damping", "rail", "together")
+    change(folder, **dict.fromkeys(names, bears))
+    said = sentences(folder)
+    assert said["What breaks first"] == "Nothing, within the ranges that were tried."
+    assert "a force limit of 1 N does not bring it down" in said["At what threshold"]
+    assert "only at more than 1 times their size" in said["At what threshold"]
+    change(folder, **dict.fromkeys(names, ("below", 0.01, False)))
+    assert sentences(folder)["What breaks first"].startswith("Everything that was tried")
+
+
+@pytest.mark.parametrize("kept", [("together",), ("rail",), ("delay",), ("rail", "together")])
+def test_a_ladder_of_few_rungs_has_sentences_too(folder: Path, kept: tuple[str, ...]) -> None:
     ladder = survival_case.make_ladder()
-    rise = next(r for r in ladder["rises"] if r["rung"] == "delay")
-    rise["typical"] = survival_case.verdict(False, False)
-    rise["survives"] = survival_case.threshold("between", 0.001)
-    rise["failure"] = survival_case.verdict(False, False)
+    ladder["rungs"] = [rung for rung in ladder["rungs"] if rung["name"] in kept]
+    ladder["rises"] = [rise for rise in ladder["rises"] if rise["rung"] in kept]
+    if "delay" not in kept:
+        ladder["delay_margins"] = []
     (folder / "ladder.json").write_text(json.dumps(ladder))
     said = sentences(folder)
-    assert "stays up on 3 of 4 rungs" in said["What holds"]
-    assert "it is transport delay: at 1 ms, 0.5 times" in said["What breaks first"]
+    assert all(text.endswith(".") for text in said.values())
+    page = render_page(make_report(), make_curves(), (), (), studies=load_studies(folder))
+    assert 'id="ladder"' in page
+
+
+def test_other_controllers_are_spoken_of_by_name(folder: Path) -> None:
+    ladder = json.loads((folder / "ladder.json").read_text().replace("adaptive", "own.law"))
+    (folder / "ladder.json").write_text(json.dumps(ladder))
+    (folder / "montecarlo.json").unlink()
+    assert "the own.law controller survives" in sentences(folder)["What holds"]
 
 
 def test_what_was_not_studied_names_the_command_that_would(folder: Path) -> None:
@@ -114,7 +171,8 @@ def test_the_worst_margin_is_of_stable_plants_and_what_is_infinite_is_none() -> 
     assert (row["unstable"], row["gain_down"], row["gain_up"]) == ("1", "0.60", "16.6")
     assert (row["disk"], row["delay"]) == ("0.40", "12.0")
     said = measured_text(survival_case.make_margins())
-    assert "at most 0.5 %" in said and "agree on 1 of 2" in said
+    assert "On 1 of 2 plants and laws there are both" in said
+    assert "at most 0.5 %" in said and "1 agree within 5 %" in said
 
 
 @pytest.mark.parametrize(
@@ -148,6 +206,6 @@ def test_a_file_that_is_no_study_is_named_with_what_mends_it(
 def test_a_study_without_what_its_table_needs_is_refused(folder: Path, name: str) -> None:
     studies = dict(load_studies(folder))
     kept = {key: studies[name].data[key] for key in ("schema", "study", "command", "figures")}
-    studies[name] = Study(name, kept, ())
-    with pytest.raises(FileError, match=rf"^{name}.json is not a survival study: .* is missing"):
+    studies[name] = Study(name, folder / f"{name}.json", kept, ())
+    with pytest.raises(FileError, match=rf"{name}.json is not a survival study: .* is missing"):
         render_page(make_report(), make_curves(), (), (), studies={name: studies[name]})

@@ -103,6 +103,15 @@ def test_only_a_compiled_law_without_belief_can_be_told(told):
         EstimatedLaw(name="x", law=CONTROLLERS["adaptive-nominal"])
 
 
+def test_what_others_are_told_wrongly_does_not_reach_it(odd_scenario, told):
+    wrong = Realism(mass_error=20.0, length_error=-0.99, belief_delay=0.5)
+    one, two = (
+        simulate_mujoco(replace(odd_scenario, realism=realism), told, "sampled")
+        for realism in (Realism(), wrong)
+    )
+    assert one.state.tobytes() == two.state.tobytes()
+
+
 def test_it_runs_nowhere_else(odd_scenario, told):
     rule = r"^controller 'told' is told by an estimator, which only sampled mode simulates$"
     for simulate in (simulate_ode, simulate_mujoco):

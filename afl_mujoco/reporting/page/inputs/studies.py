@@ -25,6 +25,8 @@ class Study:
     ----------
     name
         One of `NAMES`.
+    path
+        Its file.
     data
         What its file holds.
     pictures
@@ -32,24 +34,28 @@ class Study:
     """
 
     name: str
+    path: Path
     data: Row
     pictures: tuple[Picture, ...]
 
 
-def load_studies(folder: Path) -> dict[str, Study]:
+def load_studies(folder: Path, *, leave_out: str = "") -> dict[str, Study]:
     """Return the studies that a folder holds, by name.
 
     Parameters
     ----------
     folder
         Where `afl-mujoco ladder` and its like write; it need not be there.
+    leave_out
+        A study that is not read.
 
     Raises
     ------
     FileError
         If a file cannot be read or is no study.
     """
-    return {name: _load(folder, name) for name in NAMES if (folder / f"{name}.json").is_file()}
+    there = [name for name in NAMES if (folder / f"{name}.json").is_file()]
+    return {name: _load(folder, name) for name in there if name != leave_out}
 
 
 def _load(folder: Path, name: str) -> Study:
@@ -66,7 +72,7 @@ def _load(folder: Path, name: str) -> Study:
         raise FileError.cannot_be("read", path, error) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise malformed(path, name, error) from None
-    return Study(name, data, pictures)
+    return Study(name, path, data, pictures)
 
 
 def _pictures(entries: Iterable[Row], folder: Path) -> Iterable[Picture]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from afl_mujoco.reporting.page.inputs.studies import Row, Study, malformed
 from afl_mujoco.reporting.page.numbers import fixed, percent, short
+from afl_mujoco.reporting.page.survival.rates import at_time, rate_rows, replay_text
 from afl_mujoco.reporting.page.survival.sentences import survival_sentences
 from afl_mujoco.reporting.survival.ladder.words import (
     CLASSES,
@@ -17,6 +19,7 @@ from afl_mujoco.reporting.survival.ladder.words import (
     rise_of,
     threshold_text,
 )
+from afl_mujoco.validation.ladder.thresholds import ABOVE, BELOW
 
 _KINDS = ("bad", "part", "good", "good")  # of the classes of a threshold
 
@@ -53,26 +56,34 @@ def survival_view(studies: Mapping[str, Study]) -> dict[str, Any]:
     FileError
         If a study does not hold what its table needs.
     """
-    makers = {
-        "ladder": ladder_rows,
-        "montecarlo": rate_rows,
-        "attraction": share_rows,
-        "margins": margin_rows,
-    }
-    tables = {}
-    for name, make in makers.items():
-        if name in studies:
-            try:
-                tables[name] = make(studies[name].data)
-            except (KeyError, TypeError, ValueError, StopIteration, AttributeError) as error:
-                raise malformed(f"{name}.json", name, error) from None
     return {
         "survival_studies": studies,
-        "survival": tables,
-        "survival_sentences": survival_sentences(studies),
-        "delays": delay_rows(studies["ladder"].data) if "ladder" in studies else [],
-        "measured": measured_text(studies["margins"].data) if "margins" in studies else "",
+        "survival": {name: _made(studies, name, make) for name, make in TABLES.items()},
+        "survival_sentences": _all_guarded(studies, survival_sentences),
+        "delays": _made(studies, "ladder", delay_rows) or [],
+        "measured": _made(studies, "margins", measured_text) or "",
+        "replay": _all_guarded(
+            {"montecarlo": studies["montecarlo"]}, lambda found: replay_text(found["montecarlo"])
+        )
+        if "montecarlo" in studies
+        else "",
     }
+
+
+def _made(studies: Mapping[str, Study], name: str, make: Callable[[Row], Any]) -> Any:
+    """Return what is made of a study, None without it."""
+    if name not in studies:
+        return None
+    return _all_guarded({name: studies[name]}, lambda found: make(found[name].data))
+
+
+def _all_guarded(studies: Mapping[str, Study], make: Callable[[Mapping[str, Study]], Any]) -> Any:
+    """Return what is made of studies; what they lack is an error that names their files."""
+    try:
+        return make(studies)
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        paths = " or ".join(str(study.path) for study in studies.values())
+        raise malformed(paths, " or ".join(studies), error) from None
 
 
 def ladder_rows(ladder: Row) -> list[dict[str, Any]]:
@@ -101,7 +112,7 @@ def _rise_cells(rung: Row, rise: Row) -> dict[str, Cell]:
     typical, failure = rise["typical"], rise["failure"]
     kind = class_of(rung, rise)
     figures = typical["metrics"]
-    hint = "" if failure is None else f"{failure['failure']}{_at(failure['time'])}"
+    hint = "" if failure is None else f"{failure['failure']}{at_time(failure['time'])}"
     return {
         "survives": Cell(threshold_text(rung, rise["survives"]), _KINDS[kind], CLASSES[kind]),
         "settles": Cell(threshold_text(rung, rise["settles"])),
@@ -113,11 +124,6 @@ def _rise_cells(rung: Row, rise: Row) -> dict[str, Cell]:
         ),
         "failure": Cell(hint or "none"),
     }
-
-
-def _at(time: float | None) -> str:
-    """Return when, if it is known."""
-    return "" if time is None else f" at {fixed(time, 2)} s"
 
 
 def delay_rows(ladder: Row) -> list[dict[str, str]]:
@@ -132,15 +138,17 @@ def delay_rows(ladder: Row) -> list[dict[str, str]]:
     rows = []
     for margin in ladder["delay_margins"]:
         threshold = rise_of(ladder, "delay", margin["controller"])["survives"]
-        level = threshold["fails_at"]
-        ratio = level / margin["margin"] if level and margin["margin"] else None
+        held = threshold["place"] == ABOVE
+        level = threshold["holds_at" if held else "fails_at"]
+        ratio = level / margin["margin"] if margin["margin"] else None
+        sign = {ABOVE: "> ", BELOW: "< "}.get(threshold["place"], "")
         rows.append(
             {
                 "controller": margin["controller"],
                 "margin": fixed(1e3 * margin["margin"], 1),
                 "plant": f"{short(margin['cart_mass'])} kg, {short(margin['half_length'])} m",
                 "ladder": threshold_text(rungs["delay"], threshold),
-                "ratio": fixed(ratio, 2),
+                "ratio": fixed(None, 2) if ratio is None else f"{sign}{fixed(ratio, 2)}",
             }
         )
     return rows
@@ -159,64 +167,16 @@ def measured_text(margins: Row) -> str:
     if not both:
         return ""
     worst = max(both, key=lambda row: abs(row["difference"]))
-    agree = sum(bool(row["agrees"]) for row in rows)
+    agree = sum(bool(row["agrees"]) for row in both)
+    neither = sum(row["margin"] is None and row["measured"] is None for row in rows)
+    unstable = f" On {neither} the loop is not stable at all, in neither." if neither else ""
     return (
-        f"A motion of 1 mrad in MuJoCo grows from a delay that differs from the margin by at most "
-        f"{percent(abs(worst['difference']), 2)} ({worst['controller']}, M = "
-        f"{short(worst['cart_mass'])} kg, l = {short(worst['half_length'])} m); within 5 % they "
-        f"agree on {agree} of {len(rows)}."
+        f"Measured, with the force held for 1 ms: from the delay on at which a motion of 1 mrad no "
+        f"longer decays in MuJoCo. On {len(both)} of {len(rows)} plants and laws there are both; "
+        f"they differ by at most {percent(abs(worst['difference']), 2)} ({worst['controller']}, "
+        f"M = {short(worst['cart_mass'])} kg, l = {short(worst['half_length'])} m), and {agree} "
+        f"agree within 5 %.{unstable}"
     )
-
-
-def rate_rows(study: Row) -> dict[str, list[dict[str, Any]]]:
-    """Return rates, comparisons and worst cases of a Monte Carlo.
-
-    Parameters
-    ----------
-    study
-        What a montecarlo.json holds.
-    """
-    rates = [
-        {
-            "controller": row["controller"],
-            "survived": f"{row['survived']} of {row['samples']}",
-            "rate": percent(row["rate"], 3),
-            "interval": _percents(row["interval"]),
-            "settled": percent(row["settled_rate"], 3),
-            "settled_interval": _percents(row["settled_interval"]),
-            "files": sum(1 for failure in row["failures"] if failure["file"]),
-            "replay": row["replay"].replace("FILE", _first_file(row)),
-        }
-        for row in study["controllers"]
-    ]
-    counts = ("first", "second", "both", "only_first", "only_second", "neither")
-    pairs = [
-        {**{key: pair[key] for key in counts}, "p": short(pair["p_value"], 2)}
-        for pair in study["comparisons"]
-    ]
-    worst = [
-        {
-            "controller": case["controller"],
-            "question": case["question"],
-            "outcome": case["outcome"] + _at(case["end_time"]) if case["failed"] else "survives",
-            "kind": "bad" if case["failed"] else "good",
-            "distance": fixed(case["distance"], 2),
-            "changes": ", ".join(list(case["changes"])[:4]),
-            "file": case["file"],
-        }
-        for case in study["worst_cases"]
-    ]
-    return {"rates": rates, "pairs": pairs, "worst": worst}
-
-
-def _first_file(row: Row) -> str:
-    """Return the first failure that is kept as a file."""
-    return next((failure["file"] for failure in row["failures"] if failure["file"]), "FILE")
-
-
-def _percents(ends: list[float]) -> str:
-    """Return an interval of shares in percent."""
-    return f"{fixed(100.0 * ends[0], 1)} to {fixed(100.0 * ends[1], 1)}"
 
 
 def share_rows(study: Row) -> list[dict[str, str]]:
@@ -266,6 +226,29 @@ def margin_rows(study: Row) -> list[dict[str, str]]:
     return rows
 
 
+def estimation_rows(study: Row) -> list[dict[str, str]]:
+    """Return one row for each scenario and what the law is told.
+
+    Parameters
+    ----------
+    study
+        What an estimation.json holds.
+    """
+    return [
+        {
+            "scenario": case["scenario"],
+            "told": loop["told"] + (", with noise" if loop["noise"] else ""),
+            "completed": f"{loop['completed']} of {loop['runs']}",
+            "iae_z": fixed(loop["figures"]["iae_z"], 2),
+            "iae_phi": fixed(loop["figures"]["iae_phi"], 3),
+            "max_force": fixed(loop["figures"]["max_force"], 1),
+            "largest_force": fixed(loop["largest_force"], 1),
+        }
+        for case in study["cases"]
+        for loop in case["loops"]
+    ]
+
+
 def _worst(table: list[list[float | None]], stable: list[bool], pick: Any) -> float | None:
     """Return the worst of a margin over the stable plants; None if none is, or it is infinite."""
     cells = [x for row in table for x in row]
@@ -277,3 +260,15 @@ def _worst(table: list[list[float | None]], stable: list[bool], pick: Any) -> fl
 def _in_ms(value: float | None) -> float | None:
     """Return a time in milliseconds."""
     return None if value is None else 1e3 * value
+
+
+TABLES: Mapping[str, Callable[[Row], Any]] = MappingProxyType(
+    {
+        "ladder": ladder_rows,
+        "montecarlo": rate_rows,
+        "attraction": share_rows,
+        "margins": margin_rows,
+        "estimation": estimation_rows,
+    }
+)
+"""What makes the table of each study."""

@@ -18,7 +18,7 @@ CLASSES = (
     "fails on a typical rig",
     "survives, less than 3 × to spare",
     "3 to 10 × to spare",
-    "more than 10 × to spare",
+    "more than 10 ×, or all that was tried",
 )
 
 
@@ -69,17 +69,19 @@ def threshold_text(rung: Row, threshold: Row) -> str:
     return level_text(rung, threshold["fails_at"])
 
 
-def spare(rung: Row, threshold: Row) -> float:
-    """Return how many times worse than the typical rig the threshold is.
+def borne(rung: Row, rise: Row) -> float:
+    """Return how many times the size of a typical rig's flaw was seen to be survived.
 
     Parameters
     ----------
     rung
         As of ladder.json.
-    threshold
-        Of one of its rises; where every level holds, the harshest counts, which is at least that.
+    rise
+        One of its rises; 0 where no level was survived.
     """
-    level = threshold["holds_at"] if threshold["place"] == ABOVE else threshold["fails_at"]
+    level = rise["survives"]["holds_at"]
+    if level is None:
+        return 0.0
     ratio = level / rung["typical"]
     return float(1.0 / ratio if rung["less_is_worse"] else ratio)
 
@@ -98,7 +100,7 @@ def class_of(rung: Row, rise: Row) -> int:
         return FAILS
     if rise["survives"]["place"] == ABOVE:
         return MUCH
-    ratio = spare(rung, rise["survives"])
+    ratio = borne(rung, rise)
     return MUCH if ratio >= 10.0 else SOME if ratio >= 3.0 else LITTLE
 
 

@@ -1,0 +1,83 @@
+"""The tables of a Monte Carlo, as rows of text."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from afl_mujoco.reporting.page.inputs.studies import Row, Study
+from afl_mujoco.reporting.page.numbers import fixed, percent, short
+
+
+def at_time(time: float | None) -> str:
+    """Return when, if it is known.
+
+    Parameters
+    ----------
+    time
+        When [s].
+    """
+    return "" if time is None else f" at {fixed(time, 2)} s"
+
+
+def rate_rows(study: Row) -> dict[str, list[dict[str, Any]]]:
+    """Return rates, comparisons and worst cases of a Monte Carlo.
+
+    Parameters
+    ----------
+    study
+        What a montecarlo.json holds.
+    """
+    rates = [
+        {
+            "controller": row["controller"],
+            "survived": f"{row['survived']} of {row['samples']}",
+            "rate": percent(row["rate"], 3),
+            "interval": _percents(row["interval"]),
+            "settled": percent(row["settled_rate"], 3),
+            "settled_interval": _percents(row["settled_interval"]),
+            "files": sum(1 for failure in row["failures"] if failure["file"]),
+        }
+        for row in study["controllers"]
+    ]
+    counts = ("first", "second", "both", "only_first", "only_second", "neither")
+    pairs = [
+        {**{key: pair[key] for key in counts}, "p": short(pair["p_value"], 2)}
+        for pair in study["comparisons"]
+    ]
+    worst = [
+        {
+            "controller": case["controller"],
+            "question": case["question"],
+            "outcome": case["outcome"] + at_time(case["end_time"])
+            if case["failed"]
+            else "survives",
+            "kind": "bad" if case["failed"] else "good",
+            "distance": fixed(case["distance"], 2),
+            "changes": ", ".join(list(case["changes"])[:4]),
+            "file": case["file"],
+        }
+        for case in study["worst_cases"]
+    ]
+    return {"rates": rates, "pairs": pairs, "worst": worst}
+
+
+def replay_text(study: Study) -> str:
+    """Return the command that replays the first failure that is kept; nothing without one.
+
+    Parameters
+    ----------
+    study
+        A Monte Carlo.
+    """
+    for row in study.data["controllers"]:
+        for failure in row["failures"]:
+            if failure["file"]:
+                file = shlex.quote(str(study.path.parent / failure["file"]))
+                return str(row["replay"].replace(" FILE ", f" {file} ", 1))
+    return ""
+
+
+def _percents(ends: list[float]) -> str:
+    """Return an interval of shares in percent."""
+    return f"{fixed(100.0 * ends[0], 1)} to {fixed(100.0 * ends[1], 1)}"
