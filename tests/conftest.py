@@ -1,6 +1,8 @@
 """Fixtures that more than one folder uses."""
 
 import os
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from afl_mujoco import CONTROLLERS, CartPoleParameters, Scenario, constant, piec
 from afl_mujoco.cli.main import main
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+
+sys.path.insert(0, str(Path(__file__).parent))  # for `page_case` and `survival_case`
 
 SEED = 20260
 BACKEND = choose_backend()  # before a test imports mujoco

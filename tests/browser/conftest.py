@@ -1,6 +1,0 @@
-"""What the browser's tests share."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1]))  # for `page_case`
