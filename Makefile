@@ -28,7 +28,7 @@ view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS=
 report: $(READY) ## make renders/validation/report.html anew, with the films of make render
 	@$(BIN)/afl-mujoco report $(ARGS)
 
-survival: $(READY) ## the five survival studies, into the report (30 minutes; ARGS="--quick": 5)
+survival: $(READY) ## what becomes of it on a real rig, into the report (30 minutes, ARGS="--quick": 5): ladder, montecarlo, attraction, margins, estimation, each a target too
 	@$(BIN)/afl-mujoco ladder $(ARGS)
 	@$(BIN)/afl-mujoco montecarlo $(ARGS)
 	@$(BIN)/afl-mujoco attraction $(ARGS)
@@ -63,12 +63,14 @@ tune: $(READY) ## search the gain table and fit the gain functions, the whole of
 	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
 	@$(BIN)/python -m afl_mujoco.reporting.gain_figures renders/tuning
 
-bench: $(READY) ## what things cost, as ratios: the loop, the ensemble, the optimisers, the gain functions, the films (16 minutes)
+bench: $(READY) ## what things cost, as ratios: the loop, the ensemble, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
 	@$(BIN)/python benchmarks/bench_rollout.py
 	@$(BIN)/python benchmarks/bench_ensemble.py
 	@$(BIN)/python benchmarks/bench_optimisers.py --out renders/bench
 	@$(BIN)/python benchmarks/bench_gain_functions.py
 	@$(BIN)/python benchmarks/bench_render.py
+	@$(BIN)/python benchmarks/bench_montecarlo.py
+	@$(BIN)/python benchmarks/bench_attraction.py
 
 faults: $(READY) ## plant physical faults one at a time and see which check catches each (10 to 30 minutes)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)

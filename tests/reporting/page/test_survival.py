@@ -38,8 +38,8 @@ def test_the_first_page_answers_in_five_sentences(folder: Path) -> None:
     ]  # fmt: skip
     assert said["What holds"] == (
         "Of 4 single flaws of a good laboratory rig, each at its usual size and the rail aside, "
-        "the adaptive controller survives 4 and also comes to rest under 3; 2 of them it was seen "
-        "to survive at ten times that size."
+        "the adaptive controller survives 4, comes to rest under 3, and survives 2 even at ten "
+        "times that size."
     )
     assert said["What breaks first"] == (
         "The rail: 1 m to either side, as on a rig, is too short and 3.7 m the least; on an "
@@ -76,7 +76,7 @@ def change(folder: Path, **thresholds: tuple[str, float, bool]) -> None:
 def test_a_worse_number_is_a_worse_sentence(folder: Path) -> None:
     change(folder, delay=("between", 0.001, False))
     said = sentences(folder)
-    assert "survives 3 and also" in said["What holds"]
+    assert "survives 3, comes" in said["What holds"]
     assert "transport delay: at 1 ms, 0.5 times" in said["What breaks first"]
 
 

@@ -91,8 +91,8 @@ def _holds(ladder: Row | None, ours: str) -> str:
     kinds = " (delay, lag, limits, noise, friction, inertias, wrong M and l)" if whole else ""
     return (
         f"Of {len(single)} single flaws of a good laboratory rig{kinds}, each at its usual size "
-        f"and the rail aside, the {ours} controller survives {survived} and also comes to rest "
-        f"under {settled}; {roomy} of them it was seen to survive at ten times that size."
+        f"and the rail aside, the {ours} controller survives {survived}, comes to rest under "
+        f"{settled}, and survives {roomy} even at ten times that size."
     )
 
 

@@ -10,6 +10,9 @@ from afl_mujoco.validation.ladder.thresholds import ABOVE, BELOW
 
 Row = Mapping[str, Any]
 
+TIMES = "× rig"
+"""Unit of a whole rig, whose threshold near 1 deserves a third digit."""
+
 FAILS, LITTLE, SOME, MUCH = range(4)
 """Classes of a threshold: the typical rig fails; it survives with less than 3 times, less than 10
 times, or at least 10 times to spare."""
@@ -39,7 +42,7 @@ def rise_of(ladder: Row, rung: str, controller: str) -> Row:
 
 
 def level_text(rung: Row, level: float) -> str:
-    """Return a level in the unit of its rung, with two digits.
+    """Return a level in the unit of its rung, with two or three digits.
 
     Parameters
     ----------
@@ -48,7 +51,7 @@ def level_text(rung: Row, level: float) -> str:
     level
         In SI units.
     """
-    return short(rung["scale"] * level, 2)
+    return short(rung["scale"] * level, 3 if rung["unit"] == TIMES else 2)
 
 
 def threshold_text(rung: Row, threshold: Row) -> str:
