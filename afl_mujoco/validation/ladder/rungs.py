@@ -117,7 +117,7 @@ LADDER: tuple[Rung, ...] = (
          fields={"slew_rate": 1.0}, typical=5e3, benign=1e6, harsh=10.0),
     Rung(name="encoder", title="encoder step", unit="mrad", scale=1e3,
          fields=_SENSORS, typical=_COUNT, benign=1e-4, harsh=0.5),
-    Rung(name="differentiated", title="encoder step, rates differentiated", unit="mrad", scale=1e3,
+    Rung(name="differentiated", title="encoder, rates differenced", unit="mrad", scale=1e3,
          fields=_SENSORS, switches=("differentiated",), typical=_COUNT, benign=1e-5, harsh=0.5),
     Rung(name="noise", title="sensor noise", unit="mrad", scale=1e3,
          fields=_NOISE, typical=5e-4, benign=1e-5, harsh=0.5, seeded=True),

@@ -13,7 +13,6 @@ from afl_mujoco.reporting.page.numbers import fixed, percent, short
 from afl_mujoco.reporting.page.survival.rates import at_time, rate_rows, replay_text
 from afl_mujoco.reporting.page.survival.sentences import survival_sentences
 from afl_mujoco.reporting.survival.ladder.words import (
-    CLASSES,
     class_of,
     level_text,
     rise_of,
@@ -34,13 +33,10 @@ class Cell:
         What it says.
     kind
         Of its colour: ``good``, ``part``, ``bad`` or nothing.
-    hint
-        What else there is to say.
     """
 
     text: str
     kind: str = ""
-    hint: str = ""
 
 
 def survival_view(studies: Mapping[str, Study]) -> dict[str, Any]:
@@ -114,14 +110,14 @@ def _rise_cells(rung: Row, rise: Row) -> dict[str, Cell]:
     figures = typical["metrics"]
     hint = "" if failure is None else f"{failure['failure']}{at_time(failure['time'])}"
     return {
-        "survives": Cell(threshold_text(rung, rise["survives"]), _KINDS[kind], CLASSES[kind]),
+        "survives": Cell(threshold_text(rung, rise["survives"]), _KINDS[kind]),
         "settles": Cell(threshold_text(rung, rise["settles"])),
         "typical": Cell(
             typical["failure"] or f"settles in {fixed(figures['settling_time'], 1)} s",
             "good" if typical["settles"] else "part" if typical["survives"] else "bad",
-            f"|z| up to {fixed(figures['peak_z'], 2)} m, "
-            f"force up to {fixed(figures['max_force'], 0)} N",
         ),
+        "peak_z": Cell(fixed(figures["peak_z"], 2)),
+        "max_force": Cell(fixed(figures["max_force"], 0)),
         "failure": Cell(hint or "none"),
     }
 
