@@ -289,6 +289,7 @@ def test_the_command_writes_and_prints_the_margins(tmp_path, capsys):
         workers=1,
         out=tmp_path,
         validation=tmp_path,
+        measure=False,
     )
     assert command.run() == 0
     content = json.loads((tmp_path / "margins.json").read_text())
