@@ -29,7 +29,7 @@ class Attraction:
     Example: afl-mujoco attraction --controllers adaptive lqr --quick
 
     One map over (phi0, phi0') on one plant, one over (M, l) from one start. Writes attraction.json,
-    an npz for each map, and a figure for each plane. The whole takes some five minutes on two
+    an npz for each map, and a figure for each plane. The whole takes some ten minutes on two
     cores.
     """
 
