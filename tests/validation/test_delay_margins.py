@@ -36,7 +36,7 @@ def test_a_wrong_margin_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_limit_cycle_is_no_decay() -> None:
     margin = delay_margin(ADAPTIVE, 2.0, 0.05)
     assert motion_decays(ADAPTIVE, 2.0, 0.05, 0.98 * margin)
-    for factor in (1.02, 1.5):  # it falls no more than it decays
+    for factor in (1.02, 1.3, 1.6, 1.9):  # it falls no more than it decays
         assert not motion_decays(ADAPTIVE, 2.0, 0.05, factor * margin)
 
 
