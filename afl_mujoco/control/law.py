@@ -77,6 +77,25 @@ class Law(Protocol):
             raise LawDomainError("pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad")
         return force
 
+    def told(
+        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
+    ) -> NDArray[np.float64]:
+        """Return what the law takes (M, m, l, g) to be along a run, shape (..., 4).
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            True M [kg] and l [m], any one shape (...).
+        pole_mass, gravity
+            True m [kg] and g [m/s^2].
+        """
+        masses = np.asarray(cart_mass, dtype=np.float64)
+        told = np.empty((*masses.shape, 4))
+        told[...] = self.believed(np.nan, pole_mass, np.nan, gravity)
+        if self.belief is None:
+            told[..., 0], told[..., 2] = masses, half_length
+        return told
+
     def law_inputs(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
@@ -100,14 +119,9 @@ class Law(Protocol):
         InvalidValueError
             If a gain breaks its rule.
         """
-        masses = np.asarray(cart_mass, dtype=np.float64)
-        lengths = np.asarray(half_length, dtype=np.float64)
-        believed = np.empty((masses.size, 4))
-        believed[:] = self.believed(np.nan, pole_mass, np.nan, gravity)
-        if self.belief is None:
-            believed[:, 0], believed[:, 2] = masses.ravel(), lengths.ravel()
-        law: NDArray[np.float64] = inputs_along(*self.compiled, believed)
-        return law.reshape((*masses.shape, law.shape[1]))
+        told = self.told(cart_mass, half_length, pole_mass, gravity)
+        law: NDArray[np.float64] = inputs_along(*self.compiled, told.reshape(-1, 4))
+        return law.reshape((*told.shape[:-1], law.shape[1]))
 
     def forces(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from types import UnionType
 
@@ -80,6 +81,28 @@ def require_type(thing: str, value: object, kind: type | UnionType) -> None:
     if not isinstance(value, kind):
         name = getattr(kind, "__name__", str(kind))
         raise InvalidValueError(thing, f"must be of type {name}", repr(value))
+
+
+def require_distinct(thing: str, names: Sequence[str]) -> None:
+    """Raise unless there is at least one name, and none twice.
+
+    Parameters
+    ----------
+    thing
+        What they name, in the singular.
+    names
+        The names.
+
+    Raises
+    ------
+    InvalidValueError
+        If there is none, or one stands twice.
+    """
+    if not names:
+        raise InvalidValueError(f"{thing}s", "must be at least one", 0)
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,6 +16,7 @@ from afl_mujoco.control.estimation.estimated_law import refuse_estimated
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
@@ -208,15 +209,8 @@ def require_runnable(
     """
     if workers < 1:
         raise InvalidValueError("workers", "must be at least 1", workers)
-    for thing, names in (
-        ("scenario", [s.name for s in scenarios]),
-        ("controller", [c.name for c in controllers]),
-    ):
-        if not names:
-            raise InvalidValueError(f"{thing}s", "must hold at least one")
-        for name in names:
-            if names.count(name) > 1:
-                raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")
+    require_distinct("scenario", [s.name for s in scenarios])
+    require_distinct("controller", [c.name for c in controllers])
     refuse_estimated(controllers)
     whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
     for scenario in scenarios:

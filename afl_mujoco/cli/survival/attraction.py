@@ -105,13 +105,14 @@ class Attraction:
         """Return laws, cells and criterion, or raise at what breaks a rule."""
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.errors import UnknownNameError
+        from afl_mujoco.scenario.parameters import require_distinct
         from afl_mujoco.scenario.sampling import whole_steps
         from afl_mujoco.simulation.attraction.cells import Settling
-        from afl_mujoco.simulation.attraction.threads import require_threads
         from afl_mujoco.simulation.mujoco_model import INTEGRATORS
+        from afl_mujoco.sweep.threads import require_threads
 
-        _require_distinct("controller", self.controllers)
-        _require_distinct("plane", self.planes)
+        require_distinct("controller", self.controllers)
+        require_distinct("plane", self.planes)
         controllers = [find_controller(name, self.gain_labels) for name in self.controllers]
         maps = [self._cells(plane) for plane in self.planes]
         settling = Settling(horizon=self.horizon)
@@ -183,14 +184,3 @@ class Attraction:
             for cells in maps
             for controller in controllers
         ]
-
-
-def _require_distinct(thing: str, names: tuple[str, ...]) -> None:
-    """Raise if a name is given twice, for its files would have the same name, or none is."""
-    from afl_mujoco.errors import InvalidValueError
-
-    if not names:
-        raise InvalidValueError(f"{thing}s", "must be at least one", 0)
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")

@@ -162,12 +162,7 @@ class PythonLaw(Law):
         cart_mass, half_length, pole_mass, gravity
             As of `Law.law_inputs`.
         """
-        masses = np.asarray(cart_mass, dtype=np.float64)
-        told = np.empty((*masses.shape, 4))
-        told[...] = self.believed(np.nan, pole_mass, np.nan, gravity)
-        if self.belief is None:
-            told[..., 0], told[..., 2] = masses, half_length
-        return told
+        return self.told(cart_mass, half_length, pole_mass, gravity)
 
     def forces(
         self,

@@ -11,6 +11,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.reporting.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.reporting.films.replay import Deployment, frame_times
 from afl_mujoco.reporting.films.scene import require_size
+from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
 
 SINGLE, COMPARISON, SHOWCASE = "film", "comparison", "showcase"
@@ -158,8 +159,5 @@ def plan(
                 **settings,
             )
         )
-    names = [film.name for film in planned]
-    for name in names:
-        if names.count(name) > 1:
-            raise InvalidValueError("film names", "must differ", f"{name!r} twice")
+    require_distinct("film", [film.name for film in planned])
     return planned

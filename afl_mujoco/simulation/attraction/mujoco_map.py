@@ -22,7 +22,6 @@ from afl_mujoco.simulation.attraction.cells import (
     Settling,
     within,
 )
-from afl_mujoco.simulation.attraction.threads import March, require_threads, share
 from afl_mujoco.simulation.mujoco_model import (
     CONTROL,
     DATA,
@@ -38,6 +37,7 @@ from afl_mujoco.simulation.mujoco_model import (
     write_state,
 )
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT, within_limits
+from afl_mujoco.sweep.threads import March, require_threads, share
 
 TIMESTEP = 2e-3
 """Physics step, and how long the control is held [s]."""

@@ -26,8 +26,8 @@ from afl_mujoco.simulation.attraction.cells import (
     Settling,
     within,
 )
-from afl_mujoco.simulation.attraction.threads import March, require_threads, share
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT, within_limits
+from afl_mujoco.sweep.threads import March, require_threads, share
 
 TOLERANCE = 1e-7
 """Local error of a step, of every state relative to 1 plus its size. A hundred times less or more

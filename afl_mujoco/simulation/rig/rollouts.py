@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-import threading
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +13,14 @@ from numpy.typing import NDArray
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.rig import channels as places
 from afl_mujoco.simulation.rig.runs import perform, prepare
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
+from afl_mujoco.sweep.threads import March, require_threads, share
 
 DWELL = 1.0
 """For how long a run must stay settled, up to its end, to be said to have settled [s]."""
@@ -122,53 +122,35 @@ def run_rollouts(
     AflMujocoError
         If a setting breaks its rule.
     """
-    _require(threads, patience)
-    status = np.zeros(len(scenarios), dtype=np.int64)
-    figures = {name: np.full(len(scenarios), np.nan) for name in Rollouts.__slots__[1:]}
-    following = itertools.count()  # taking a number from it is atomic
-    given_up = threading.Event()
-
-    def work() -> None:
-        model: CartPoleModel | None = None
-        for i in itertools.takewhile(lambda i: i < len(scenarios), following):
-            if given_up.is_set():
-                return
-            scenario = scenarios[i]
-            plant = scenario.parameters_at(0.0)
-            if model is None:
-                model = CartPoleModel(plant, timestep=timestep, integrator=integrator)
-            model.set_realism(scenario.realism, plant)
-            run = prepare(
-                scenario,
-                law,
-                timestep=timestep,
-                control_period=control_period,
-                patience=patience,
-            )
-            memory, _ = perform(model, run, law, record=False)
-            status[i] = memory[places.STATUS]
-            for name, value in _figures(memory, timestep).items():
-                figures[name][i] = value
-
-    if threads == 1 or isinstance(law, PythonLaw):
-        work()  # here a law in Python that hangs can be stopped, and threads gain it nothing
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            try:
-                for task in as_completed([pool.submit(work) for _ in range(threads)]):
-                    task.result()
-            except BaseException:  # a Ctrl-C as well: what has not begun is given up
-                given_up.set()
-                raise
-    return Rollouts(status=status, **figures)
-
-
-def _require(threads: int, patience: float | None) -> None:
-    """Raise if a setting breaks its rule."""
-    if threads < 1:
-        raise InvalidValueError("threads", "must be at least 1", threads)
+    require_threads(threads)
     if patience is not None and not patience >= DWELL:
         raise InvalidValueError("patience", f"must be at least {DWELL:g} s", patience)
+    count = len(scenarios)
+    status = np.zeros(count, dtype=np.int64)
+    figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:]}
+    settings: Any = {"timestep": timestep, "control_period": control_period, "patience": patience}
+
+    def run(model: CartPoleModel, i: int) -> None:
+        model.set_realism(scenarios[i].realism, scenarios[i].parameters_at(0.0))
+        memory, _ = perform(model, prepare(scenarios[i], law, **settings), law, record=False)
+        status[i] = memory[places.STATUS]
+        for name, value in _figures(memory, timestep).items():
+            figures[name][i] = value
+
+    def march_on(model: CartPoleModel) -> March:
+        def march(part: slice) -> None:
+            for i in range(part.start, part.stop):
+                run(model, i)
+
+        return march
+
+    alone = isinstance(law, PythonLaw)  # threads gain it nothing; here one that hangs is stopped
+    models = [
+        CartPoleModel(NOMINAL, timestep=timestep, integrator=integrator)
+        for _ in range(1 if alone else min(threads, max(count, 1)))
+    ]
+    share(count, [march_on(model) for model in models], part=1)
+    return Rollouts(status=status, **figures)
 
 
 def _figures(memory: NDArray[np.float64], timestep: float) -> dict[str, float]:

@@ -13,6 +13,7 @@ from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
@@ -123,8 +124,7 @@ def require_study(controller: str, cases: Sequence[str], seeds: int) -> Estimate
     for name in cases:
         if name not in SCENARIOS:
             raise UnknownNameError.among("scenario", name, SCENARIOS)
-        if list(cases).count(name) > 1:
-            raise InvalidValueError("scenario names", "must differ", f"{name!r} twice")
+    require_distinct("scenario", cases)
     return told
 
 

@@ -11,6 +11,7 @@ from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.realism import IDEAL
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
@@ -181,9 +182,9 @@ def require_climbable(
         See above.
     """
     names = rung_names(rungs)
-    _require_each_once("controller", [law.name for law in controllers])
-    _require_each_once("scenario", [scenario.name for scenario in settings.scenarios])
-    _require_each_once("rung", names)
+    require_distinct("controller", [law.name for law in controllers])
+    require_distinct("scenario", [scenario.name for scenario in settings.scenarios])
+    require_distinct("rung", names)
     counts = (("seeds", settings.seeds, 1), ("scan", settings.scan, 2), ("workers", workers, 1))
     for name, count, least in counts:
         if count < least:
@@ -198,12 +199,3 @@ def require_climbable(
             raise InvalidValueError(f"scenario {scenario.name!r}", rule)
         whole_steps("duration", scenario.duration, "timestep", TIMESTEP)
     return names
-
-
-def _require_each_once(thing: str, names: Sequence[str]) -> None:
-    """Raise unless there is at least one name, and none is given twice."""
-    if not names:
-        raise InvalidValueError(f"{thing}s", "must be at least one", 0)
-    for name in names:
-        if names.count(name) > 1:
-            raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")

@@ -13,6 +13,7 @@ import numpy as np
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
 from afl_mujoco.sweep.executors import Executor
@@ -250,12 +251,7 @@ def require_campaign(
     AflMujocoError
         If something breaks its rule.
     """
-    names = [law.name for law in laws]
-    if not names:
-        raise InvalidValueError("controllers", "must be at least one", 0)
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InvalidValueError("controller names", "must differ", f"{name!r} twice")
+    require_distinct("controller", [law.name for law in laws])
     if samples < 1:
         raise InvalidValueError("samples", "must be at least 1", samples)
     if not 0 <= seed <= LARGEST_SEED:

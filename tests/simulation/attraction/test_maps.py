@@ -29,7 +29,7 @@ from afl_mujoco.simulation.attraction.cells import (
 )
 from afl_mujoco.simulation.attraction.mujoco_map import TIMESTEP, map_in_mujoco
 from afl_mujoco.simulation.attraction.ode_map import MAX_STEP, map_by_ode
-from afl_mujoco.simulation.attraction.threads import PART, share
+from afl_mujoco.sweep.threads import PART, share
 
 SETTLING = Settling()
 FOUND = ("outcome", "time", "peak_z", "peak_force")

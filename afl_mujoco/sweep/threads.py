@@ -1,4 +1,4 @@
-"""Cells shared among threads: compiled marches release the interpreter lock."""
+"""Work shared among threads: what is compiled releases the interpreter lock."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from queue import SimpleQueue
 from afl_mujoco.errors import InvalidValueError
 
 PART = 32
-"""Cells that a thread takes at a time: it marches them in a second at most, and can then stop."""
+"""Items that a thread takes at a time: a second of work at most, after which it can stop."""
 
 March = Callable[[slice], object]
-"""Marches some cells of a map; what it gives a cell must not depend on those before."""
+"""Does some of the items; what it does to one must not depend on those before."""
 
 
 def require_threads(threads: int) -> int:
@@ -28,33 +28,46 @@ def require_threads(threads: int) -> int:
     return threads
 
 
-def share(count: int, marches: Sequence[March], progress: Callable[[int], None]) -> None:
-    """Have all cells marched, by as many threads as there are marches.
+def share(
+    count: int,
+    marches: Sequence[March],
+    progress: Callable[[int], None] = lambda items: None,
+    *,
+    part: int = PART,
+) -> None:
+    """Have all items done, by as many threads as there are marches; one is the caller's.
 
     Parameters
     ----------
     count
-        Number of cells.
+        Number of items.
     marches
         One for each thread, each with memory of its own.
     progress
-        Called with how many more cells are done, from the calling thread.
+        Called with how many more items are done, from the calling thread.
+    part
+        Items that a thread takes at a time.
     """
+    parts = [slice(a, min(a + part, count)) for a in range(0, count, part)]
+    if len(marches) == 1:
+        for one in parts:
+            marches[0](one)
+            progress(one.stop - one.start)
+        return
     free: SimpleQueue[March] = SimpleQueue()
     for march in marches:
         free.put(march)
 
-    def run(part: slice) -> int:
+    def run(one: slice) -> int:
         march = free.get()
         try:
-            march(part)
+            march(one)
         finally:
             free.put(march)
-        return int(part.stop - part.start)
+        return int(one.stop - one.start)
 
     with ThreadPoolExecutor(len(marches)) as pool:
-        parts = [slice(a, min(a + PART, count)) for a in range(0, count, PART)]
-        futures = [pool.submit(run, part) for part in parts]
+        futures = [pool.submit(run, one) for one in parts]
         try:
             for future in as_completed(futures):
                 progress(future.result())
