@@ -1,139 +1,154 @@
 """What does the adaptive law lose when nobody tells it M and l, and it has to estimate them?
 
-Run: python benchmarks/bench_estimator.py [--seeds 8] [--only cases tracking start pulse rest rig]
+Run: python benchmarks/bench_estimator.py [--seeds 8] [--only cases start pulse rest rig drive]
 
-The loop in MuJoCo as deployed at 1 kHz on the paper's scenarios, the law told M and l by the
-estimator and fed its filtered state, unless a line says otherwise. Laws that are told the truth, or
-the nominal plant, get the true state. Errors are of ln M and ln l.
+Sampled mode at 1 kHz on the paper's scenarios. The estimated law is told M, l and its state by the
+estimator; a law that is told gets the true M and l (or believes the nominal ones), the measured
+z and phi, and the true velocities. Errors are of ln M and ln l. Tracking over time and the
+objective (O1) against the oracle: `afl-mujoco estimation`.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from estimated_loop import DT, FILTERED, MEASURED, NOMINAL, TRUE, Array, Rig, Run, run
+from numpy.typing import NDArray
 
 import afl_mujoco as afl
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.estimation.settings import EstimatorSettings
+from afl_mujoco.control.law import Law
+from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.rig.estimated import simulate_estimated
+from afl_mujoco.tuning.gain_cost import paper_scales
+from afl_mujoco.validation.estimation.study import CASES
+from afl_mujoco.validation.estimation.study import NOISE as USUAL
 
-IDEAL, FINE = Rig(), Rig(noise=(1e-4, 1e-4))
-USUAL = Rig(noise=(1e-4, 5e-4))
-COARSE = Rig(noise=(1e-4, 1e-3))
-ENCODERS = Rig(step=(3.5e-4, 2.0 * np.pi / 3600.0))
+Array = NDArray[np.float64]
+
+FINE = Realism(noise_z=1e-4, noise_phi=1e-4)
+COARSE = Realism(noise_z=1e-4, noise_phi=1e-3)
+ENCODERS = Realism(encoder_step_z=3.5e-4, encoder_step_phi=2.0 * np.pi / 3600.0)
 RIGS = {"no noise": IDEAL, "fine": FINE, "usual": USUAL, "coarse": COARSE, "encoders": ENCODERS}
-CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
-WITHIN = 0.1  # as near to the truth as counts as found
+TOLD = afl.CONTROLLERS["adaptive"]
 
 
-def ensemble(scenario: Scenario, rig: Rig, seeds: int, **options: object) -> list[Run]:
-    """The same run under several noises; once where there is none."""
-    count = seeds if any(rig.noise) else 1
-    return [run(scenario, rig, seed=seed, **options) for seed in range(count)]  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class Run:
+    """A run and, of a law told by the estimator, its errors at the ticks but the first."""
+
+    run: afl.Trajectory
+    time: Array
+    error: Array  # ln of estimate over truth before the tick, shape (T - 1, 2)
+
+    @property
+    def survived(self) -> bool:
+        return self.run.outcome.kind == "completed"
+
+    @property
+    def integrals(self) -> float:
+        """The objective (O1) less its force term."""
+        scales = paper_scales()
+        z, phi = (np.trapezoid(np.abs(x), self.run.time) for x in self.run.state.T[:2])
+        return float(z / scales.iae_z + phi / scales.iae_phi)
+
+    @property
+    def largest_force(self) -> float:
+        return float(np.abs(self.run.force).max())
+
+    def within(self, first: float, last: float) -> Array:
+        """Its errors over a stretch of time [s]."""
+        return self.error[(self.time >= first - 1e-9) & (self.time < last - 1e-9)]
+
+    def at(self, time: float) -> Array:
+        """Its errors as of the last tick up to an instant [s]."""
+        return np.asarray(self.error[np.searchsorted(self.time, time + 1e-9) - 1])
+
+
+def settings_for(rig: Realism, **changes: object) -> EstimatorSettings:
+    """The estimator's settings where the noise is known and the rest of the rig is not."""
+    pairs = ((rig.noise_z, rig.encoder_step_z), (rig.noise_phi, rig.encoder_step_phi))
+    z, phi = (max(float(np.hypot(noise, step / 12**0.5)), 1e-5) for noise, step in pairs)
+    return EstimatorSettings(position_noise=z, angle_noise=phi, **changes)  # type: ignore[arg-type]
+
+
+def estimated(scenario: Scenario, rig: Realism, settings: EstimatorSettings | None = None) -> Run:
+    law = EstimatedLaw(name="estimated", law=TOLD, settings=settings or settings_for(rig))
+    found = simulate_estimated(replace(scenario, realism=rig), law)
+    ticks = found.time[1:]
+    before = ticks - 0.5e-3
+    truth = np.stack([scenario.cart_mass(before), scenario.half_length(before)], axis=1)
+    estimates = np.stack([found.cart_mass[1:], found.half_length[1:]], axis=1)
+    return Run(found.run, ticks, np.log(estimates / truth))
+
+
+def told(scenario: Scenario, rig: Realism, law: Law = TOLD) -> Run:
+    run = afl.simulate_mujoco(replace(scenario, realism=rig), law, "sampled")
+    return Run(run, np.empty(0), np.empty((0, 2)))
+
+
+def seeded(rig: Realism, seeds: int) -> list[Realism]:
+    """The same rig under several noises; once where there is none."""
+    count = seeds if rig.noise_z or rig.noise_phi else 1
+    return [replace(rig, seed=seed) for seed in range(count)]
 
 
 def rms(runs: Sequence[Run], first: float, last: float) -> Array:
     """Root mean square of both errors over a stretch of time."""
-    part = slice(round(first / DT), round(last / DT))
-    return np.asarray(np.sqrt(np.mean([np.mean(r.error[part] ** 2, axis=0) for r in runs], axis=0)))
-
-
-def found_after(error: Array, start: float, end: float) -> float:
-    """How long after `start` [s] an error is within bounds for good, up to `end`; NaN for never."""
-    part = error[round(start / DT) : round(end / DT)]
-    outside = np.flatnonzero(np.abs(part) > WITHIN)
-    if not len(outside):
-        return 0.0
-    return float((outside[-1] + 1) * DT) if outside[-1] + 1 < len(part) else float("nan")
+    means = [np.mean(r.within(first, last) ** 2, axis=0) for r in runs]
+    return np.asarray(np.sqrt(np.mean(means, axis=0)))
 
 
 def cases(seeds: int) -> None:
-    print(
-        "\n(T1) objective (O1) less its force term / largest force [N], and how many runs survived"
-    )
-    lines = {
-        "told M, l (adaptive)": dict(told=TRUE, fed=0),
-        "told M, l (fixed gains)": dict(told=TRUE, fed=0, gains="fixed"),
-        "nominal belief (adaptive)": dict(told=NOMINAL, fed=0),
-        "nominal belief (fixed gains)": dict(told=NOMINAL, fed=0, gains="fixed"),
-    }
+    print("\n(T1) objective (O1) less its force term, largest force [N], how many runs survived")
     for name, scenario in afl.SCENARIOS.items():
         print(f"  {name}")
-        for label, options in lines.items():
-            show_case(label, [run(scenario, IDEAL, **options)])  # type: ignore[arg-type]
+        for law in ("adaptive", "fixed", "adaptive-nominal", "fixed-nominal"):
+            show_case(law, [told(scenario, IDEAL, afl.CONTROLLERS[law])])
         for label, rig in RIGS.items():
-            show_case(f"estimated, {label}", ensemble(scenario, rig, seeds))
+            runs = [estimated(scenario, one) for one in seeded(rig, seeds)]
+            show_case(f"estimated, {label}", runs)
 
 
 def show_case(label: str, runs: Sequence[Run]) -> None:
-    terms = np.mean([r.terms for r in runs if r.survived], axis=0)
-    force = max(float(np.abs(r.force).max()) for r in runs)
-    alive = sum(r.survived for r in runs)
-    print(f"    {label:<30} {terms[:2].sum():6.3f}   {force:6.1f}   {alive}/{len(runs)}")
-
-
-def tracking(seeds: int) -> None:
-    print("\n(T2) rms of ln M / ln l, and time [ms] from a step until within 10 % for good")
-    print(f"  {'':<42} 0.05-1 s       1-6 s     M at 1, 3 s      l at 1, 3 s")
-    for label, rig in RIGS.items():
-        for case in CASES:
-            runs = ensemble(afl.SCENARIOS[case], rig, seeds)
-            early, late = rms(runs, 0.05, 1.0), rms(runs, 1.0, 6.0)
-            shapes, texts = case.split("-"), []
-            for i in range(2):
-                spans = ((1.0, 3.0), (3.0, 6.0))
-                times = [[found_after(r.error[:, i], *s) for r in runs] for s in spans]
-                worst = [f"{1e3 * np.median(t):4.0f}" for t in times]
-                texts.append(", ".join(worst) if shapes[i] == "step" else "         -")
-            print(
-                f"  {label:<10} {case:<30} {early[0]:5.3f}/{early[1]:5.3f}"
-                f"  {late[0]:5.3f}/{late[1]:5.3f}"
-                f"   {texts[0]:>11}     {texts[1]:>11}"
-            )
-    print("\n(T3) lag [ms] on the ramps from 0 to 2 s: mean of (truth - estimate) / rate, 0.2-2 s")
-    for label, rig in RIGS.items():
-        runs = ensemble(afl.SCENARIOS["trapezoid-trapezoid"], rig, seeds)
-        part, rates = slice(200, 2000), np.array([0.75, 0.4])
-        lags = np.mean([np.mean((r.truth - r.found[1:])[part], axis=0) / rates for r in runs], 0)
-        print(f"  {label:<10} M {1e3 * lags[0]:5.0f}   l {1e3 * lags[1]:5.0f}")
-
-
-def box(end: float) -> list[Scenario]:
-    plants = [(m, x) for m in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0) for x in (0.05, 0.1, 0.2, 0.4, 0.7, 1)]
-    return [
-        afl.Scenario(
-            name=f"{m}-{x}", cart_mass=afl.constant(m), half_length=afl.constant(x), duration=end
-        )
-        for m, x in plants
-    ]
+    alive = [r for r in runs if r.survived]
+    cost = np.mean([r.integrals for r in alive])
+    force = max(r.largest_force for r in runs)
+    print(f"    {label:<30} {cost:6.3f}   {force:6.1f}   {len(alive)}/{len(runs)}")
 
 
 def start(seeds: int) -> None:
-    print(
-        "\n(T4) the start, by the initial belief: nine scenarios and 36 constant plants of the box"
-    )
-    print("  survived 3 s; largest force, and its ratio to that of the told law, worst plant")
-    print("  rms of ln M / ln l over the plants after 5, 10, 20, 50, 100, 300 ms")
+    print("\n(T2) the start, by the initial belief: the paper's scenarios, and 36 constant plants")
+    print("  survived (3 s of the plants); largest force, and its ratio to that of the told law")
+    print("  rms of ln M / ln l over the plants after 10, 20, 50, 100, 300 ms")
     beliefs = {
         "light": (0.1, 0.5),
         "first truth": (0.5, 0.2),
         "nominal": (1.0, 0.5),
-        "heavy": (2, 1),
+        "heavy": (2.0, 1.0),
     }
-    for hold in (1, 5, 10):
-        plants = box(3.0)
-        told = [run(s, Rig(hold=hold), told=TRUE, fed=0) for s in plants]
-        print(f"  control period {hold} ms; told law survives {sum(r.survived for r in told)}/36")
+    for period in (1e-3, 5e-3, 1e-2):
+        rig = replace(USUAL, control_period=period)
+        plants = [
+            constant_plant(m, x, duration=3.0)
+            for m in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0)
+            for x in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
+        ]
+        oracle = [told(s, rig) for s in plants]
+        alive = sum(r.survived for r in oracle)
+        print(f"  control period {1e3 * period:g} ms; told law survives {alive}/36")
         for label, (mass, length) in beliefs.items():
-            rig = Rig(noise=USUAL.noise, hold=hold)
-            settings = rig.settings(initial_cart_mass=mass, initial_half_length=length)
-            nine = [run(s, rig, settings=settings) for s in afl.SCENARIOS.values()]
-            runs = [run(s, rig, settings=settings) for s in plants]
-            pairs = [(r, t) for r, t in zip(runs, told, strict=True) if r.survived]
-            ratio = max(np.abs(r.force).max() / np.abs(t.force).max() for r, t in pairs)
-            force = max(float(np.abs(r.force).max()) for r in nine)
-            errors = [r.error[[5, 10, 20, 50, 100, 300]] for r, _ in pairs]
+            settings = settings_for(rig, initial_cart_mass=mass, initial_half_length=length)
+            nine = [estimated(s, rig, settings) for s in afl.SCENARIOS.values()]
+            runs = [estimated(s, rig, settings) for s in plants]
+            pairs = [(r, t) for r, t in zip(runs, oracle, strict=True) if r.survived]
+            ratio = max(r.largest_force / t.largest_force for r, t in pairs)
+            force = max(r.largest_force for r in nine)
+            errors = [[r.at(t) for t in (0.01, 0.02, 0.05, 0.1, 0.3)] for r, _ in pairs]
             text = "  ".join(f"{m:.2f}/{x:.2f}" for m, x in np.sqrt(np.mean(np.square(errors), 0)))
             print(
                 f"    {label:<12} {sum(r.survived for r in nine)}/9 (largest {force:5.0f} N)  "
@@ -141,87 +156,117 @@ def start(seeds: int) -> None:
             )
 
 
+def constant_plant(mass: float, length: float, **changes: float) -> Scenario:
+    return afl.Scenario(
+        name="constant",
+        cart_mass=afl.constant(mass),
+        half_length=afl.constant(length),
+        **changes,  # type: ignore[arg-type]
+    )
+
+
 def pulse(seeds: int) -> None:
     print(
-        "\n(T5) pulse of -10 N at 10 s: rms of ln M / ln l before, during, after, in the last 5 s"
+        "\n(T3) pulse of -10 N at 10 s: rms of ln M / ln l before, during, after, in the last 5 s"
     )
     spans = ((9.0, 10.0), (10.0, 10.1), (10.1, 10.3), (10.3, 11.0), (15.0, 20.0))
     for label, rig in (("no noise", IDEAL), ("usual", USUAL)):
         for case in CASES:
-            runs = ensemble(afl.SCENARIOS[f"{case}-impulse"], rig, seeds)
+            scenario = afl.SCENARIOS[f"{case}-impulse"]
+            runs = [estimated(scenario, one) for one in seeded(rig, seeds)]
             text = "  ".join("{:.2f}/{:.2f}".format(*rms(runs, *span)) for span in spans)
-            after = np.mean([np.abs(r.state[10_000:, :2]).max(axis=0) for r in runs], axis=0)
-            told = run(afl.SCENARIOS[f"{case}-impulse"], IDEAL, told=TRUE, fed=0)
-            was = np.abs(told.state[10_000:, :2]).max(axis=0)
+            after = np.mean([peaks(r) for r in runs], axis=0)
+            was = peaks(told(scenario, IDEAL))
             print(
                 f"  {label:<10} {case:<22} {text}   peaks {after[0]:.3f} m, {after[1]:.3f} rad"
                 f" (told: {was[0]:.3f}, {was[1]:.3f})"
             )
 
 
+def peaks(run: Run) -> Array:
+    """Largest abs(z) [m] and abs(phi) [rad] from the pulse on."""
+    return np.asarray(np.abs(run.run.state[run.run.time >= 10.0, :2]).max(axis=0))
+
+
 def rest(seeds: int) -> None:
-    print("\n(T6) constant plants, usual noise: error of ln M / ln l at 4 s, 8 s and 20 s,")
+    print("\n(T4) constant plants, usual noise: error of ln M / ln l at 4 s, 8 s and 20 s,")
     print("  mean over the seeds, and at 20 s its standard deviation")
-    plants = [(m, x) for m in (0.1, 0.5, 2.0) for x in (0.05, 0.2, 1.0)]
     never = {"least_cart_acceleration": 1e-9, "least_pole_acceleration": 1e-9}
     for name, changes in (("as chosen", {}), ("never frozen", never)):
         print(f"  {name}")
-        for mass, length in plants:
-            scenario = afl.Scenario(
-                name="rest", cart_mass=afl.constant(mass), half_length=afl.constant(length)
-            )
-            runs = ensemble(scenario, USUAL, seeds, settings=USUAL.settings(**changes))
-            errors = np.array([r.error[[4000, 8000, -1]] for r in runs])
-            means = "   ".join(f"{m:+.2f}/{x:+.2f}" for m, x in errors.mean(axis=0))
-            spread = "{:.2f}/{:.2f}".format(*errors[:, -1].std(axis=0))
-            print(f"    M {mass:3g} kg, l {length:4g} m   {means}   +- {spread}")
+        settings = settings_for(USUAL, **changes)
+        for mass in (0.1, 0.5, 2.0):
+            for length in (0.05, 0.2, 1.0):
+                plant = constant_plant(mass, length)
+                runs = [estimated(plant, one, settings) for one in seeded(USUAL, seeds)]
+                errors = np.array([[r.at(t) for t in (4.0, 8.0, 20.0)] for r in runs])
+                means = "   ".join(f"{m:+.2f}/{x:+.2f}" for m, x in errors.mean(axis=0))
+                spread = "{:.2f}/{:.2f}".format(*errors[:, -1].std(axis=0))
+                print(f"    M {mass:3g} kg, l {length:4g} m   {means}   +- {spread}")
 
 
 def rig(seeds: int) -> None:
-    print("\n(T7) what else a rig has: mean over the four cases, usual noise")
-    print(
-        "  survived; objective less its force term; rms of ln M / ln l, 0.05-6 s; force jitter [N]"
-    )
-    noise = USUAL.noise
-    lines: dict[str, tuple[Rig, dict[str, object]]] = {
-        "told M, l, true state": (USUAL, dict(told=TRUE, fed=0)),
-        "told M, l, filtered state": (USUAL, dict(told=TRUE, fed=FILTERED)),
-        "estimated, true state": (USUAL, dict(fed=0)),
-        "estimated, filtered state": (USUAL, {}),
-        "estimated, measured z, phi": (USUAL, dict(fed=MEASURED)),
-        "noise thought 3 times less": (USUAL, dict(settings=Rig(noise=(3e-5, 1.7e-4)).settings())),
-        "noise thought 3 times more": (USUAL, dict(settings=Rig(noise=(3e-4, 1.5e-3)).settings())),
-        "5 ms control period": (Rig(noise=noise, hold=5), {}),
-        "10 ms control period": (Rig(noise=noise, hold=10), {}),
-        "force 2 ms late, unknown": (Rig(noise=noise, late=2), {}),
-        "force 5 ms late, unknown": (Rig(noise=noise, late=5), {}),
-        "damping 0.1 N s/m, unknown": (Rig(noise=noise, damping=0.1), {}),
-        "damping 0.5 N s/m, unknown": (Rig(noise=noise, damping=0.5), {}),
-        "dry friction 0.1 N, unknown": (Rig(noise=noise, friction=0.1), {}),
-        "dry friction 0.5 N, unknown": (Rig(noise=noise, friction=0.5), {}),
+    print("\n(T5) what else a rig has and the estimator does not know, usual noise, the four cases")
+    print("  survived; objective (O1) less its force term; rms of ln M / ln l, 0.05-6 s")
+    lines: dict[str, tuple[dict[str, float], EstimatorSettings]] = {
+        "nothing": ({}, settings_for(USUAL)),
+        "noise thought 3 times less": ({}, settings_for(Realism(noise_z=3e-5, noise_phi=1.7e-4))),
+        "noise thought 3 times more": ({}, settings_for(Realism(noise_z=3e-4, noise_phi=1.5e-3))),
+        "5 ms control period": ({"control_period": 5e-3}, settings_for(USUAL)),
+        "10 ms control period": ({"control_period": 1e-2}, settings_for(USUAL)),
+        "damping 0.1 N s/m": ({"rail_damping": 0.1}, settings_for(USUAL)),
+        "damping 0.5 N s/m": ({"rail_damping": 0.5}, settings_for(USUAL)),
+        "dry friction 0.1 N": ({"rail_friction": 0.1}, settings_for(USUAL)),
+        "dry friction 0.5 N": ({"rail_friction": 0.5}, settings_for(USUAL)),
     }
     for unknown in (0.001, 0.003, 0.03, 0.1):
-        lines[f"unknown acceleration {unknown:g}"] = (
-            USUAL, dict(settings=USUAL.settings(acceleration_noise=unknown))
-        )  # fmt: skip
+        settings = settings_for(USUAL, acceleration_noise=unknown)
+        lines[f"unknown acceleration {unknown:g}"] = ({}, settings)
     for accuracy in (0.03, 0.3):
         changes = {"cart_mass_accuracy": accuracy, "half_length_accuracy": accuracy}
-        lines[f"accuracy claimed {accuracy:g}"] = (
-            USUAL, dict(settings=USUAL.settings(**changes))
-        )  # fmt: skip
-    for label, (of, options) in lines.items():
-        runs = [r for case in CASES for r in ensemble(afl.SCENARIOS[case], of, seeds, **options)]
-        alive = [r for r in runs if r.survived]
-        cost = np.mean([r.terms[:2].sum() for r in alive])
-        mass, length = rms(alive, 0.05, 6.0)
-        jitter = np.mean([np.diff(r.force[15_000:]).std() for r in alive])
-        print(
-            f"  {label:<30} {len(alive):>3}/{len(runs)}   {cost:6.3f}   {mass:5.3f}/{length:5.3f}"
-            f"   {jitter:.4f}"
-        )
+        lines[f"accuracy claimed {accuracy:g}"] = ({}, settings_for(USUAL, **changes))
+    for label, (has, settings) in lines.items():
+        runs = [
+            estimated(afl.SCENARIOS[case], one, settings)
+            for case in CASES
+            for one in seeded(replace(USUAL, **has), seeds)  # type: ignore[arg-type]
+        ]
+        print(f"  {label:<30} {summary(runs)}")
 
 
-TABLES = {f.__name__: f for f in (cases, tracking, start, pulse, rest, rig)}
+def summary(runs: Sequence[Run]) -> str:
+    """How many runs survived, what those cost, and how well those that estimate did it."""
+    alive = [r for r in runs if r.survived]
+    text = f"{len(alive):>3}/{len(runs)}"
+    if alive:
+        text += f", {np.mean([r.integrals for r in alive]):.3f}"
+    if alive and len(alive[0].error):
+        text += ", {:.3f}/{:.3f}".format(*rms(alive, 0.05, 6.0))
+    return text
+
+
+def drive(seeds: int) -> None:
+    print("\n(T6) what the drive does, usual noise, the four cases")
+    print("  survived; objective (O1) less its force term; rms of ln M / ln l, 0.05-6 s")
+    drives: dict[str, dict[str, float]] = {
+        "nothing": {},
+        "force limit 30 N": {"force_limit": 30.0},
+        **{f"lag {ms} ms": {"actuator_lag": 1e-3 * ms} for ms in (2, 5, 10)},
+        **{f"delay {ms} ms": {"delay": 1e-3 * ms} for ms in (2, 5, 10)},
+        **{f"slew {rate} N/s": {"slew_rate": float(rate)} for rate in (1000, 300)},
+    }
+    print(f"  {'':<20} {'told':<22} {'force commanded':<28} force sensed")
+    for label, has in drives.items():
+        rigs = seeded(replace(USUAL, **has), seeds)  # type: ignore[arg-type]
+        pairs = [(afl.SCENARIOS[case], one) for case in CASES for one in rigs]
+        texts = [summary([told(*pair) for pair in pairs])]
+        for sensed in (False, True):
+            settings = settings_for(USUAL, force_sensed=sensed)
+            texts.append(summary([estimated(*pair, settings) for pair in pairs]))
+        print(f"  {label:<20} {texts[0]:<22} {texts[1]:<28} {texts[2]}")
+
+
+TABLES = {f.__name__: f for f in (cases, start, pulse, rest, rig, drive)}
 
 
 def main() -> None:

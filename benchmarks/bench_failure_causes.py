@@ -1,0 +1,87 @@
+"""Why did the random rigs fail? Every failure of a campaign again, one imperfection taken away.
+
+Run: python benchmarks/bench_failure_causes.py [renders/survival]
+
+Reads `montecarlo.json` and the failures' files of a whole `afl-mujoco montecarlo`, as it is without
+options (seed 1, RK4 at 1 ms). Says how many of each controller's failures stay up without rail
+damping, and so on, and how often it fails by where it starts and by the damping per cart mass.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import afl_mujoco as afl
+from afl_mujoco.scenario.realism import IDEAL
+from afl_mujoco.validation.montecarlo.space import SampleSpace, sample_scenario
+from afl_mujoco.validation.montecarlo.traits import TRAITS
+
+SENSORS = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
+TAKEN_AWAY = {
+    "nothing": (),
+    "rail damping": ("rail_damping",),
+    "dry friction": ("rail_friction",),
+    "hinge damping": ("hinge_damping",),
+    "delay and lag": ("delay", "actuator_lag"),
+    "noise and encoder steps": (*SENSORS, "encoder_step_z", "encoder_step_phi"),
+    "all of these": (
+        *("rail_damping", "rail_friction", "hinge_damping", "delay", "actuator_lag"),
+        *(*SENSORS, "encoder_step_z", "encoder_step_phi"),
+    ),
+}
+ANGLE, DAMPING = "start angle |φ₀| [deg]", "rail damping / least cart mass [1/s]"
+
+
+def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int) -> int:
+    """How many of the runs of some files stay up where some options are ideal."""
+    ideal = {name: getattr(IDEAL, name) for name in names}
+    rigs = [afl.load_scenario(file) for file in files]
+    rigs = [replace(rig, realism=replace(rig.realism, **ideal)) for rig in rigs]
+    runs = afl.run_rollouts(rigs, law, threads=threads)
+    return sum(runs.outcome(i).kind == "completed" for i in range(len(runs)))
+
+
+def fifths(trait: NDArray[np.float64], failed: NDArray[np.bool_]) -> str:
+    """The share of failures in each fifth of the rigs, ordered by a trait."""
+    parts = np.array_split(np.argsort(trait), 5)
+    ends = [f"to {trait[part[-1]]:.3g}: {100.0 * failed[part].mean():.0f} %" for part in parts]
+    return ", ".join(ends)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Take one imperfection away at a time.")
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("renders/survival"))
+    parser.add_argument("--threads", type=int, default=2)
+    options = parser.parse_args()
+    study = json.loads((options.folder / "montecarlo.json").read_text())
+    count, seed = study["samples"], study["seed"]
+    rigs = [sample_scenario(SampleSpace(), i, seed) for i in range(count)]
+    for entry in study["controllers"]:
+        name = entry["controller"]
+        files = sorted((options.folder / "montecarlo" / name).glob("failure-*.toml"))
+        failed = np.zeros(count, dtype=bool)
+        failed[[int(file.stem.split("-")[1]) for file in files]] = True
+        print(f"\n{name}: {len(files)} of {count} fail; of these stay up without")
+        for label, names in TAKEN_AWAY.items():
+            up = survivors(files, afl.find_controller(name), names, options.threads)
+            print(f"  {label:<26} {up:>4}", flush=True)
+        print("  how many fail, in each fifth of the rigs, by")
+        for label in (ANGLE, DAMPING):
+            trait = np.array([TRAITS[label](rig) for rig in rigs])
+            print(f"  {label}: {fifths(trait, failed)}")
+        steep = np.array([TRAITS[ANGLE](rig) > 60.0 for rig in rigs])
+        print(
+            f"  beyond 60 degrees {100.0 * failed[steep].mean():.1f} %, "
+            f"below {100.0 * failed[~steep].mean():.1f} %"
+        )
+
+
+if __name__ == "__main__":
+    main()
