@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class AflMujocoError(Exception):
@@ -80,6 +83,47 @@ class FileError(AflMujocoError):
             What the operating system said.
         """
         return cls(str(path), f"cannot be {deed}: {(error.strerror or str(error)).lower()}")
+
+
+_MALFORMED = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What comes of reading a file that holds something else than was expected."""
+
+
+@contextmanager
+def reading(path: object, wrong: str, then: str = "") -> Iterator[None]:
+    """Turn whatever is wrong with a file that the block reads into one line.
+
+    Parameters
+    ----------
+    path
+        The file, as the message shall name it.
+    wrong
+        What it is not (``"is not a gain table"``).
+    then
+        What to do about it, if that is known.
+
+    Raises
+    ------
+    FileError
+        If the operating system refuses the file, or the block fails on what it holds.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise FileError.cannot_be("read", path, error) from None
+    except _MALFORMED as error:
+        said = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise FileError(str(path), ": ".join(filter(None, (wrong, said, then)))) from None
 
 
 class LawDomainError(AflMujocoError, ValueError):

@@ -14,7 +14,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from afl_mujoco.control.gains import Gains
-from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.scenario.parameters import require_finite, require_type
 
 GAIN_NAMES = ("switching", "slope", "boundary_layer")
@@ -64,10 +64,8 @@ def shipped_data(name: str) -> Any:
         If it is missing or no JSON.
     """
     file = shipped_file(name)
-    try:
+    with reading(file, "is no JSON"):
         return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FileError(str(file), f"cannot be read: {error!r}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,10 +128,8 @@ class GainFunction:
     def _shipped(cls, name: str) -> GainFunction:
         """Return the coefficients of a data file of the package."""
         table = shipped_data(name)
-        try:
+        with reading(name, "is not a gain function"):
             return cls(**{gain: tuple(table["coefficients"][gain]) for gain in GAIN_NAMES})
-        except (KeyError, TypeError, InvalidValueError) as error:
-            raise FileError(name, f"is not a gain function: {error!r}") from None
 
     @property
     def coefficients(self) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_file
 from afl_mujoco.control.gains import Gains
-from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, reading
 from afl_mujoco.output import write_text
 
 SCHEMA = 1
@@ -119,15 +119,11 @@ class GainTable:
         FileError
             If it cannot be read or is no such table.
         """
-        try:
+        with reading(path, "is not a gain table"):
             content = json.loads(path.read_text(encoding="utf-8"))
             if content["schema"] != SCHEMA or tuple(content["columns"]) != COLUMNS:
                 raise InvalidValueError("schema and columns", f"must be {SCHEMA} and {COLUMNS}")
             return cls(np.array(content["rows"], dtype=np.float64), content["provenance"])
-        except OSError as error:
-            raise FileError.cannot_be("read", path, error) from None
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-            raise FileError(str(path), f"is not a gain table: {error}") from None
 
     @classmethod
     def shipped(cls) -> GainTable:

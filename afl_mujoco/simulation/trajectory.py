@@ -5,8 +5,6 @@ from __future__ import annotations
 import functools
 import json
 import math
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -19,7 +17,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.law import Law
-from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.output import atomic_file
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.scenario import Scenario
@@ -141,16 +139,12 @@ class Trajectory:
         FileError
             If it cannot be read or is no such file.
         """
-        try:
+        with reading(path, "is not a saved trajectory"):
             with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 meta = json.loads(str(file["meta"]))
                 kind, time = meta["outcome"]
                 arrays = {name: file[name] for name in _ARRAYS}
             return cls(**arrays, outcome=Outcome(kind, float(time)), provenance=meta["provenance"])
-        except OSError as error:
-            raise FileError.cannot_be("read", path, error) from None
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise FileError(str(path), f"is not a saved trajectory: {error}") from None
 
 
 @kernel

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, reading
 
 SCHEMA = 1
 MAGIC = b"afl-mujoco genetic search"
@@ -124,12 +124,8 @@ def load(path: Path) -> SearchState:
     FileError
         If it cannot be read, or is not what `save` wrote.
     """
-    try:
+    with reading(path, "is no sound checkpoint"):
         return _parse(path.read_bytes())
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise FileError(str(path), f"is no sound checkpoint: {error}") from None
 
 
 def _parse(content: bytes) -> SearchState:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.scenario.parameters import require_finite
 from afl_mujoco.validation.checks.closed_loop_checks import Settings
 from afl_mujoco.validation.metrics import STATES
@@ -169,7 +169,7 @@ def load_baseline(path: Path) -> Baseline:
     FileError
         If it cannot be read or is no baseline.
     """
-    try:
+    with reading(path, "is not a baseline"):
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["schema"] != SCHEMA:
             raise InvalidValueError("schema", f"must be {SCHEMA}", content["schema"])
@@ -181,12 +181,6 @@ def load_baseline(path: Path) -> Baseline:
         )
         if baseline.file_name != path.name:
             raise InvalidValueError("its file", f"must be named {baseline.file_name}")
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except KeyError as error:
-        raise FileError(str(path), f"is not a baseline: it has no {error}") from None
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise FileError(str(path), f"is not a baseline: {error}") from None
     return baseline
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -16,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
-from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.output import atomic_file
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
@@ -211,7 +209,7 @@ def load_curves(path: Path) -> tuple[Curves, ...]:
         If it cannot be read or is no such file.
     """
     found: dict[tuple[str, str], dict[str, Any]] = {}
-    try:
+    with reading(path, "does not hold curves"):
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             for key in file.files:
                 scenario, controller, name = key.split("/", 2)
@@ -225,10 +223,6 @@ def load_curves(path: Path) -> tuple[Curves, ...]:
             Curves(**{"states": {}, "forces": {}, **values}, scenario=scenario, controller=name)
             for (scenario, name), values in found.items()
         )
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise FileError(str(path), f"does not hold curves: {error}") from None
 
 
 def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -301,7 +301,7 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "result.json").write_text(text)
     with pytest.raises(FileError, match="is no result of a contest"):
         load_result(tmp_path / "result.json")
-    with pytest.raises(FileError, match="is no result of a contest"):
+    with pytest.raises(FileError, match="cannot be read: no such file"):
         load_result(tmp_path / "missing.json")
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.errors import FileError, InvalidValueError, reading
 from afl_mujoco.output import write_text
 from afl_mujoco.reporting.films import film as films
 from afl_mujoco.reporting.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
@@ -223,12 +223,8 @@ def _publish(film: Film, hidden: Path, folder: Path) -> None:
 
 def _listed(index: Path) -> list[dict[str, Any]]:
     """Return the entries of an index whose films are there; none if there is no such file."""
-    try:
+    if not index.exists():
+        return []
+    with reading(index, "is no list of films; remove it"):
         entries = json.loads(index.read_text(encoding="utf-8"))["films"]
         return [entry for entry in entries if (index.parent / entry["file"]).is_file()]
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise FileError.cannot_be("read", index, error) from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise FileError(str(index), f"is no list of films; remove it: {error}") from None

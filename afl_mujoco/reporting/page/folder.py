@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, reading
 from afl_mujoco.output import output_folder, write_text
 from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
@@ -152,18 +152,13 @@ def load_pictures(folder: Path, scenarios: Iterable[str]) -> tuple[Picture, ...]
     if not listing.exists():
         return ()
     known = set(scenarios)
-    try:
+    with reading(listing, "does not list figures", AGAIN):
         data = json.loads(listing.read_text(encoding="utf-8"))
         if data["drawn_from"] != _fingerprints(folder):
             raise ValueError(f"its figures must be drawn from {REPORT} and {CURVES} as they are")
         return tuple(
             load_picture(entry, listing.parent, _place(entry, known)) for entry in data["figures"]
         )
-    except OSError as error:
-        raise FileError.cannot_be("read", listing, error) from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        said = f"{error} is missing" if isinstance(error, KeyError) else error
-        raise FileError(str(listing), f"does not list figures: {said}: {AGAIN}") from None
 
 
 def _place(entry: Mapping[str, Any], scenarios: set[str]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_file
-from afl_mujoco.errors import AflMujocoError, FileError
+from afl_mujoco.errors import reading
 from afl_mujoco.output import write_text
 from afl_mujoco.tuning.gain_cost import GAIN_BOX
 from afl_mujoco.tuning.referee.contest import Contest
@@ -56,10 +56,8 @@ def load_result(path: Path) -> ContestResult:
     FileError
         If it cannot be read, or is no result of a contest.
     """
-    try:
+    with reading(path, "is no result of a contest"):
         return _from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError, AflMujocoError) as error:
-        raise FileError(str(path), f"is no result of a contest: {error!r}") from None
 
 
 def shipped_result() -> ContestResult:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import reading
 from afl_mujoco.output import atomic_file
 from afl_mujoco.simulation.attraction.cells import FOUND, AttractionMap, Cells
 from afl_mujoco.validation.attraction.comparison import Comparison
@@ -72,17 +70,13 @@ def load_comparison(path: str | Path) -> Comparison:
     FileError
         If it cannot be read or is no such file.
     """
-    try:
+    with reading(path, "is no saved map of attraction"):
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             meta = json.loads(str(file["meta"]))
             arrays = {name: file[name] for name in file.files if name != "meta"}
         places = {name: arrays[name] for name in _PLACES}
         cells = Cells(plane=meta["plane"], **places, **meta["constants"])
         return Comparison(_map("ode", meta, cells, arrays), _map("mujoco", meta, cells, arrays))
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise FileError(str(path), f"is no saved map of attraction: {error}") from None
 
 
 def _map(

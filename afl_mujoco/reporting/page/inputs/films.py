@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 from PIL import Image, UnidentifiedImageError
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, reading
 from afl_mujoco.reporting.page.numbers import short
 
 SMALL = 1_500_000
@@ -124,16 +124,11 @@ def load_films(folder: Path, page_folder: Path, *, room: int = ROOM) -> tuple[Fi
 
 def _entries(listing: Path) -> list[dict[str, Any]]:
     """Return the rows of films.json."""
-    try:
+    with reading(listing, "does not list films", AGAIN):
         data = json.loads(listing.read_text(encoding="utf-8"))
         if data["schema"] != 1:
             raise ValueError(f"schema must be 1, got {data['schema']}")
         entries = [_required(entry) for entry in data["films"]]
-    except OSError as error:
-        raise FileError.cannot_be("read", listing, error) from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        said = f"{error} is missing" if isinstance(error, KeyError) else error
-        raise FileError(str(listing), f"does not list films: {said}: {AGAIN}") from None
     return entries
 
 

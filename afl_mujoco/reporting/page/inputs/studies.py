@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import reading
 from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
 
 NAMES = ("ladder", "montecarlo", "attraction", "margins", "estimation")
@@ -61,17 +62,13 @@ def load_studies(folder: Path, *, leave_out: str = "") -> dict[str, Study]:
 def _load(folder: Path, name: str) -> Study:
     """Read one study."""
     path = folder / f"{name}.json"
-    try:
+    with reading_study(path, name):
         data = json.loads(path.read_text(encoding="utf-8"))
         if (data["schema"], data["study"]) != (1, name):
             raise ValueError(f"it must have schema 1 and be the study {name!r}")
         if not isinstance(data["command"], str):
             raise ValueError("command must be a text")
         pictures = tuple(_pictures(data["figures"], folder))
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise malformed(path, name, error) from None
     return Study(name, path, data, pictures)
 
 
@@ -84,17 +81,14 @@ def _pictures(entries: Iterable[Row], folder: Path) -> Iterable[Picture]:
         yield load_picture(entry, folder, "#survival")
 
 
-def malformed(path: Path | str, name: str, error: Exception) -> FileError:
-    """Return the error of a file that is no study.
+def reading_study(path: Path | str, name: str) -> AbstractContextManager[None]:
+    """Turn whatever is wrong with a study that the block reads into one line, as `reading` does.
 
     Parameters
     ----------
     path
-        The file.
+        Its file.
     name
-        Of the study.
-    error
-        What was found out.
+        Its name.
     """
-    said = f"{error} is missing" if isinstance(error, KeyError) else error
-    return FileError(str(path), f"is not a survival study: {said}: run afl-mujoco {name}")
+    return reading(path, "is not a survival study", f"run afl-mujoco {name}")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from afl_mujoco.reporting.page.inputs.studies import Row, Study, malformed
+from afl_mujoco.reporting.page.inputs.studies import Row, Study, reading_study
 from afl_mujoco.reporting.page.numbers import fixed, percent, short
 from afl_mujoco.reporting.page.survival.rates import at_time, rate_rows, replay_text
 from afl_mujoco.reporting.page.survival.sentences import survival_sentences
@@ -75,11 +75,9 @@ def _made(studies: Mapping[str, Study], name: str, make: Callable[[Row], Any]) -
 
 def _all_guarded(studies: Mapping[str, Study], make: Callable[[Mapping[str, Study]], Any]) -> Any:
     """Return what is made of studies; what they lack is an error that names their files."""
-    try:
+    paths = " or ".join(str(study.path) for study in studies.values())
+    with reading_study(paths, " or ".join(studies)):
         return make(studies)
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        paths = " or ".join(str(study.path) for study in studies.values())
-        raise malformed(paths, " or ".join(studies), error) from None
 
 
 def ladder_rows(ladder: Row) -> list[dict[str, Any]]:

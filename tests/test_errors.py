@@ -1,0 +1,59 @@
+"""What is wrong with a file that is read, as one line."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, reading
+
+
+def refuse() -> None:
+    raise InvalidValueError("schema", "must be 1", 2)
+
+
+def unknown() -> None:
+    raise UnknownNameError.among("law", "x", ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("block", "said"),
+    [
+        (lambda: json.loads("{"), "Expecting property name"),
+        (lambda: {}["runs"], "'runs' is missing"),
+        (lambda: [][0], "list index out of range"),
+        (lambda: len(3), "object of type 'int' has no len()"),  # type: ignore[arg-type]
+        (lambda: 1 / 0, "division by zero"),
+        (lambda: np.load(io.BytesIO(b"PK\x03\x04")), "File is not a zip file"),
+        (refuse, "schema must be 1, got 2"),
+        (unknown, "law must be one of a, b, got 'x'"),
+    ],
+)
+def test_whatever_a_block_fails_on_names_the_file(block: Callable[[], object], said: str) -> None:
+    with pytest.raises(FileError) as raised, reading("x.json", "is no study", "make it anew"):
+        block()
+    assert str(raised.value).startswith(f"x.json is no study: {said}")
+    assert str(raised.value).endswith(": make it anew")
+    assert len(str(raised.value).splitlines()) == 1
+
+
+def test_what_the_system_refuses_is_said_in_its_words(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    with (
+        pytest.raises(FileError, match=r"x\.json cannot be read: no such file"),
+        reading(path, "is no study"),
+    ):
+        path.read_text()
+
+
+def test_a_sound_file_and_a_mistake_of_the_program_pass() -> None:
+    with reading("x.json", "is no study"):
+        found = json.loads("[1]")
+    assert found == [1]
+    with pytest.raises(AssertionError), reading("x.json", "is no study"):
+        raise AssertionError
