@@ -12,7 +12,7 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 
-sys.path.insert(0, str(Path(__file__).parent))  # for `page_case` and `survival_case`
+sys.path.insert(0, str(Path(__file__).parent))  # for `page_case`, `program`, `survival_case`
 
 SEED = 20260
 BACKEND = choose_backend()  # before a test imports mujoco

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
+from program import interrupt, run
 
 import afl_mujoco as afl
 
@@ -28,17 +24,6 @@ force = -5.0
 start = 0.3
 duration = 0.05
 """
-
-
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "afl_mujoco", *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
 
 
 @pytest.fixture
@@ -262,24 +247,10 @@ def test_simulate_writes_run_figure_and_resolved_scenario(folder: Path) -> None:
 
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, workers: str) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "afl_mujoco", "validate", "--workers", workers, "--out", "out"],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    while not (folder / "out").exists():  # it is made when everything is imported and checked
-        time.sleep(0.05)
-        assert process.poll() is None
-    time.sleep(1.0)
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert errors == "afl-mujoco: interrupted\n"
-    assert output == ""
-    assert list((folder / "out").iterdir()) == []
+    out = folder / "out"  # it is made when everything is imported and checked
+    command = ("validate", "--workers", workers, "--out", "out")
+    interrupt(*command, cwd=folder, once=out.exists, after=1.0)
+    assert list(out.iterdir()) == []
 
 
 COMMANDS = ([], ["validate"], ["report"], ["simulate"], ["regression"])

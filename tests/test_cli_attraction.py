@@ -3,30 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from program import interrupt, run
 
 from afl_mujoco.validation.attraction.files import load_comparison
 
 ROOT = Path(__file__).parents[1]
-COMMAND = [sys.executable, "-m", "afl_mujoco", "attraction"]
-
-
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120, check=False
-    )
 
 
 def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
-    result = run("--controllers", "lqr", "--grid", "5", "--out", "out", cwd=tmp_path)
+    result = run("attraction", "--controllers", "lqr", "--grid", "5", "--out", "out", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     assert "how rollouts end" in result.stdout
@@ -49,7 +38,7 @@ def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
 def test_the_numbers_do_not_depend_on_the_threads(tmp_path: Path) -> None:
     arguments = ["--controllers", "lqr", "--planes", "states", "--grid", "7", "--horizon", "3"]
     for threads in ("1", "2"):
-        result = run(*arguments, "--threads", threads, "--out", threads, cwd=tmp_path)
+        result = run("attraction", *arguments, "--threads", threads, "--out", threads, cwd=tmp_path)
         assert result.returncode == 0, result.stderr
     one, two = ((tmp_path / n / "attraction.json").read_bytes() for n in ("1", "2"))
     assert one == two
@@ -89,27 +78,14 @@ def test_bad_input_is_one_line_and_nothing_is_written(
 
 
 def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [*COMMAND, "--grid", "201", "--out", "out"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
+    out = tmp_path / "out"  # it is made when everything is imported and checked
+    interrupt(
+        "attraction", "--grid", "201", "--out", "out", cwd=tmp_path, once=out.exists, after=3.0
     )
-    while not (tmp_path / "out").exists():  # it is made when everything is imported and checked
-        time.sleep(0.05)
-        assert process.poll() is None
-    time.sleep(3.0)
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert errors == "afl-mujoco: interrupted\n"
-    assert output == ""
-    assert list((tmp_path / "out").iterdir()) == []
+    assert list(out.iterdir()) == []
 
 
 def test_help_shows_an_example(tmp_path: Path) -> None:
-    result = run("--help", cwd=tmp_path)
+    result = run("attraction", "--help", cwd=tmp_path)
     assert result.returncode == 0
     assert "Example: afl-mujoco attraction" in result.stdout

@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
 from page_case import make_curves, make_report
+from program import interrupt, run
 
 from afl_mujoco.validation.curves import save_curves
 
-COMMAND = [sys.executable, "-m", "afl_mujoco", "ladder"]
 LAW = """\
 def push(time, state, belief):
     return 20.0 * state[1] + 4.0 * state[3]
 """
-
-
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=300, check=False
-    )
 
 
 def test_it_writes_numbers_figures_and_a_table_and_a_law_of_ones_own_can_climb(
@@ -36,8 +25,8 @@ def test_it_writes_numbers_figures_and_a_table_and_a_law_of_ones_own_can_climb(
         'name = "short"\nduration = 0.5\ninitial_state = [0.0, 0.02, 0.0, 0.0]\n'
     )
     result = run(
-        "short.toml", "--controllers", "lqr", "law:push", "--rungs", "force-limit", "rail",
-        "--seeds", "1", "--scan", "3", "--tolerance", "0.5", "--out", "out", cwd=tmp_path,
+        "ladder", "short.toml", "--controllers", "lqr", "law:push",
+        "--rungs", "force-limit", "rail", "--seeds", "1", "--scan", "3", "--tolerance", "0.5", "--out", "out", cwd=tmp_path,
     )  # fmt: skip
     assert (result.returncode, result.stderr) == (0, "")
     assert "from where the controller no longer survives short" in result.stdout
@@ -83,23 +72,9 @@ def test_bad_input_is_one_line_and_nothing_is_written(
 
 
 def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [*COMMAND, "--out", "out"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    while not (tmp_path / "out").exists():  # it is made when everything is imported and checked
-        time.sleep(0.05)
-        assert process.poll() is None
-    time.sleep(3.0)
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert (output, errors) == ("", "afl-mujoco: interrupted\n")
-    assert list((tmp_path / "out").iterdir()) == []
+    out = tmp_path / "out"  # it is made when everything is imported and checked
+    interrupt("ladder", "--out", "out", cwd=tmp_path, once=out.exists, after=3.0)
+    assert list(out.iterdir()) == []
 
 
 def test_the_page_is_made_anew_only_where_it_was_asked_for(tmp_path: Path, command_line) -> None:

@@ -3,37 +3,23 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from program import interrupt, run
 
 import afl_mujoco as afl
 
-PROGRAM = [sys.executable, "-m", "afl_mujoco"]
 FEW = ["--samples", "16", "--integrator", "Euler", "--out", "out"]
-
-
-def run(
-    *arguments: str, cwd: Path, program: str = "montecarlo"
-) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*PROGRAM, program, *arguments],
-        cwd=cwd, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a campaign with searches has been written."""
     path = tmp_path_factory.mktemp("montecarlo")
-    result = run("--generations", "1", *FEW, cwd=path)
+    result = run("montecarlo", "--generations", "1", *FEW, cwd=path)
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     (path / "said").write_text(result.stdout)
@@ -70,7 +56,7 @@ def test_the_command_that_it_prints_replays_the_failure(folder: Path) -> None:
     assert printed
     program, command, *arguments = shlex.split(printed[0])
     assert (program, command) == ("afl-mujoco", "simulate")
-    result = run(*arguments, "--out", "shown", cwd=folder, program="simulate")
+    result = run("simulate", *arguments, "--out", "shown", cwd=folder)
     assert result.returncode == 0, result.stderr
     controller = arguments[arguments.index("--controller") + 1]
     entry = next(e for e in study(folder)["controllers"] if e["controller"] == controller)
@@ -84,7 +70,7 @@ def test_the_command_that_it_prints_replays_the_failure(folder: Path) -> None:
 
 
 def test_one_worker_gives_the_same_bytes_as_two(folder: Path) -> None:
-    result = run("--generations", "1", *FEW[:-1], "one", "--workers", "1", cwd=folder)
+    result = run("montecarlo", "--generations", "1", *FEW[:-1], "one", "--workers", "1", cwd=folder)
     assert result.returncode == 0, result.stderr
     for two in (folder / "out").rglob("*"):
         if two.is_file():
@@ -97,7 +83,9 @@ def test_a_law_that_breaks_down_is_an_outcome_with_its_message(tmp_path: Path) -
         "def law(t, state, belief):\n    raise OSError('unplugged')\n"
     )
     laws = ["--controllers", "mine:law", "lqr"]
-    result = run(*laws, "--samples", "3", "--out", "out", "--no-worst-case", cwd=tmp_path)
+    result = run(
+        "montecarlo", *laws, "--samples", "3", "--out", "out", "--no-worst-case", cwd=tmp_path
+    )
     assert result.returncode == 0, result.stderr
     content = study(tmp_path)
     assert content["command"].endswith("mine:law lqr --samples 3 --no-worst-case")
@@ -108,7 +96,7 @@ def test_a_law_that_breaks_down_is_an_outcome_with_its_message(tmp_path: Path) -
     assert content["worst_cases"] == []
     assert said in " ".join(result.stdout.split())
     (replay,) = [line for line in result.stdout.splitlines() if line.startswith("replay: ")]
-    again = run(*shlex.split(replay)[3:], cwd=tmp_path, program="simulate")
+    again = run("simulate", *shlex.split(replay)[3:], cwd=tmp_path)
     assert again.returncode == 2
     assert said in again.stderr
 
@@ -155,18 +143,7 @@ def test_bad_input_is_one_line_exit_2_and_nothing_written(
 
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_ctrl_c_is_one_line_exit_130_and_nothing_written(tmp_path: Path, workers: str) -> None:
-    process = subprocess.Popen(
-        [*PROGRAM, "montecarlo", "--workers", workers, "--out", "out"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
-    while not (tmp_path / "out").exists():
-        time.sleep(0.05)
-        assert process.poll() is None
-    time.sleep(2.0)
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert errors == "afl-mujoco: interrupted\n"
-    assert output == ""
-    assert list((tmp_path / "out").iterdir()) == []
+    out = tmp_path / "out"
+    command = ("montecarlo", "--workers", workers, "--out", "out")
+    interrupt(*command, cwd=tmp_path, once=out.exists, after=2.0)
+    assert list(out.iterdir()) == []

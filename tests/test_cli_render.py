@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
-import time
-from pathlib import Path
 
 import pytest
+from program import interrupt, run
 
 from afl_mujoco.cli import main
 from afl_mujoco.errors import GraphicsError
@@ -51,18 +47,6 @@ BAD = {
 }
 
 
-def started(*arguments: str, cwd: Path, **variables: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "afl_mujoco", *arguments],
-        cwd=cwd,
-        env={**os.environ, **variables},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
 @pytest.mark.parametrize("case", BAD, ids=str)
 def test_bad_input_is_one_line_and_leaves_no_file(
     graphics, tmp_path, monkeypatch, capsys, case
@@ -78,29 +62,21 @@ def test_bad_input_is_one_line_and_leaves_no_file(
 
 
 def test_without_a_backend_one_line_names_the_packages(tmp_path) -> None:
-    process = started("render", "nominal", *SMALL, cwd=tmp_path, MUJOCO_GL="nonsense")
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert output == ""
-    assert len(errors.splitlines()) == 1
-    assert "MUJOCO_GL=nonsense must be able to draw; install Debian's libegl1" in errors
-    assert "libosmesa6" in errors
+    result = run("render", "nominal", *SMALL, cwd=tmp_path, MUJOCO_GL="nonsense")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert len(result.stderr.splitlines()) == 1
+    assert "MUJOCO_GL=nonsense must be able to draw; install Debian's libegl1" in result.stderr
+    assert "libosmesa6" in result.stderr
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_ctrl_c_leaves_whole_films_and_nothing_else(graphics, tmp_path, workers) -> None:
     arguments = ("step-step", "--size", "480x360", "--workers", workers, "--out", "out")
-    process = started("render", *arguments, cwd=tmp_path)
     folder = tmp_path / "out"
-    while not list(folder.glob(".films-*/.*.mp4")):  # an encoder has been started
-        time.sleep(0.05)
-        assert process.poll() is None, process.communicate()
-    time.sleep(0.3)
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert errors == "afl-mujoco: interrupted\n"
-    assert output == ""
+    interrupt(
+        "render", *arguments, cwd=tmp_path, after=0.3,
+        once=lambda: list(folder.glob(".films-*/.*.mp4")),  # an encoder has been started
+    )  # fmt: skip
     assert list(folder.iterdir()) == []
 
 
@@ -115,10 +91,9 @@ def test_view_without_a_display_says_what_to_do(monkeypatch, capsys) -> None:
 
 
 def test_view_on_a_display_that_is_not_there_is_one_line(tmp_path) -> None:
-    process = started("view", cwd=tmp_path, DISPLAY=":63", WAYLAND_DISPLAY="")
-    output, errors = process.communicate(timeout=60)
-    assert (process.returncode, output) == (2, "")
-    assert errors == (
+    result = run("view", cwd=tmp_path, DISPLAY=":63", WAYLAND_DISPLAY="")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == (
         "afl-mujoco: view needs a display on which a window can be opened "
         "(glfw cannot use it), got :63\n"
     )

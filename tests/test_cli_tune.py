@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import socket
 import subprocess
 import sys
@@ -12,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from program import interrupt, run
 
 from afl_mujoco.control.gain_table import GainTable
 
@@ -19,18 +18,8 @@ SMALL = ("--masses", "0.5", "1.0", "--lengths", "0.5", "--population", "60", "--
 HAS_DASK = subprocess.run([sys.executable, "-c", "import distributed"], capture_output=True)
 
 
-def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "afl_mujoco", "tune", *arguments]
-
-
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=120, check=False
-    )
-
-
 def refused(cwd: Path, message: str, *arguments: str) -> None:
-    result = run(*arguments, cwd=cwd)
+    result = run("tune", *arguments, cwd=cwd)
     assert result.returncode == 2, result.stderr
     assert result.stdout == ""
     assert len(result.stderr.splitlines()) == 1
@@ -39,29 +28,19 @@ def refused(cwd: Path, message: str, *arguments: str) -> None:
 
 def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     table = ("table", *SMALL, "--generations", "1500")
-    whole = run(*table, "--out", "whole", cwd=tmp_path)
+    whole = run("tune", *table, "--out", "whole", cwd=tmp_path)
     assert whole.returncode == 0, whole.stderr
-    process = subprocess.Popen(
-        command(*table, "--out", "broken"),
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
     checkpoints = tmp_path / "broken" / "searches" / "checkpoints"
-    while not (checkpoints.exists() and list(checkpoints.iterdir())):
-        time.sleep(0.02)
-        assert process.poll() is None
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert (process.returncode, output, errors) == (130, "", "afl-mujoco: interrupted\n")
+    interrupt(
+        "tune", *table, "--out", "broken", cwd=tmp_path,
+        once=lambda: checkpoints.exists() and list(checkpoints.iterdir()),
+    )  # fmt: skip
     assert not (tmp_path / "broken" / "gain_table.json").exists()
 
     refused(tmp_path, "holds a search: pass --resume to go on", *table, "--out", "broken")
     other = ("table", *SMALL, "--generations", "1501", "--resume", "--out", "broken")
     refused(tmp_path, "settings.generations is 1500 there and 1501 here", *other)
-    resumed = run(*table, "--resume", "--out", "broken", cwd=tmp_path)
+    resumed = run("tune", *table, "--resume", "--out", "broken", cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stderr
     one, other_one = (tmp_path / name / "gain_table.json" for name in ("whole", "broken"))
     assert one.read_bytes() == other_one.read_bytes()
@@ -70,7 +49,7 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
 
 def test_a_grid_in_another_order_is_another_search(tmp_path: Path) -> None:
     grid = ("table", "--lengths", "0.5", "--population", "20", "--workers", "1", "--out", "out")
-    first = run(*grid, "--generations", "2", "--masses", "1", "2", cwd=tmp_path)
+    first = run("tune", *grid, "--generations", "2", "--masses", "1", "2", cwd=tmp_path)
     assert first.returncode == 0, first.stderr
     other = (*grid, "--generations", "2", "--masses", "2", "1", "--resume")
     refused(tmp_path, "cart_masses", *other)
@@ -79,7 +58,7 @@ def test_a_grid_in_another_order_is_another_search(tmp_path: Path) -> None:
 def test_a_plant_that_falls_in_mujoco_has_no_objective_there(tmp_path: Path) -> None:
     gains = ("--lower", "100", "1000", "90", "--upper", "100", "1000", "90")
     small = ("--masses", "1", "--lengths", "0.5", "--population", "20", "--generations", "1")
-    result = run("table", *gains, *small, "--workers", "1", "--out", "out", cwd=tmp_path)
+    result = run("tune", "table", *gains, *small, "--workers", "1", "--out", "out", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     content = json.loads((tmp_path / "out" / "gain_table.json").read_text())
     assert content["rows"][0][-1] is None
@@ -87,7 +66,7 @@ def test_a_plant_that_falls_in_mujoco_has_no_objective_there(tmp_path: Path) -> 
 
 
 def test_a_table_is_fitted_and_its_gains_are_written(tmp_path: Path) -> None:
-    result = run("fit", "--out", "out", cwd=tmp_path)
+    result = run("tune", "fit", "--out", "out", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "slope          least squares" in result.stdout
     written = json.loads((tmp_path / "out" / "gain_functions.json").read_text())
@@ -140,6 +119,6 @@ def test_a_cluster_that_cannot_be_reached_is_one_line_in_ten_seconds(tmp_path: P
 
 @pytest.mark.parametrize("what", [[], ["table"], ["fit"]], ids=str)
 def test_help_shows_an_example(tmp_path: Path, what: list[str]) -> None:
-    result = run(*what, "--help", cwd=tmp_path)
+    result = run("tune", *what, "--help", cwd=tmp_path)
     assert result.returncode == 0
     assert "Example: afl-mujoco tune" in result.stdout

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from program import run as start
 
 from afl_mujoco.simulation.trajectory import Trajectory
 
@@ -54,16 +53,8 @@ COMMANDS = {
 
 
 def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command in a working directory."""
-    return subprocess.run(
-        [sys.executable, "-m", "afl_mujoco", *arguments],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    """Run a command that leaves no byte code beside the laws that it imports."""
+    return start(*arguments, cwd=folder, PYTHONPATH=str(ROOT), PYTHONDONTWRITEBYTECODE="1")
 
 
 def with_law(command: str, law: str, scenario: Path, out: Path) -> list[str]:
