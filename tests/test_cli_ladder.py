@@ -26,7 +26,8 @@ def test_it_writes_numbers_figures_and_a_table_and_a_law_of_ones_own_can_climb(
     )
     result = run(
         "ladder", "short.toml", "--controllers", "lqr", "law:push",
-        "--rungs", "force-limit", "rail", "--seeds", "1", "--scan", "3", "--tolerance", "0.5", "--out", "out", cwd=tmp_path,
+        "--rungs", "force-limit", "rail", "--seeds", "1", "--scan", "3", "--tolerance", "0.5",
+        "--out", "out", cwd=tmp_path,
     )  # fmt: skip
     assert (result.returncode, result.stderr) == (0, "")
     assert "from where the controller no longer survives short" in result.stdout

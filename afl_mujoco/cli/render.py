@@ -6,14 +6,9 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, ScenarioNames, count_bar, typed
 from afl_mujoco.errors import InvalidValueError
-
-Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
 
 INDIFFERENT = ("out", "workers")
 """Options that leave the films as they are."""
@@ -32,7 +27,7 @@ class Render:
     `afl-mujoco report` takes them.
     """
 
-    scenarios: Names = ()
+    scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper and the showcase by default."""
     controllers: tuple[str, ...] = ("fixed", "adaptive")
     """Controllers by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
@@ -54,7 +49,7 @@ class Render:
     """Write the frame at this time [s] as a PNG, instead of each film."""
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the films among."""
-    out: Path = Path("renders")
+    out: Path = FILMS
     """Folder for the films."""
 
     def run(self) -> int:

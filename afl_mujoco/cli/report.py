@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, VALIDATION
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 
@@ -22,12 +22,12 @@ class Report:
     Nothing is computed: report.json, curves.npz and the figures of the folder make the page.
     """
 
-    folder: Folder = Path("renders/validation")
+    folder: Folder = VALIDATION
     """Folder that `afl-mujoco validate` wrote."""
-    films: Path = Path("renders")
+    films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes."""
 
-    survival: Path = Path("renders/survival")
+    survival: Path = SURVIVAL
     """Folder with the survival studies, which `afl-mujoco ladder` and its like write."""
 
     def run(self) -> int:

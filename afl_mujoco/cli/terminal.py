@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, and the progress bar."""
+"""What the commands share: exit codes, folders, names of scenarios, and the progress bar."""
 
 from __future__ import annotations
 
@@ -6,12 +6,23 @@ import contextlib
 import shlex
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
 SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+FILMS, VALIDATION, SURVIVAL = Path("renders"), Path("renders/validation"), Path("renders/survival")
+"""Where films, the report and the survival studies are written, unless told otherwise."""
+
+ScenarioNames = Annotated[
+    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")
+]
+"""Scenarios by name or file, before the options."""
 
 
 @contextlib.contextmanager

@@ -7,18 +7,23 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import tyro
-
-from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar, typed
+from afl_mujoco.cli.terminal import (
+    CHECK_FAILED,
+    FILMS,
+    SUCCESS,
+    SURVIVAL,
+    VALIDATION,
+    ScenarioNames,
+    progress_bar,
+    typed,
+)
 
 if TYPE_CHECKING:
     from afl_mujoco.reporting.page.inputs.films import Film
     from afl_mujoco.reporting.page.inputs.studies import Study
     from afl_mujoco.validation.campaign import Report
-
-Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
 
 INDIFFERENT = ("out", "films", "survival", "page", "workers")
 """Options that leave the numbers as they are, and so are no part of what reproduces them."""
@@ -34,7 +39,7 @@ class Validate:
     figures. Exit code 0 if every check holds, 1 if one fails.
     """
 
-    scenarios: Names = ()
+    scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper by default."""
     controllers: tuple[str, ...] = ("fixed", "adaptive")
     """Controllers by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
@@ -51,11 +56,11 @@ class Validate:
     """Processes to share the work among; the numbers do not depend on it."""
     page: bool = True
     """Draw the figures and write report.html."""
-    films: Path = Path("renders")
+    films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes: films for the page, if there."""
-    survival: Path = Path("renders/survival")
+    survival: Path = SURVIVAL
     """Folder with survival studies, which `afl-mujoco ladder` and its like write: for the page."""
-    out: Path = Path("renders/validation")
+    out: Path = VALIDATION
     """Folder for the report."""
 
     def run(self) -> int:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, count_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
@@ -65,11 +65,11 @@ class Attraction:
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     threads: int = min(2, os.cpu_count() or 1)
     """Threads to share the rollouts among; the numbers do not depend on it."""
-    out: Path = Path("renders/survival")
+    out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None
     """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
-    films: Path = Path("renders")
+    films: Path = FILMS
     """Folder with films.json, for the page."""
 
     def run(self) -> int:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-OUT, VALIDATION = Path("renders/survival"), Path("renders/validation")
-"""Where the studies are written, and the report whose page shows them, unless told otherwise."""
+from afl_mujoco.cli.terminal import SURVIVAL, VALIDATION
 
 
 def page_folder(out: Path, validation: Path | None) -> Path | None:
@@ -15,13 +14,13 @@ def page_folder(out: Path, validation: Path | None) -> Path | None:
     Parameters
     ----------
     out
-        Where the study is written: elsewhere than `OUT`, nothing but that folder is touched.
+        Where the study is written: elsewhere than `SURVIVAL`, nothing but that folder is touched.
     validation
         The folder as asked for, if it was.
     """
     if validation is not None:
         return validation
-    return VALIDATION if out == OUT else None
+    return VALIDATION if out == SURVIVAL else None
 
 
 def require_page(study: str, out: Path, validation: Path | None, films: Path) -> None:

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
-
-Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, ScenarioNames, count_bar, typed
 
 SEEDS, QUICK_SEEDS = 8, 2
 
@@ -28,7 +23,7 @@ class Estimation:
     z and phi and the commanded force. Writes estimation.json and a figure.
     """
 
-    scenarios: Names = ()
+    scenarios: ScenarioNames = ()
     """Scenarios of the paper by name; its four schedules by default."""
     controller: str = "adaptive"
     """Controller by name, without -estimated."""
@@ -36,11 +31,11 @@ class Estimation:
     """Runs under noise, each with its own; 8 by default."""
     quick: bool = False
     """2 seeds, where not given otherwise."""
-    out: Path = Path("renders/survival")
+    out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None
     """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
-    films: Path = Path("renders")
+    films: Path = FILMS
     """Folder with films.json for that page."""
 
     def run(self) -> int:

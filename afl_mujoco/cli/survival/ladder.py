@@ -6,17 +6,13 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import tyro
-
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, ScenarioNames, count_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.validation.ladder.climb import Settings
-
-Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
 
 SCENARIO = "step-step"
 
@@ -39,7 +35,7 @@ class Ladder:
     ten minutes on two cores.
     """
 
-    scenarios: Names = ()
+    scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files: each level must be survived in all of them; step-step by
     default."""
     controllers: tuple[str, ...] = (
@@ -72,11 +68,11 @@ class Ladder:
     """Processes to share the work among; the numbers do not depend on it."""
     cluster: str | None = None
     """Address of a Dask scheduler, or local, instead of processes."""
-    out: Path = Path("renders/survival")
+    out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None
     """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
-    films: Path = Path("renders")
+    films: Path = FILMS
     """Folder with films.json, for the page."""
 
     def run(self) -> int:

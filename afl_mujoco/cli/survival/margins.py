@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, count_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
@@ -54,11 +54,11 @@ class Margins:
     """Every fourth M and l of the paper where not given otherwise, and no measurement."""
     measure: bool = True
     """Measure on six plants what delay MuJoCo bears."""
-    out: Path = Path("renders/survival")
+    out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None
     """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
-    films: Path = Path("renders")
+    films: Path = FILMS
     """Folder with films.json, for the page."""
 
     def run(self) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, count_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
@@ -59,11 +59,11 @@ class MonteCarloOptions:
     """Processes to share the work among; the numbers do not depend on it."""
     cluster: str | None = None
     """Share it among the workers of a Dask cluster: tcp://host:port, or local."""
-    out: Path = Path("renders/survival")
+    out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None
     """Folder of a report, whose page is made anew; renders/validation, unless --out is given."""
-    films: Path = Path("renders")
+    films: Path = FILMS
     """Folder with films.json, for that page."""
 
     def run(self) -> int:
