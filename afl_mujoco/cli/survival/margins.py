@@ -70,8 +70,9 @@ class Margins:
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.control.estimation.estimated_law import refuse_estimated
         from afl_mujoco.output import output_folder
+        from afl_mujoco.reporting.page.survival.tables import measured_text
         from afl_mujoco.reporting.survival.margins_figures import draw_margins
-        from afl_mujoco.reporting.survival.margins_table import print_margins, print_measured
+        from afl_mujoco.reporting.survival.margins_table import print_margins
         from afl_mujoco.reporting.survival.study import write_study
         from afl_mujoco.validation.margins.survey import require_survey, survey_margins
 
@@ -97,7 +98,8 @@ class Margins:
         command = typed("margins", self, INDIFFERENT, positional=False)
         files = write_study("margins", content, draw_margins(content), folder, command=command)
         print_margins(survey, Console(width=None if sys.stdout.isatty() else 140))
-        print_measured(measured)
+        if said := measured_text(content):
+            print(said)
         finish(files, self.out, self.validation, self.films)
         return SUCCESS
 

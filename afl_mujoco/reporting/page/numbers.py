@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MISSING = "–"
@@ -113,6 +114,18 @@ def percent(share: float | None, digits: int = 2) -> str:
     if share is None or not math.isfinite(share):
         return MISSING
     return f"{short(100.0 * share, digits)} %"
+
+
+def interval(ends: Sequence[float]) -> str:
+    """Return an interval of shares in percent, the sign left to the reader's sentence or column.
+
+    Parameters
+    ----------
+    ends
+        Its two ends, 1 for all.
+    """
+    low, high = (fixed(100.0 * end, 1) for end in ends)
+    return f"{low} to {high}"
 
 
 def _signed(text: str) -> str:

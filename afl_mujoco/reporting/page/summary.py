@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from afl_mujoco.reporting.page.checks import rank
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.reporting.page.numbers import fixed, limit, percent, scientific, short
+from afl_mujoco.reporting.page.numbers import fixed, interval, limit, percent, scientific, short
 from afl_mujoco.validation.claims.claim import (
     IN_PART,
     NOT_REPRODUCED,
@@ -165,13 +165,15 @@ def _schedules(comparisons: Row) -> str:
         meaning = "no better than a coin toss"
     text = (
         f"On {short(paper['schedules'])} random schedules the published adaptive gains beat the "
-        f"fixed ones on {percent(paper['share'], 3)} (95 % interval {_interval(paper)}): {meaning}"
+        f"fixed ones on {percent(paper['share'], 3)} "
+        f"(95 % interval {interval(paper['interval'])} %): {meaning}"
     )
     if "retuned" in comparisons:
         ours = comparisons["retuned"]
         median = ours["quantiles"].get("median")
         by = "" if median is None else f", by {fixed(median, 1)} % in the median"
-        text += f"; gains tuned anew win on {percent(ours['share'], 3)} ({_interval(ours)}){by}"
+        won = f"{percent(ours['share'], 3)} ({interval(ours['interval'])} %)"
+        text += f"; gains tuned anew win on {won}{by}"
     return f"{text}."
 
 
@@ -188,12 +190,6 @@ def _not_proved(omissions: Sequence[Row]) -> str:
         f"{text}, and what the paper's frozen M and l leave out (D9) would change a state by up "
         f"to {short(most, 2)} (m, rad, m/s or rad/s)."
     )
-
-
-def _interval(comparison: Row) -> str:
-    """Return a confidence interval in percent."""
-    low, high = comparison["interval"]
-    return f"{fixed(100.0 * low, 1)} to {fixed(100.0 * high, 1)} %"
 
 
 def _range(percents: Sequence[float]) -> str:

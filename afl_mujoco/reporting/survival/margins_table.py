@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -44,29 +41,6 @@ def print_margins(survey: Survey, console: Console | None = None) -> None:
         for sampled in (False, True):
             table.add_row(*_row(survey, name, sampled, period))
     (console or Console()).print(table)
-
-
-def print_measured(rows: Sequence[Mapping[str, Any]], console: Console | None = None) -> None:
-    """Print how far measured delays are from the margins, if any were measured.
-
-    Parameters
-    ----------
-    rows
-        As of ``measured`` in margins.json.
-    console
-        Where; the terminal by default.
-    """
-    found = [row for row in rows if row["difference"] is not None]
-    if not found:
-        return
-    worst = max(found, key=lambda row: abs(row["difference"]))
-    agree = sum(row["agrees"] for row in rows)
-    (console or Console(soft_wrap=True)).print(
-        f"the delay that MuJoCo bears agrees with the margin on {agree} of {len(rows)} plants; the "
-        f"largest difference is {100.0 * worst['difference']:+.1f} % ({worst['controller']}, "
-        f"M = {worst['cart_mass']:g} kg, l = {worst['half_length']:g} m)",
-        highlight=False,
-    )
 
 
 def _plants(survey: Survey) -> int:

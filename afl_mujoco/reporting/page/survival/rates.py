@@ -6,7 +6,7 @@ import shlex
 from typing import Any
 
 from afl_mujoco.reporting.page.inputs.studies import Row, Study
-from afl_mujoco.reporting.page.numbers import fixed, percent, short
+from afl_mujoco.reporting.page.numbers import fixed, interval, percent, short
 
 
 def at_time(time: float | None) -> str:
@@ -33,9 +33,9 @@ def rate_rows(study: Row) -> dict[str, list[dict[str, Any]]]:
             "controller": row["controller"],
             "survived": f"{row['survived']} of {row['samples']}",
             "rate": percent(row["rate"], 3),
-            "interval": _percents(row["interval"]),
+            "interval": interval(row["interval"]),
             "settled": percent(row["settled_rate"], 3),
-            "settled_interval": _percents(row["settled_interval"]),
+            "settled_interval": interval(row["settled_interval"]),
             "files": sum(1 for failure in row["failures"] if failure["file"]),
         }
         for row in study["controllers"]
@@ -76,8 +76,3 @@ def replay_text(study: Study) -> str:
                 file = shlex.quote(str(study.path.parent / failure["file"]))
                 return str(row["replay"].replace(" FILE ", f" {file} ", 1))
     return ""
-
-
-def _percents(ends: list[float]) -> str:
-    """Return an interval of shares in percent."""
-    return f"{fixed(100.0 * ends[0], 1)} to {fixed(100.0 * ends[1], 1)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from afl_mujoco.reporting.page.inputs.studies import Row, Study
-from afl_mujoco.reporting.page.numbers import fixed, percent, short
+from afl_mujoco.reporting.page.numbers import fixed, interval, percent, short
 from afl_mujoco.reporting.page.summary import Sentence
 from afl_mujoco.reporting.survival.ladder.words import (
     borne,
@@ -203,8 +203,8 @@ def _confidence(ladder: Row | None, data: Mapping[str, Row], ours: str) -> str:
         search = f"; a search for the worst rig found {'one' if found[0] else 'none'} that fails"
     return (
         f"On {row['samples']} random rigs with an endless rail it stays up on "
-        f"{percent(row['rate'], 3)} (exact 95 % interval {_interval(row['interval'])}) and comes "
-        f"to rest on {percent(row['settled_rate'], 3)} ({_interval(row['settled_interval'])})"
+        f"{percent(row['rate'], 3)} (exact 95 % interval {interval(row['interval'])} %) and comes "
+        f"to rest on {percent(row['settled_rate'], 3)} ({interval(row['settled_interval'])} %)"
         f"{search}.{tail}"
     )
 
@@ -268,12 +268,6 @@ def _disks(margins: Row | None, ours: str) -> str:
         return f"linearised, it is unstable on {lost[0]} of {count} plants, LQR on {lost[1]}"
     mine, theirs = (min(x for row in table["disk"] for x in row) for table in found)
     return f"its least disk margin is {fixed(mine, 2)}, that of LQR {fixed(theirs, 2)}"
-
-
-def _interval(ends: list[float]) -> str:
-    """Return an interval of shares in percent."""
-    low, high = (fixed(100.0 * end, 1) for end in ends)
-    return f"{low} to {high} %"
 
 
 def _start(text: str) -> str:
