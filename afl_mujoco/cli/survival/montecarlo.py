@@ -74,6 +74,7 @@ class MonteCarloOptions:
 
         from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.output import output_folder
+        from afl_mujoco.reporting.page.survival.rates import replay_command
         from afl_mujoco.reporting.survival.montecarlo_figures import draw_montecarlo
         from afl_mujoco.reporting.survival.montecarlo_table import print_montecarlo
         from afl_mujoco.reporting.survival.study import write_study
@@ -93,9 +94,8 @@ class MonteCarloOptions:
         files = write_study("montecarlo", content, figures, folder, command=self.command)
         print_montecarlo(campaign, found, Console(width=None if sys.stdout.isatty() else 140))
         for entry in content["controllers"]:
-            if any(failure["file"] for failure in entry["failures"]):
-                first = shlex.quote(str(folder / entry["failures"][0]["file"]))
-                print(f"replay: {entry['replay'].replace('FILE', first)}")
+            if command := replay_command(entry, folder):
+                print(f"replay: {command}")
         finish([*files, held], self.out, self.validation, self.films)
         return SUCCESS
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 from typing import Any
 
 from afl_mujoco.reporting.page.inputs.studies import Row, Study
@@ -70,9 +71,22 @@ def replay_text(study: Study) -> str:
     study
         A Monte Carlo.
     """
-    for row in study.data["controllers"]:
-        for failure in row["failures"]:
-            if failure["file"]:
-                file = shlex.quote(str(study.path.parent / failure["file"]))
-                return str(row["replay"].replace(" FILE ", f" {file} ", 1))
+    found = (replay_command(row, study.path.parent) for row in study.data["controllers"])
+    return next(filter(None, found), "")
+
+
+def replay_command(row: Row, folder: Path) -> str:
+    """Return the command that replays a controller's first failure that is kept; nothing without.
+
+    Parameters
+    ----------
+    row
+        One of ``controllers`` in montecarlo.json.
+    folder
+        Of the study.
+    """
+    for failure in row["failures"]:
+        if failure["file"]:
+            file = shlex.quote(str(folder / failure["file"]))
+            return str(row["replay"].replace(" FILE ", f" {file} ", 1))
     return ""
