@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -91,8 +92,10 @@ _MALFORMED = (
     TypeError,
     AttributeError,
     ArithmeticError,
-    RecursionError,
+    RuntimeError,
+    MemoryError,
     EOFError,
+    tokenize.TokenError,
     zipfile.BadZipFile,
     zlib.error,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +22,24 @@ def unknown() -> None:
     raise UnknownNameError.among("law", "x", ["a", "b"])
 
 
+def archive(flags: int = 0, method: int = 0) -> io.BytesIO:
+    """An npz file of an array x, its bits for encryption and compression changed."""
+    stream = io.BytesIO()
+    np.savez(stream, x=np.zeros(2))
+    content = bytearray(stream.getvalue())
+    for place in (6, content.index(b"PK\x01\x02") + 8):
+        content[place : place + 4] = struct.pack("<HH", flags, method)
+    return io.BytesIO(content)
+
+
+def array(header: str) -> io.BytesIO:
+    """An npy file of nothing but a header."""
+    return io.BytesIO(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header.encode())
+
+
+HUGE = "{'descr': '<f8', 'fortran_order': False, 'shape': (10000000000000000,)}"
+
+
 @pytest.mark.parametrize(
     ("block", "said"),
     [
@@ -30,6 +49,10 @@ def unknown() -> None:
         (lambda: len(3), "object of type 'int' has no len()"),  # type: ignore[arg-type]
         (lambda: 1 / 0, "division by zero"),
         (lambda: np.load(io.BytesIO(b"PK\x03\x04")), "File is not a zip file"),
+        (lambda: np.load(archive(flags=1))["x"], "File 'x.npy' is encrypted"),
+        (lambda: np.load(archive(method=99))["x"], "That compression method is not supported"),
+        (lambda: np.load(array("{'descr': '<f8', 'shape': (")), "('EOF in multi-line statement"),
+        (lambda: np.load(array(HUGE)), "Unable to allocate"),
         (refuse, "schema must be 1, got 2"),
         (unknown, "law must be one of a, b, got 'x'"),
     ],

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from queue import SimpleQueue
+from concurrent.futures import ThreadPoolExecutor
+from queue import Empty, SimpleQueue
 
 from afl_mujoco.errors import InvalidValueError
 
@@ -35,7 +37,10 @@ def share(
     *,
     part: int = PART,
 ) -> None:
-    """Have all items done, by as many threads as there are marches; one is the caller's.
+    """Have all items done by as many threads as there are marches; a single one by the caller's.
+
+    An error, or a Ctrl-C, ends it once every thread has done the part that it is at. Of several
+    errors that of the first item is raised, as a single thread would.
 
     Parameters
     ----------
@@ -54,23 +59,41 @@ def share(
             marches[0](one)
             progress(one.stop - one.start)
         return
-    free: SimpleQueue[March] = SimpleQueue()
-    for march in marches:
-        free.put(march)
-
-    def run(one: slice) -> int:
-        march = free.get()
-        try:
-            march(one)
-        finally:
-            free.put(march)
-        return int(one.stop - one.start)
-
+    work = _Work(parts)
     with ThreadPoolExecutor(len(marches)) as pool:
-        futures = [pool.submit(run, one) for one in parts]
         try:
-            for future in as_completed(futures):
-                progress(future.result())
-        except BaseException:  # a Ctrl-C as well: what has not begun is given up
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+            for march in marches:
+                pool.submit(work.do, march)
+            for _ in marches:
+                for one in iter(work.done.get, None):
+                    progress(one.stop - one.start)
+        finally:
+            work.stop.set()
+    if work.errors:
+        raise work.errors[min(work.errors)]
+
+
+class _Work:
+    """Parts that threads take one after the other, in their order, and what became of them."""
+
+    def __init__(self, parts: Sequence[slice]) -> None:
+        self.waiting: SimpleQueue[tuple[int, slice]] = SimpleQueue()
+        for numbered in enumerate(parts):
+            self.waiting.put(numbered)
+        self.done: SimpleQueue[slice | None] = SimpleQueue()
+        self.errors: dict[int, BaseException] = {}
+        self.stop = threading.Event()
+
+    def do(self, march: March) -> None:
+        """Do parts until none is left or it must stop; then say so by None."""
+        with contextlib.suppress(Empty):
+            while not self.stop.is_set():
+                index, part = self.waiting.get_nowait()
+                try:
+                    march(part)
+                except BaseException as error:
+                    self.errors[index] = error
+                    self.stop.set()
+                else:
+                    self.done.put(part)
+        self.done.put(None)

@@ -13,6 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.cli.survival.margins import Margins as Command
 from afl_mujoco.control.baselines.linear_model import upright_model
 from afl_mujoco.control.controllers import CONTROLLERS, Controller
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.validation.margins.linearization import Loop, linearize
@@ -214,6 +215,23 @@ def test_a_law_with_a_kink_at_upright_is_refused():
     assert str(caught.value).startswith(
         "linearisation of 'sharp' at M = 1 kg, l = 0.5 m must not depend on the step by more than"
     )
+
+
+@pytest.mark.parametrize("kink", [300.0, 1.0])
+def test_a_kink_that_central_differences_do_not_see_is_refused(kink):
+    def function(time, state, belief):
+        return float(-100.0 * state[1] + kink * abs(state[1]))
+
+    with pytest.raises(InvalidValueError, match="must have slopes to either side that differ"):
+        linearize(PythonLaw(name="kinked", function=function), NOMINAL)
+
+
+def test_a_law_that_bends_smoothly_at_upright_has_its_slope():
+    def function(time, state, belief):
+        return float(-100.0 * state[1] + 500.0 * state[1] ** 2 - 7.0 * state[2])
+
+    found = linearize(PythonLaw(name="bent", function=function), NOMINAL).k
+    np.testing.assert_allclose(found, (0.0, 100.0, 7.0, 0.0), rtol=1e-8, atol=1e-8)
 
 
 def test_the_lqr_has_the_margins_that_every_lqr_has():

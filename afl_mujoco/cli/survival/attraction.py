@@ -84,7 +84,7 @@ class Attraction:
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.survival.attraction_figures import attraction_figures
         from afl_mujoco.reporting.survival.attraction_table import print_attraction
-        from afl_mujoco.reporting.survival.study import write_study
+        from afl_mujoco.reporting.survival.study import remove_study, write_study
         from afl_mujoco.validation.attraction.files import save_comparisons
 
         require_page("attraction", self.out, self.validation, self.films)
@@ -92,13 +92,14 @@ class Attraction:
         rollouts = 2 * len(controllers) * sum(len(cells.starts) for cells in maps)
         with count_bar(rollouts, "mapping") as progress:
             found = self._compare(controllers, maps, settling, progress)
+        remove_study("attraction", folder)
         maps_of = save_comparisons(found, folder)
         content = {"maps": [comparison.to_dict() for comparison in found]}
         command = typed("attraction", self, INDIFFERENT, positional=False)
         drawn = attraction_figures(found)
-        files = write_study("attraction", content, drawn, folder, command=command)
+        files = write_study("attraction", content, drawn, folder, command=command, files=maps_of)
         print_attraction(found, Console(width=None if sys.stdout.isatty() else 140))
-        finish([*maps_of, *files], self.out, self.validation, self.films)
+        finish(files, self.out, self.validation, self.films)
         return SUCCESS
 
     def _request(self) -> tuple[list[Law], list[Cells], Settling]:

@@ -77,7 +77,7 @@ class MonteCarloOptions:
         from afl_mujoco.reporting.page.survival.rates import replay_command
         from afl_mujoco.reporting.survival.montecarlo_figures import draw_montecarlo
         from afl_mujoco.reporting.survival.montecarlo_table import print_montecarlo
-        from afl_mujoco.reporting.survival.study import write_study
+        from afl_mujoco.reporting.survival.study import remove_study, write_study
         from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.validation.montecarlo.files import require_ours, write_scenarios
 
@@ -88,7 +88,7 @@ class MonteCarloOptions:
             campaign = self._campaign(laws, settings, executor)
             found = self._search(laws, campaign, budget, executor) if self.worst_case else []
         figures = draw_montecarlo(campaign)
-        (folder / "montecarlo.json").unlink(missing_ok=True)  # lest it speak of files that are gone
+        remove_study("montecarlo", folder)  # lest it speak of files that are gone
         held = write_scenarios(campaign, found, folder, keep=self.keep)
         content = self._content(campaign, found)
         files = write_study("montecarlo", content, figures, folder, command=self.command)

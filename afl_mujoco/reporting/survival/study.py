@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from afl_mujoco.errors import FileError, reading
 from afl_mujoco.output import write_text
 from afl_mujoco.reporting.figures.style import Drawn, write_drawn
 
@@ -17,8 +18,38 @@ SCHEMA = 1
 _PACKAGES = ("afl_mujoco", "control", "mujoco", "numpy", "scipy", "numba")
 
 
+def remove_study(study: str, folder: Path) -> None:
+    """Remove what an older study wrote: its JSON, and the files beside it that this lists.
+
+    Parameters
+    ----------
+    study
+        Its name, with which the names of its files begin.
+    folder
+        Where it is, if it is there.
+    """
+    path = folder / f"{study}.json"
+    try:
+        with reading(path, "is no study"):
+            data = json.loads(path.read_text(encoding="utf-8"))
+            listed = [str(entry[kind]) for entry in data["figures"] for kind in ("svg", "png")]
+            listed += [str(name) for name in data.get("files", ())]
+    except FileError:
+        listed = []
+    path.unlink(missing_ok=True)  # first, lest it list what is gone
+    for name in listed:
+        if Path(name).name == name and Path(name).stem.split("-")[0] == study:
+            (folder / name).unlink(missing_ok=True)
+
+
 def write_study(
-    study: str, content: Mapping[str, Any], figures: Sequence[Drawn], folder: Path, *, command: str
+    study: str,
+    content: Mapping[str, Any],
+    figures: Sequence[Drawn],
+    folder: Path,
+    *,
+    command: str,
+    files: Sequence[Path] = (),
 ) -> list[Path]:
     """Write the figures of a study, then its JSON, which lists them, in place of an older one's.
 
@@ -34,16 +65,16 @@ def write_study(
         Where to; it must exist.
     command
         What found it, as typed into a shell.
+    files
+        What else the study has written there.
 
     Returns
     -------
     list of Path
-        The files.
+        All its files.
     """
     path = folder / f"{study}.json"
-    path.unlink(missing_ok=True)  # lest it list figures of another study
-    for old in (*folder.glob(f"{study}*.svg"), *folder.glob(f"{study}*.png")):
-        old.unlink()
+    remove_study(study, folder)
     entries = [write_drawn(drawn, folder) for drawn in figures]
     data = {
         "schema": SCHEMA,
@@ -54,7 +85,8 @@ def write_study(
             "python": platform.python_version(),
         },
         **content,
+        "files": [file.name for file in files],
         "figures": entries,
     }
     write_text(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-    return [path, *(folder / entry[kind] for entry in entries for kind in ("svg", "png"))]
+    return [path, *files, *(folder / entry[kind] for entry in entries for kind in ("svg", "png"))]

@@ -79,10 +79,6 @@ class Plan(NamedTuple):
         m [kg] and g [m/s^2].
     rail
         The cart's travel to either side [m].
-    quiet
-        The step from which on nothing prescribed changes.
-    patience
-        After how many settled, quiet steps the run may end early.
     """
 
     steps: int
@@ -91,8 +87,6 @@ class Plan(NamedTuple):
     pole_mass: float
     gravity: float
     rail: float
-    quiet: int
-    patience: int
 
 
 @borrowing_kernel
@@ -131,7 +125,7 @@ def _enter(at, plan, course, memory, record, k, force):
         memory[AT_STOP] = k
     if phi >= FALL_ANGLE:
         memory[STATUS] = _FELL
-    elif k == plan.steps or k - max(memory[UNSETTLED], plan.quiet) >= plan.patience:
+    elif k == plan.steps:
         memory[STATUS] = _COMPLETED
     else:
         _arrive(at, plan, course, memory, k)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
@@ -90,7 +89,6 @@ def run_rollouts(
     control_period: float | None = None,
     integrator: str = "RK4",
     threads: int = 1,
-    patience: float | None = None,
 ) -> Rollouts:
     """Run one law on many scenarios, each as `simulate_mujoco` does in sampled mode.
 
@@ -108,9 +106,6 @@ def run_rollouts(
     threads
         How many run at a time; each has its own model. One runs in the thread of the caller, as a
         law in Python does: there it can be stopped if it hangs.
-    patience
-        How long a run must be settled, with nothing prescribed changing any more, to end early as
-        completed [s]; ``None`` for never. Less than `DWELL` is refused.
 
     Returns
     -------
@@ -123,12 +118,10 @@ def run_rollouts(
         If a setting breaks its rule.
     """
     require_threads(threads)
-    if patience is not None and not patience >= DWELL:
-        raise InvalidValueError("patience", f"must be at least {DWELL:g} s", patience)
     count = len(scenarios)
     status = np.zeros(count, dtype=np.int64)
     figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:]}
-    settings: Any = {"timestep": timestep, "control_period": control_period, "patience": patience}
+    settings: Any = {"timestep": timestep, "control_period": control_period}
 
     def run(model: CartPoleModel, i: int) -> None:
         model.set_realism(scenarios[i].realism, scenarios[i].parameters_at(0.0))

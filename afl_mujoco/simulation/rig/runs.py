@@ -30,9 +30,6 @@ from afl_mujoco.simulation.rig.channels import (
 )
 from afl_mujoco.simulation.trajectory import OUTCOMES, Outcome, Trajectory, assemble
 
-NEVER = 2**62
-"""More steps than any run has."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
@@ -87,7 +84,6 @@ def prepare(
     *,
     timestep: float,
     control_period: float | None = None,
-    patience: float | None = None,
 ) -> Run:
     """Sample everything prescribed on the steps and ticks of a run.
 
@@ -101,9 +97,6 @@ def prepare(
         Physics step [s].
     control_period
         For a scenario that leaves it open [s] (default: one step).
-    patience
-        How long a run must be settled, with nothing prescribed changing any more, to end early
-        [s]; ``None`` for never.
 
     Raises
     ------
@@ -117,7 +110,8 @@ def prepare(
     sources = (s.cart_mass, s.half_length, *s.disturbances)
     last = min(max((t for source in sources for t in source.breakpoints), default=0.0), s.duration)
     changing = min(math.ceil(last / timestep) + 1, count)
-    ticks = _grid(min(math.ceil((last + r.belief_delay) / period) + 2, -(-count // hold)))
+    told_until = min(last + r.belief_delay, s.duration)
+    ticks = _grid(min(math.ceil(told_until / period) + 2, -(-count // hold)))
     told_at = ticks * hold * timestep - (r.belief_delay - SNAP * timestep if r.belief_delay else 0)
     mass_error, length_error = r.mass_error, r.length_error
     if isinstance(law, EstimatedLaw):  # nobody tells it anything
@@ -130,8 +124,6 @@ def prepare(
             pole_mass=s.pole_mass,
             gravity=s.gravity,
             rail=math.inf if r.rail_half_length is None else r.rail_half_length,
-            quiet=min(math.ceil((last + r.belief_delay + r.delay) / timestep) + 1, count),
-            patience=_steps_of("patience", patience, timestep),
         ),
         sensors=sensors_of(r, period),
         actuator=actuator_of(r, timestep, count),
@@ -156,11 +148,6 @@ def _course(scenario: Scenario, timestep: float, changing: int, count: int) -> N
     course[:, loop.COURSE_PUSH] = scenario.pushes(middles)
     course[:, loop.COURSE_IMPULSE] = impulses_by_step(scenario, starts)
     return course
-
-
-def _steps_of(thing: str, length: float | None, timestep: float) -> int:
-    """Return how many steps a length of time is [s]; more than any run has if it is None."""
-    return NEVER if length is None else whole_steps(thing, length, "timestep", timestep)
 
 
 def _grid(count: int) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ _PLACES = ("columns", "rows", "starts", "plants")
 
 
 def save_comparisons(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:
-    """Write an npz of both maps for each comparison, in place of those of an older study.
+    """Write an npz of both maps for each comparison.
 
     Parameters
     ----------
@@ -32,8 +32,6 @@ def save_comparisons(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     list of Path
         The files.
     """
-    for old in folder.glob("attraction-*.npz"):
-        old.unlink()
     files = [folder / f"{comparison.name}.npz" for comparison in comparisons]
     for comparison, file in zip(comparisons, files, strict=True):
         _save(comparison, file)

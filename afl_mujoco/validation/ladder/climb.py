@@ -26,15 +26,8 @@ from afl_mujoco.validation.ladder.rungs import (
 )
 from afl_mujoco.validation.ladder.thresholds import Threshold, find_threshold, scan_levels
 
-PATIENCE = 2.0
-"""A run without noise ends early once it has been settled for so long and nothing more is to come
-[s]; noise may yet drive it out again."""
-
 END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "the law failed"
 """Ways to fail besides the outcomes of a run."""
-
-NOISES = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
-"""What of a `Realism` is chance."""
 
 METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 """Figures of a run on the ladder, in SI units, as of `Rollouts`."""
@@ -218,13 +211,7 @@ def judge(
     """
     scenarios = [replace(s, realism=r) for s in settings.scenarios for r in real]
     try:
-        runs = run_rollouts(
-            scenarios,
-            law,
-            timestep=timestep,
-            integrator=settings.integrator,
-            patience=None if any(_noisy(r) for r in real) else PATIENCE,
-        )
+        runs = run_rollouts(scenarios, law, timestep=timestep, integrator=settings.integrator)
     except (LawError, GainError) as error:
         return _refused(level, str(error))
     failures = [_failure(runs, i) for i in range(len(runs))]
@@ -241,11 +228,6 @@ def judge(
         time=ended if failures[worst] else None,
         metrics={name: _largest(getattr(runs, name).tolist()) for name in METRICS},
     )
-
-
-def _noisy(realism: Realism) -> bool:
-    """Return whether chance plays a part."""
-    return any(getattr(realism, name) > 0.0 for name in NOISES)
 
 
 def _refused(level: float, message: str) -> Verdict:

@@ -18,7 +18,6 @@ from afl_mujoco.simulation.mujoco_model import INTEGRATORS
 from afl_mujoco.sweep.executors import open_executor
 from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.ladder.climb import (
-    PATIENCE,
     Rise,
     Settings,
     Verdict,
@@ -83,7 +82,6 @@ class Ladder:
                 "tolerance": s.tolerance,
                 "integrator": s.integrator,
                 "timestep": TIMESTEP,
-                "patience": PATIENCE,
             },
             "controllers": list(self.controllers),
             "rungs": [_rung_as_data(name) for name in self.rungs],

@@ -21,8 +21,11 @@ COARSER = 10.0
 """How many times longer the second step is, with which the first is compared."""
 
 AGREEMENT = 1e-5
-"""Largest relative difference between the two: the longer step's own error is near 1e-7, and where
-a law has a kink at upright the two differ by as much as its slopes do."""
+"""Largest relative difference between the two: the longer step's own error is near 1e-7."""
+
+KINK = 1e-3
+"""Largest difference between the slopes of a law to either side of upright, relative to its largest
+slope: central differences do not see a kink, whatever their step."""
 
 _UPRIGHT = np.zeros(4)
 
@@ -72,7 +75,7 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
     Raises
     ------
     InvalidValueError
-        If two steps do not agree: the law is not smooth at upright.
+        If two steps do not agree, or the slopes to either side: the law is not smooth at upright.
     """
     dynamics = plant_dynamics(CartPoleModel(plant))
 
@@ -91,13 +94,16 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
         float(np.abs(one - other).max() / max(np.abs(one).max(), 1e-300))
         for one, other in zip(fine, coarse, strict=True)
     )
-    if not disagreement <= AGREEMENT:
-        thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
-        rule = f"must not depend on the step by more than {AGREEMENT:g}"
-        raise InvalidValueError(
-            f"{thing}, l = {plant.half_length:g} m", rule, f"{disagreement:.1e}"
-        )
     a, b, k = fine
+    kink = float(np.abs(_bend(force, _UPRIGHT, STEP)).max() / max(np.abs(k).max(), 1e-300))
+    thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
+    thing += f", l = {plant.half_length:g} m"
+    if not disagreement <= AGREEMENT:
+        rule = f"must not depend on the step by more than {AGREEMENT:g}"
+        raise InvalidValueError(thing, rule, f"{disagreement:.1e}")
+    if not kink <= KINK:
+        rule = f"must have slopes to either side that differ by at most {KINK:g} of the largest"
+        raise InvalidValueError(thing, rule, f"{kink:.1e}")
     return Loop(a, b[:, 0], k[0], disagreement)
 
 
@@ -131,6 +137,16 @@ def jacobian(function: Callable[[Array], Array], point: Array, step: float) -> A
     """
     columns = [
         (function(point + offset) - function(point - offset)) / (2.0 * step)
+        for offset in step * np.eye(len(point))
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _bend(function: Callable[[Array], Array], point: Array, step: float) -> Array:
+    """Return how far the slopes to either side differ, shape (outputs, inputs)."""
+    middle = 2.0 * function(point)
+    columns = [
+        (function(point + offset) + function(point - offset) - middle) / step
         for offset in step * np.eye(len(point))
     ]
     return np.stack(columns, axis=-1)

@@ -141,4 +141,6 @@ def _replace(folder: Path, names: Mapping[str, object], scenarios: Mapping[str, 
     except OSError as error:
         raise FileError.cannot_be("written", folder / FOLDER, error) from None
     finally:
+        if not (folder / FOLDER).exists() and (aside / "before").exists():  # a Ctrl-C in between
+            (aside / "before").rename(folder / FOLDER)
         shutil.rmtree(aside, ignore_errors=True)

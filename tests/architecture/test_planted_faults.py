@@ -1,0 +1,9 @@
+"""The list of planted faults fits the code: each text that a fault replaces stands there once."""
+
+from __future__ import annotations
+
+from planted_faults import load_faults
+
+
+def test_every_fault_can_be_planted() -> None:
+    assert len(load_faults()) > 80
