@@ -12,6 +12,7 @@ from afl_mujoco.scenario.parameters import require_finite, require_positive, req
 _OPTIONAL = ("control_period", "force_limit", "slew_rate", "rail_half_length")
 _ERRORS = ("mass_error", "length_error")
 _LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
+_FINEST_STEP = 1e-12  # of an encoder [m, rad]; a position over one much finer overflows
 
 
 def _checked(name: str, value: object) -> float | None:
@@ -24,6 +25,8 @@ def _checked(name: str, value: object) -> float | None:
             raise InvalidValueError(name, "must be above -1", number)
     elif number < 0.0:
         raise InvalidValueError(name, "must not be negative", number)
+    elif name.startswith("encoder_step") and 0.0 < number < _FINEST_STEP:
+        raise InvalidValueError(name, f"must be 0 or at least {_FINEST_STEP:g}", number)
     return number
 
 
@@ -49,7 +52,8 @@ class Realism:
     delay
         Transport delay from the control tick to the actuator [s]; it may be any part of a step.
     encoder_step_z, encoder_step_phi
-        Resolution of the position sensors [m, rad]; readings are rounded to the nearest multiple.
+        Resolution of the position sensors [m, rad]; readings are rounded to the nearest multiple;
+        0 for exact ones, else at least 1e-12.
     noise_z, noise_phi
         Standard deviation of the white noise on the positions at each tick [m, rad].
     noise_z_dot, noise_phi_dot

@@ -86,6 +86,7 @@ def test_an_ideal_scenario_has_the_table_it_always_had(name):
     ("text", "message"),
     [
         ("lag = 1", "realism.lag is not a known key; known are control_period, force_limit, "),
+        ("encoder_step_z = 1e-13", "realism.encoder_step_z must be 0 or at least 1e-12, got 1e-13"),
         ("delay = -0.1", "realism.delay must not be negative, got -0.1"),
         ("delay = inf", "realism.delay must be finite, got inf"),
         ("noise_z = 'much'", "realism.noise_z must be a number, got 'much'"),

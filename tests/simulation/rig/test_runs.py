@@ -250,6 +250,16 @@ def test_the_law_is_told_late_and_wrong():
     assert {(b.pole_mass, b.gravity) for b in told} == {(0.05, 9.81)}
 
 
+def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
+    changing = Scenario(name="x", cart_mass=step((0.05,), (1.0, 2.0)), duration=0.2)
+    never = Realism(belief_delay=1e306, delay=1e306)
+    found = simulate_mujoco(replace(changing, realism=never), adaptive, "sampled")
+    longer = Realism(belief_delay=0.2, delay=0.2)
+    again = simulate_mujoco(replace(changing, realism=longer), adaptive, "sampled")
+    assert (found.state == again.state).all()
+    assert not found.force.any()
+
+
 def test_a_law_with_its_own_belief_is_not_told_anything(odd_scenario):
     wrong = Realism(mass_error=0.5, length_error=-0.4, belief_delay=0.1)
     nominal = CONTROLLERS["fixed-nominal"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from afl_mujoco.errors import FileError
@@ -98,3 +100,20 @@ def test_a_write_that_is_broken_off_leaves_what_was_there(tmp_path, monkeypatch)
         write_scenarios(campaign(5, 6), [], tmp_path)
     assert written(tmp_path) == {"montecarlo/lqr/failure-0003.toml"}
     assert sorted(p.name for p in tmp_path.iterdir()) == [FOLDER]
+
+
+def test_a_ctrl_c_between_the_two_moves_leaves_what_was_there(tmp_path, monkeypatch) -> None:
+    write_scenarios(campaign(3), [], tmp_path)
+    before, moves, rename = written(tmp_path), [], Path.rename
+
+    def interrupted(path: Path, target: Path) -> Path:
+        moves.append(path)
+        if len(moves) == 2:
+            raise KeyboardInterrupt
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_scenarios(campaign(5), [], tmp_path)
+    assert written(tmp_path) == before
+    assert [path.name for path in tmp_path.iterdir()] == [FOLDER]
