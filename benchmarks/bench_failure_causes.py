@@ -65,9 +65,9 @@ def main() -> None:
     rigs = [sample_scenario(SampleSpace(), i, seed) for i in range(count)]
     for entry in study["controllers"]:
         name = entry["controller"]
-        files = sorted((options.folder / "montecarlo" / name).glob("failure-*.toml"))
+        files = [options.folder / failure["file"] for failure in entry["failures"]]
         failed = np.zeros(count, dtype=bool)
-        failed[[int(file.stem.split("-")[1]) for file in files]] = True
+        failed[[failure["index"] for failure in entry["failures"]]] = True
         print(f"\n{name}: {len(files)} of {count} fail; of these stay up without")
         for label, names in TAKEN_AWAY.items():
             up = survivors(files, afl.find_controller(name), names, options.threads)

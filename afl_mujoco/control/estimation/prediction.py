@@ -89,7 +89,7 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
     inertia = (cart_mass + pole_mass) - 0.75 * pole_mass * cos * cos
     lever = pole_mass * half_length * phi_dot
     weight = 0.75 * pole_mass * gravity * (cos * cos - sin * sin)
-    cart_row[0] = cart_row[2] = pole_row[0] = pole_row[2] = 0.0
+    cart_row[0] = cart_row[2] = pole_row[0] = 0.0
     cart_row[1] = (weight - lever * phi_dot * cos - 1.5 * pole_mass * sin * cos * cart) / inertia
     cart_row[3] = -2.0 * lever * sin / inertia
     cart_row[4] = -cart_mass * cart / inertia
@@ -98,7 +98,6 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
     for i in range(1, STATES):
         pole_row[i] = coupling * cart_row[i]
     pole_row[1] += 0.75 / half_length * (gravity * cos - cart * sin)
-    pole_row[2] = 0.0
     pole_row[5] -= pole
     return coupling, cart, pole
 
