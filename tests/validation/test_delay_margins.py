@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.validation.margins import delay
 from afl_mujoco.validation.margins.delay import (
     REACH,
@@ -54,3 +55,15 @@ def test_the_least_margin_is_that_of_the_worst_plant_on_the_way() -> None:
     }
     expected = min((delay_margin(LQR, *plant), *plant) for plant in plants)
     assert (found.margin, found.cart_mass, found.half_length) == expected
+
+
+def test_a_plant_that_stands_for_a_tenth_of_a_second_is_on_the_way_too() -> None:
+    brief = Scenario(
+        name="brief",
+        duration=8.0,
+        cart_mass=afl.step((2.25, 2.36), (1.0, 0.1, 1.0)),
+        half_length=afl.step((2.25, 2.36), (0.5, 0.05, 0.5)),
+    )
+    found = least_margin((LQR, (brief,)))
+    assert (found.cart_mass, found.half_length) == (0.1, 0.05)
+    assert found.margin == delay_margin(LQR, 0.1, 0.05) < delay_margin(LQR, 1.0, 0.5)

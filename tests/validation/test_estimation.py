@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.reporting.survival.estimation_figures import draw_estimation
+from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.validation.estimation.study import describe, study_estimation
 from afl_mujoco.validation.estimation.tracking import tracking
 
@@ -60,26 +62,39 @@ def test_the_error_is_that_of_the_logarithm_in_each_window():
 
 @pytest.fixture(scope="module")
 def study():
-    return study_estimation(cases=("step-step",), seeds=2)
+    return study_estimation(cases=("step-step",), seeds=3)
 
 
 def test_the_estimated_loop_is_as_good_as_the_one_that_is_told(study):
     (case,) = study
     loops = {(loop.told, loop.noise): loop for loop in case.loops}
-    assert {loop.completed for loop in loops.values()} == {1, 2}
+    assert {loop.completed for loop in loops.values()} == {1, 3}
     truth, estimated = loops["truth", False], loops["estimator", True]
     nominal = loops["nominal plant", False]
-    assert estimated.runs == 2
+    assert estimated.runs == 3
     for name in ("iae_z", "iae_phi"):  # what it is worth: the nominal belief costs far more
         assert estimated.figures[name] < 1.15 * truth.figures[name]
         assert estimated.figures[name] < nominal.figures[name]
+
+
+def test_a_noisy_loop_is_the_median_of_its_own_runs_and_its_largest_force_their_largest(study):
+    (case,) = study
+    (loop,) = (loop for loop in case.loops if (loop.told, loop.noise) == ("truth", True))
+    noises = [Realism(noise_z=1e-4, noise_phi=5e-4, seed=seed) for seed in range(3)]
+    noisy = [replace(afl.SCENARIOS["step-step"], realism=noise) for noise in noises]
+    adaptive = afl.CONTROLLERS["adaptive"]
+    runs = [afl.simulate_mujoco(one, adaptive, "sampled") for one in noisy]
+    peaks = sorted(float(np.abs(run.force).max()) for run in runs)
+    assert peaks[0] < peaks[1] < peaks[2]
+    assert loop.figures["max_force"] == pytest.approx(peaks[1])
+    assert loop.largest_force == pytest.approx(peaks[2])
 
 
 def test_the_study_has_no_run_that_saw_the_truth_by_mistake(study):
     (case,) = study
     assert case.estimated.run.provenance["controller"]["belief"] == "estimated"
     assert case.oracle.provenance["controller"]["belief"] == "true"
-    first, second = case.cart_mass
+    first, second, _ = case.cart_mass
     assert first.rms != second.rms  # another noise
     for one in (*case.cart_mass, *case.half_length):
         assert 0.0 < one.rms["0.05-1 s"] < 0.1

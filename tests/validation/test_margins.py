@@ -269,6 +269,8 @@ def test_the_worst_margin_says_where_it_stands(survey):
     assert worst.value == survey.values("fixed-nominal", "delay").min()
     largest = survey.worst("fixed", "gain_decrease")
     assert largest.value == survey.values("fixed", "gain_decrease").max()
+    fastest, crossovers = survey.worst("fixed", "crossover"), survey.values("fixed", "crossover")
+    assert fastest.value == crossovers.max() > crossovers.min()
 
 
 def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey):

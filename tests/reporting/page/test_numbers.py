@@ -48,6 +48,7 @@ def test_shares_and_columns() -> None:
     assert percent(None) == "–"
     assert fixed(-0.04, 1) == "0.0"
     assert fixed(-66.49, 1) == "−66.5"
+    assert fixed(None, 1) == fixed(math.inf, 1) == fixed(math.nan, 1) == "–"
 
 
 @pytest.mark.parametrize(

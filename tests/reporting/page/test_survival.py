@@ -52,6 +52,7 @@ def test_the_first_page_answers_in_five_sentences(folder: Path) -> None:
     )
     assert "On 60 random rigs with an endless rail it stays up on 95 %" in said["How sure that is"]
     assert "(exact 95 % interval 86.1 to 99.0 %)" in said["How sure that is"]
+    assert "comes to rest on 30 % (18.8 to 43.2 %)" in said["How sure that is"]
     assert "found one that fails" in said["How sure that is"]
     assert "bisected to 2 % on step-step, with 4 seeds" in said["How sure that is"]
     assert "more than LQR on 3, as much on 1 and less on 2" in said["Better than what"]
@@ -170,6 +171,9 @@ def test_the_worst_margin_is_of_stable_plants_and_what_is_infinite_is_none() -> 
     row = margin_rows(survival_case.make_margins())[0]
     assert (row["unstable"], row["gain_down"], row["gain_up"]) == ("1", "0.60", "16.6")
     assert (row["disk"], row["delay"]) == ("0.40", "12.0")
+    margins = survival_case.make_margins()
+    margins["margins"]["lqr"]["sampled"]["gain_increase"] = [[None] * 3] * 2
+    assert margin_rows(margins)[1]["gain_up"] == "–"
     said = measured_text(survival_case.make_margins())
     assert "On 1 of 2 plants and laws there are both" in said
     assert "at most 0.5 %" in said and "1 agree within 5 %" in said

@@ -87,7 +87,10 @@ def test_each_plane_has_a_figure_and_its_words_the_numbers(tmp_path: Path) -> No
     before = dict(matplotlib.rcParams)
     drawn = figures.attraction_figures([comparison("lqr"), comparison("lqr", plane="plants")])
     assert [one.name for one in drawn] == ["attraction-states", "attraction-plants"]
-    assert "lqr: 80.0 % settle by the equations, 86.7 % in MuJoCo, 1 cells differ" in drawn[0].alt
+    assert drawn[0].alt == (
+        "lqr: 80.0 % settle by the equations, 86.7 % in MuJoCo, 1 cells differ, 0 of them not on a "
+        "border."
+    )
     files = write_drawn(drawn[0], tmp_path)
     assert dict(matplotlib.rcParams) == before
     assert {path.name for path in tmp_path.iterdir()} == {files["svg"], files["png"]}

@@ -260,6 +260,25 @@ def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
     assert not found.force.any()
 
 
+@pytest.mark.parametrize("late", [10, 20, 40, 70], ids=lambda ticks: f"{ticks} ms")
+def test_a_late_jump_is_told_on_its_tick_however_the_times_round(late):
+    jumps = (10, 20, 40, 50, 70, 140, 170, 200)  # [ms]; minus the delay, some round to just before
+    told = []
+
+    def function(time, state, belief):
+        told.append(belief.cart_mass)
+        return 0.0
+
+    scenario = Scenario(
+        name="late",
+        cart_mass=step([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]),
+        duration=0.3,
+        realism=Realism(belief_delay=1e-3 * late),
+    )
+    simulate_mujoco(scenario, PythonLaw(name="x", function=function), "sampled")
+    assert (np.flatnonzero(np.diff(told)) + 1 - late).tolist() == list(jumps)
+
+
 def test_a_law_with_its_own_belief_is_not_told_anything(odd_scenario):
     wrong = Realism(mass_error=0.5, length_error=-0.4, belief_delay=0.1)
     nominal = CONTROLLERS["fixed-nominal"]

@@ -19,6 +19,7 @@ from afl_mujoco.validation.ladder.climb import (
     climb,
     climb_together,
     climbed,
+    judge,
 )
 from afl_mujoco.validation.ladder.ladder import require_climbable, run_ladder, unit_count
 from afl_mujoco.validation.ladder.rungs import RUNGS
@@ -72,6 +73,21 @@ def test_the_worst_of_the_scenarios_and_seeds_counts():
     assert together.failure.scenario == "step-step"
     easy = climb(("force-limit", LQR, replace(SETTINGS, scenarios=(gentle,))))
     assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
+
+
+def test_the_figures_of_a_verdict_are_the_largest_of_any_run():
+    starts = {"gentle": -0.01, "harsh": 0.5, "middling": 0.1}
+    cases = tuple(
+        replace(CASE, name=name, initial_state=(0.0, phi, 0.0, 0.0), duration=2.0)
+        for name, phi in starts.items()
+    )
+    settings = replace(SETTINGS, scenarios=cases)
+    metrics = judge(1.0, [Realism()], 1e-3, LQR, settings).metrics
+    runs = [afl.simulate_mujoco(case, LQR, "sampled") for case in cases]
+    assert metrics["peak_z"] == max(np.abs(run.state[:, 0]).max() for run in runs)
+    assert metrics["peak_phi"] == max(np.abs(run.state[:, 1]).max() for run in runs)
+    assert metrics["max_force"] == max(np.abs(run.force[:-1]).max() for run in runs)
+    assert metrics["settling_time"] is None  # the harsh one does not settle in 2 s
 
 
 def test_a_law_without_force_for_what_it_is_told_fails_and_says_so():

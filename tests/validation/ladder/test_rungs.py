@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields
+from itertools import chain
+from pathlib import Path
 
 import pytest
 
@@ -83,3 +86,37 @@ def test_an_unknown_rung_is_named_with_those_that_there_are() -> None:
         UnknownNameError, match=r"^rung must be one of control-period, delay, .*'x'"
     ):
         find_rung("x")
+
+
+SAID = {
+    "control_period": (1e-3, "ms"), "delay": (1e-3, "ms"), "actuator_lag": (1e-3, "ms"),
+    "force_limit": (1.0, "N"), "slew_rate": (1.0, "N/s"),
+    "encoder_step_z": (1e-3, "mm"), "encoder_step_phi": (1.0, "rad"),
+    "noise_z": (1e-3, "mm"), "noise_phi": (1e-3, "mrad"),
+    "noise_z_dot": (1e-3, "mm/s"), "noise_phi_dot": (1e-3, "mrad/s"),
+    "rail_damping": (1.0, "N s/m"), "hinge_damping": (1e-3, "mN m s"), "rail_friction": (1.0, "N"),
+    "rail_armature": (1.0, "kg"), "hinge_armature": (1e-3, "g m²"),
+    "tip_mass_share": (1e-2, "% of m"), "pole_radius": (1e-3, "mm"), "belief_delay": (1e-3, "ms"),
+    "mass_error": (1e-2, "%"), "length_error": (1e-2, "%"),
+    "rail_half_length": (1.0, "m to either side"),
+}  # fmt: skip
+"""Unit in which the documentation has each field."""
+
+
+def test_the_documentation_has_the_typical_rig_of_the_code() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "survival.md").read_text(encoding="utf-8")
+    table = page.partition("| rung | typical rig |")[2].partition("\n\n")[0]
+    rows = [[cell.strip() for cell in line.split("|")[1:3]] for line in table.splitlines()[2:]]
+    said = {tuple(names.replace("`", "").split(", ")): text for names, text in rows}
+    assert sorted(chain(*said)) == sorted([*NAMES, TOGETHER.name])
+    for names, text in said.items():
+        if names != (TOGETHER.name,):
+            told = text.replace("2π/4096", f"{2.0 * math.pi / 4096.0:.2g}")
+            assert told == ", ".join(dict.fromkeys(chain(*map(typical_texts, names))))
+
+
+def typical_texts(name: str) -> list[str]:
+    """What a rung sets on the typical rig, each number to two digits."""
+    found = departures(realism_at(RUNGS[name], RUNGS[name].typical))
+    numbers = {field: abs(found[field]) / SAID[field][0] for field in RUNGS[name].fields}
+    return [f"{float(f'{x:.2g}'):g} {SAID[field][1]}" for field, x in numbers.items()]

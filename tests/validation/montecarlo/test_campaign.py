@@ -15,6 +15,7 @@ from afl_mujoco.control.user_law.loading import load_python_law
 from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.files import load_scenario
+from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.sweep.executors import open_executor
 from afl_mujoco.validation.montecarlo import campaign as module
 from afl_mujoco.validation.montecarlo.campaign import Campaign, run_campaign
@@ -194,6 +195,12 @@ def test_severity_ranks_failures_before_survivors_and_early_falls_first() -> Non
     assert order == sorted(order)
     assert len(set(order)) == 5
     assert order[1] < 1.0 < order[2]
+
+
+def test_severity_is_what_its_words_say() -> None:
+    survivor = Trial(outcome="completed", end_time=20.0, peak_phi=1.2, iae_phi=8.0)
+    assert survivor.severity(20.0) == pytest.approx(0.5 * (1.2 + 0.4) / FALL_ANGLE)
+    assert Trial(outcome="fell", end_time=15.0).severity(20.0) == pytest.approx(1.25)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.sweep.executors import open_executor
+from afl_mujoco.validation.montecarlo import worst_case
 from afl_mujoco.validation.montecarlo.campaign import Campaign, run_campaign
 from afl_mujoco.validation.montecarlo.search import Budget, minimise
 from afl_mujoco.validation.montecarlo.space import (
@@ -104,6 +105,36 @@ def test_what_it_finds_is_at_least_as_bad_and_as_near_as_the_samples(twenty: Cam
         assert (np.diff(np.abs(changes)) <= 0.0).all()
         assert np.linalg.norm(changes) / np.sqrt(len(changes)) == pytest.approx(found.distance)
     assert hardest.scenario.name != nearest.scenario.name
+
+
+def test_a_failure_that_only_the_search_found_is_what_the_nearest_is_looked_for_from() -> None:
+    found = campaign(samples=10)
+    assert not found.failures("lqr")
+    hardest, nearest = search(found)
+    assert not hardest.trial.survived
+    assert not nearest.trial.survived
+    assert nearest.distance <= hardest.distance
+
+
+def test_nearest_means_failures_by_distance_then_survivors_from_the_hardest(monkeypatch) -> None:
+    silent = dict.fromkeys(("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot"), (0.0, 0.0))
+    space = SampleSpace(duration=2.0, last_change=1.0, **silent)
+    found = campaign(space)
+    points = [sample_point(space, i, 1) for i in range(20)]
+    costs = []
+
+    def ask(cost, start, *rest):
+        costs.append(cost(points))
+        return start, 1
+
+    monkeypatch.setattr(worst_case, "minimise", ask)
+    search(found)
+    trials = found.trials["lqr"]
+    fallen = sorted(found.failures("lqr"), key=lambda i: distance_of(space, points[i]))
+    upright = [i for i in range(20) if trials[i].survived]
+    upright.sort(key=lambda i: trials[i].severity(2.0), reverse=True)
+    assert fallen and upright
+    assert np.argsort(costs[1]).tolist() == fallen + upright
 
 
 def test_two_processes_give_the_same_bits(twenty: Campaign) -> None:
