@@ -16,8 +16,8 @@ from afl_mujoco.validation.montecarlo.space import sample_scenario
 TRAITS: Mapping[str, Callable[[Scenario], float]] = {
     "start angle |φ₀| [deg]": lambda s: math.degrees(abs(s.initial_state[1])),
     "start velocity z′₀ [m/s]": lambda s: s.initial_state[2],
-    "start rate away from upright [rad/s]": lambda s: math.copysign(
-        s.initial_state[3], s.initial_state[1] * s.initial_state[3]
+    "start rate away from upright [rad/s]": lambda s: (
+        abs(s.initial_state[3]) * (1.0 if s.initial_state[1] * s.initial_state[3] >= 0.0 else -1.0)
     ),
     "cart mass at the start [kg]": lambda s: s.cart_mass.at(0.0),
     "least cart mass [kg]": lambda s: min(s.cart_mass.values),
