@@ -44,7 +44,8 @@ class Settings:
     seeds
         How many seeds of noise must be survived where there is noise.
     scan
-        Levels of the scan of each rung.
+        Levels of the scan of each rung; and how many levels beside the threshold of survival, half
+        the tolerance apart, must be survived.
     tolerance
         Relative width to which bisection narrows a threshold [1].
     integrator
@@ -137,11 +138,11 @@ def climb(unit: Unit) -> Rise:
         real = [realism_at(rung, level, seed) for seed in seeds(rung.seeded, settings)]
         return judge(level, real, rung.timestep, law, settings)
 
-    def threshold(holds: Callable[[float], bool]) -> Threshold:
+    def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
         scan = scan_levels(rung.benign, rung.harsh, settings.scan)
-        return find_threshold(holds, scan, settings.tolerance, rung.snapped)
+        return find_threshold(holds, scan, settings.tolerance, rung.snapped, closer=closer)
 
-    survives = threshold(lambda level: at(level).survives)
+    survives = threshold(lambda level: at(level).survives, settings.scan)
     return Rise(
         rung=rung.name,
         controller=law.name,

@@ -64,29 +64,60 @@ def find_threshold(
     scan: list[float],
     tolerance: float,
     snapped: Callable[[float], float] = lambda level: level,
+    *,
+    closer: int = 0,
 ) -> Threshold:
     """Return where a property is lost first.
 
     Parameters
     ----------
     holds
-        Whether it holds at a level.
+        Whether it holds at a level; asked once for each.
     scan
         From `scan_levels`; all are tried.
     tolerance
         Largest relative width of the bracket, unless no level lies within it [1].
     snapped
         Returns the nearest level that there is.
+    closer
+        So many levels just more benign than the bracket, half the tolerance apart, must hold too,
+        or the bracket moves there: what is not monotone may be lost between two of the scan.
     """
+    known: dict[float, bool] = {}
+
+    def tried(level: float) -> bool:
+        if level not in known:
+            known[level] = holds(level)
+        return known[level]
+
     levels = list(dict.fromkeys(snapped(level) for level in scan))
-    found = [holds(level) for level in levels]
+    found = [tried(level) for level in levels]
     if all(found):
         return Threshold(place=ABOVE, holds_at=levels[-1], fails_at=None, islands=0)
     first = found.index(False)
-    islands = sum(found[first:])
     if first == 0:
-        return Threshold(place=BELOW, holds_at=None, fails_at=levels[0], islands=islands)
-    good, bad = levels[first - 1], levels[first]
+        return Threshold(place=BELOW, holds_at=None, fails_at=levels[0], islands=sum(found))
+    good, bad = _bisected(tried, levels[first - 1], levels[first], tolerance, snapped)
+    ratio = math.sqrt(1.0 + tolerance) ** (1 if levels[0] > levels[-1] else -1)
+    good, bad = _descended(tried, good, bad, levels[0], lambda x: x * ratio, snapped, closer)
+    harsher = [level for level in known if abs(math.log(level / levels[0])) > _far(bad, levels[0])]
+    islands = sum(known[level] for level in harsher)
+    return Threshold(place=BETWEEN, holds_at=good, fails_at=bad, islands=islands)
+
+
+def _far(level: float, benign: float) -> float:
+    """Return how far a level is from the benign end."""
+    return abs(math.log(level / benign))
+
+
+def _bisected(
+    holds: Callable[[float], bool],
+    good: float,
+    bad: float,
+    tolerance: float,
+    snapped: Callable[[float], float],
+) -> tuple[float, float]:
+    """Narrow a bracket."""
     while abs(math.log(bad / good)) > math.log1p(tolerance):
         middle = snapped(math.sqrt(good * bad))
         if middle in (good, bad):
@@ -95,4 +126,29 @@ def find_threshold(
             good = middle
         else:
             bad = middle
-    return Threshold(place=BETWEEN, holds_at=good, fails_at=bad, islands=islands)
+    return good, bad
+
+
+def _descended(
+    holds: Callable[[float], bool],
+    good: float,
+    bad: float,
+    benign: float,
+    eased: Callable[[float], float],
+    snapped: Callable[[float], float],
+    closer: int,
+) -> tuple[float, float]:
+    """Move a bracket to the benign side until so many levels beside it hold."""
+    level, clean, lost = good, 0, False
+    while clean < closer:
+        level = eased(level)
+        at = snapped(level) if _far(level, bad) < _far(benign, bad) else benign
+        if not holds(at):
+            bad, clean, lost = at, 0, True
+            continue
+        if lost:
+            good, lost = at, False
+        if at == benign:
+            break
+        clean += 1
+    return good, bad

@@ -69,3 +69,50 @@ def test_levels_that_come_in_steps_are_narrowed_to_one_step():
 def test_a_scan_that_cannot_be_is_refused(ends, count):
     with pytest.raises(InvalidValueError):
         scan_levels(*ends, count)
+
+
+@pytest.mark.parametrize("less_is_worse", [False, True])
+def test_a_narrow_loss_just_before_the_threshold_is_found(less_is_worse):
+    """Lost in a band of 2 % from 40 on, and in another 1.5 times as far; else up to 47."""
+
+    def holds(level: float) -> bool:
+        level = 1000.0 / level if less_is_worse else level
+        return level < 47.0 and not 40.0 < level < 40.8 and not 26.0 < level < 26.5
+
+    scan = scan_levels(*((1000.0, 2.0) if less_is_worse else (1.0, 500.0)), 13)
+    assert find_threshold(holds, scan, 0.02).fails_at == pytest.approx(
+        1000.0 / 47.0 if less_is_worse else 47.0, rel=0.021
+    )
+    near = find_threshold(holds, scan, 0.02, closer=20)
+    edge = 1000.0 / 40.0 if less_is_worse else 40.0
+    assert near.holds_at is not None and holds(near.holds_at)
+    assert near.fails_at is not None and not holds(near.fails_at)
+    assert near.fails_at == pytest.approx(edge, rel=0.011)
+    assert abs(math.log(near.fails_at / near.holds_at)) <= math.log1p(0.02)
+    assert near.islands > 5
+    far = find_threshold(holds, scan, 0.02, closer=60)
+    assert far.fails_at == pytest.approx(1000.0 / 26.0 if less_is_worse else 26.0, rel=0.011)
+
+
+def test_closer_levels_end_at_the_benign_end():
+    def holds(level: float) -> bool:
+        return level <= 1.0
+
+    found = find_threshold(holds, scan_levels(1.0, 100.0, 5), 0.02, closer=50)
+    assert (found.place, found.holds_at) == (BETWEEN, 1.0)
+    assert found.fails_at == pytest.approx(1.0, rel=0.02)
+    assert found.islands == 0
+
+
+def test_closer_levels_that_come_in_steps_are_asked_once():
+    asked = []
+
+    def holds(level: float) -> bool:
+        asked.append(level)
+        return level < 7.5 and level != 6.0
+
+    found = find_threshold(
+        holds, scan_levels(1.0, 30.0, 3), 0.02, lambda x: float(round(x)), closer=40
+    )
+    assert (found.holds_at, found.fails_at, found.islands) == (5.0, 6.0, 0)
+    assert len(asked) == len(set(asked))
