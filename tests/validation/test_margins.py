@@ -226,6 +226,20 @@ def test_a_kink_that_central_differences_do_not_see_is_refused(kink):
         linearize(PythonLaw(name="kinked", function=function), NOMINAL)
 
 
+@pytest.mark.parametrize(
+    ("function", "rule"),
+    [
+        (lambda time, state, belief: math.nan, "must be about an equilibrium"),
+        (lambda time, state, belief: math.inf, "must be about an equilibrium"),
+        (lambda time, state, belief: 1.0 - state[1], "no force at upright, got 1 N"),
+        (lambda time, state, belief: math.nan if state[1] else 0.0, "must have finite slopes"),
+    ],
+)
+def test_a_law_without_an_equilibrium_or_a_slope_at_upright_is_refused(function, rule):
+    with pytest.raises(InvalidValueError, match=rule):
+        linearize(PythonLaw(name="lame", function=function), NOMINAL)
+
+
 def test_a_law_that_bends_smoothly_at_upright_has_its_slope():
     def function(time, state, belief):
         return float(-100.0 * state[1] + 500.0 * state[1] ** 2 - 7.0 * state[2])

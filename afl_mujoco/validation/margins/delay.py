@@ -26,9 +26,6 @@ from afl_mujoco.validation.ladder.thresholds import BETWEEN, find_threshold, sca
 from afl_mujoco.validation.margins.linearization import linearize
 from afl_mujoco.validation.margins.loop_margins import loop_margins
 
-MASSES, LENGTHS = (0.1, 2.0), (0.05, 0.2, 1.0)
-"""Plants on which margin and measurement are compared, M [kg] and l [m]."""
-
 START = 1e-3
 """Pole angle at the start of a measurement [rad]: within the reach of the linearisation."""
 
@@ -41,7 +38,7 @@ SMALL = 10.0 * START
 which grows no more."""
 
 TIMESTEP = 1e-3
-"""MuJoCo's step, over which the force is held [s]."""
+"""MuJoCo's longest step; unless told otherwise, the force is held over it [s]."""
 
 TOLERANCE = 1e-3
 """To which the measured delay is found [1]."""
@@ -98,60 +95,76 @@ class DelayComparison:
         return {**asdict(self), "difference": self.difference, "agrees": self.agrees}
 
 
-def comparison_count(controllers: Sequence[Law]) -> int:
-    """Return how many comparisons `compare_delays` makes.
+def measured_plants(
+    masses: Sequence[float], lengths: Sequence[float], *, few: bool = False
+) -> list[tuple[float, float]]:
+    """Return the plants of a grid on which margin and measurement are compared, M [kg] and l [m].
 
     Parameters
     ----------
-    controllers
-        The laws.
+    masses, lengths
+        Of the grid.
+    few
+        Only its two ends; otherwise the lightest and the heaviest cart, each with the shortest, the
+        longest, and the pole nearest to their geometric mean.
     """
-    return len(controllers) * len(MASSES) * len(LENGTHS)
+    ends = (min(masses), max(masses)), (min(lengths), max(lengths))
+    if few:
+        return list(dict.fromkeys(zip(*ends, strict=True)))
+    mean = math.sqrt(ends[1][0] * ends[1][1])
+    middle = min(lengths, key=lambda length: abs(math.log(length / mean)))
+    return list(dict.fromkeys(product(ends[0], (ends[1][0], middle, ends[1][1]))))
 
 
 def compare_delays(
     controllers: Sequence[Law],
+    plants: Sequence[tuple[float, float]],
     *,
+    control_period: float = TIMESTEP,
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[DelayComparison]:
-    """Compare margin and measurement for laws on every plant of `MASSES` and `LENGTHS`.
+    """Compare margin and measurement for laws on some plants.
 
     Parameters
     ----------
     controllers
         The laws.
+    plants
+        M [kg] and l [m] of each.
+    control_period
+        How long the force is held [s].
     workers
         Processes to share the work among; the result does not depend on it.
     progress
         Called with how many are done.
     """
-    units = list(product(controllers, MASSES, LENGTHS))
+    units = [(law, *plant, control_period) for law in controllers for plant in plants]
     done = itertools.count(1)
     with open_executor(workers) as executor:
         return compute_all(compare_delay, units, executor, lambda i: progress(next(done)))
 
 
-def compare_delay(unit: tuple[Law, float, float]) -> DelayComparison:
+def compare_delay(unit: tuple[Law, float, float, float]) -> DelayComparison:
     """Compare margin and measurement for one law on one plant.
 
     Parameters
     ----------
     unit
-        The law, M [kg] and l [m].
+        The law, M [kg], l [m] and how long the force is held [s].
     """
-    law, mass, length = unit
-    margin = delay_margin(law, mass, length)
+    law, mass, length, period = unit
+    margin = delay_margin(law, mass, length, period)
     return DelayComparison(
         controller=law.name,
         cart_mass=mass,
         half_length=length,
         margin=margin,
-        measured=measured_delay(law, mass, length, DELAY if margin is None else margin),
+        measured=measured_delay(law, mass, length, DELAY if margin is None else margin, period),
     )
 
 
-def delay_margin(law: Law, mass: float, length: float) -> float | None:
+def delay_margin(law: Law, mass: float, length: float, period: float = TIMESTEP) -> float | None:
     """Return the delay margin [s] of a linearised loop that holds its force; None without one.
 
     Parameters
@@ -160,9 +173,11 @@ def delay_margin(law: Law, mass: float, length: float) -> float | None:
         The law.
     mass, length
         M [kg] and l [m].
+    period
+        How long the force is held [s].
     """
     loop = linearize(law, CartPoleParameters(cart_mass=mass, half_length=length))
-    margins = loop_margins(loop, TIMESTEP)
+    margins = loop_margins(loop, period)
     return None if margins is None or not math.isfinite(margins.delay) else margins.delay
 
 
@@ -211,7 +226,9 @@ def _plants_of(scenario: Scenario) -> set[tuple[float, float]]:
     return {(float(mass), float(length)) for mass, length in pairs}
 
 
-def measured_delay(law: Law, mass: float, length: float, about: float) -> float | None:
+def measured_delay(
+    law: Law, mass: float, length: float, about: float, period: float = TIMESTEP
+) -> float | None:
     """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
 
     Parameters
@@ -222,11 +239,13 @@ def measured_delay(law: Law, mass: float, length: float, about: float) -> float 
         M [kg] and l [m].
     about
         A delay near which to look, from a fifth of it to five times it [s].
+    period
+        How long the force is held [s].
     """
 
     @functools.cache
     def decays(delay: float) -> bool:
-        return motion_decays(law, mass, length, delay)
+        return motion_decays(law, mass, length, delay, period)
 
     scan = scan_levels(about / 5.0, about * 5.0, 7)
     found = find_threshold(decays, scan, TOLERANCE)
@@ -235,7 +254,9 @@ def measured_delay(law: Law, mass: float, length: float, about: float) -> float 
     return math.sqrt(found.holds_at * found.fails_at)
 
 
-def motion_decays(law: Law, mass: float, length: float, delay: float) -> bool:
+def motion_decays(
+    law: Law, mass: float, length: float, delay: float, period: float = TIMESTEP
+) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
 
     Parameters
@@ -246,16 +267,19 @@ def motion_decays(law: Law, mass: float, length: float, delay: float) -> bool:
         M [kg] and l [m].
     delay
         Transport delay [s].
+    period
+        How long the force is held [s].
     """
+    steps = math.ceil(period / TIMESTEP - 1e-9)  # of a period
     scenario = Scenario(
         name="small motion",
-        duration=DURATION,
+        duration=round(DURATION / period) * period,
         cart_mass=constant(mass),
         half_length=constant(length),
         initial_state=(0.0, START, 0.0, 0.0),
         realism=Realism(delay=delay),
     )
-    run = simulate_rig(scenario, law, timestep=TIMESTEP)
+    run = simulate_rig(scenario, law, timestep=period / steps, control_period=period)
     if run.outcome.kind != COMPLETED:
         return False
     peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])

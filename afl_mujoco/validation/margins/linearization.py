@@ -23,6 +23,9 @@ COARSER = 10.0
 AGREEMENT = 1e-5
 """Largest relative difference between the two: the longer step's own error is near 1e-7."""
 
+REST = 1e-9
+"""Largest force at upright [N]."""
+
 KINK = 1e-3
 """Largest difference between the slopes of a law to either side of upright, relative to its largest
 slope: central differences do not see a kink, whatever their step."""
@@ -75,13 +78,19 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
     Raises
     ------
     InvalidValueError
-        If two steps do not agree, or the slopes to either side: the law is not smooth at upright.
+        If upright is no equilibrium of the law, it has no value beside it, or is not smooth there:
+        two steps do not agree, or the slopes to either side.
     """
     dynamics = plant_dynamics(CartPoleModel(plant))
 
     def force(state: Array) -> Array:
         return np.array([controller.force(state, plant)])
 
+    thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
+    thing += f", l = {plant.half_length:g} m"
+    if not abs(force(_UPRIGHT)[0]) <= REST:
+        rule = "must be about an equilibrium: no force at upright"
+        raise InvalidValueError(thing, rule, f"{force(_UPRIGHT)[0]:g} N")
     fine, coarse = (
         (
             jacobian(lambda x: dynamics(x, 0.0), _UPRIGHT, step),
@@ -96,8 +105,8 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
     )
     a, b, k = fine
     kink = float(np.abs(_bend(force, _UPRIGHT, STEP)).max() / max(np.abs(k).max(), 1e-300))
-    thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
-    thing += f", l = {plant.half_length:g} m"
+    if not np.isfinite(k).all():
+        raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
     if not disagreement <= AGREEMENT:
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
         raise InvalidValueError(thing, rule, f"{disagreement:.1e}")

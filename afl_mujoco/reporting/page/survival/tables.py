@@ -165,8 +165,9 @@ def measured_text(margins: Row) -> str:
     neither = sum(row["margin"] is None and row["measured"] is None for row in rows)
     unstable = f" On {neither} the loop is not stable at all, in neither." if neither else ""
     return (
-        f"Measured, with the force held for 1 ms: from the delay on at which a motion of 1 mrad no "
-        f"longer decays in MuJoCo. On {len(both)} of {len(rows)} plants and laws there are both; "
+        f"Measured, with the force held for {short(1e3 * margins['control_period'])} ms: from the "
+        f"delay on at which a motion of 1 mrad no longer decays in MuJoCo. "
+        f"On {len(both)} of {len(rows)} plants and laws there are both; "
         f"they differ by at most {percent(abs(worst['difference']), 2)} ({worst['controller']}, "
         f"M = {short(worst['cart_mass'])} kg, l = {short(worst['half_length'])} m), and {agree} "
         f"agree within 5 %.{unstable}"
