@@ -11,6 +11,8 @@ import pytest
 from program import interrupt, run
 
 import afl_mujoco as afl
+from afl_mujoco.cli.main import main
+from afl_mujoco.cli.regression import Regression
 
 SHORT = """
 name = "short"
@@ -32,6 +34,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "short.toml").write_text(SHORT)
     (tmp_path / "films").mkdir()
     (tmp_path / "films" / "films.json").write_text("{}")
+    (tmp_path / "held" / "margins.json").mkdir(parents=True)
     return tmp_path
 
 
@@ -153,6 +156,18 @@ BAD_ARGUMENTS = {
         ["simulate", "short.toml", "--integrator", "RK5"],
         "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'",
     ),
+    "report with survival studies that are not there": (
+        ["report", "out", "--survival", "nosuch"],
+        "nosuch must be a folder of survival studies, is none",
+    ),
+    "study where a folder is": (
+        ["margins", "--out", "held"],
+        "held/margins.json must be a file, is a folder",
+    ),
+    "law that estimates already": (
+        ["estimation", "--controller", "adaptive-estimated"],
+        "controller 'adaptive-estimated' must be a compiled law that is told M and l",
+    ),
     "output folder that is a file": (
         ["validate", "short.toml", "--out", "short.toml"],
         "output folder short.toml cannot be written: file exists",
@@ -261,3 +276,24 @@ def test_help_shows_an_example(folder: Path, command: list[str]) -> None:
     result = run(*command, "--help", cwd=folder)
     assert result.returncode == 0
     assert "Example: afl-mujoco" in result.stdout
+
+
+def test_a_ctrl_c_while_a_library_is_loaded_is_one_line(monkeypatch, capsys) -> None:
+    def run(command: Regression) -> int:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise ImportError("initialization failed") from interrupt
+
+    monkeypatch.setattr(Regression, "run", run)
+    assert main(["regression"]) == 130
+    assert capsys.readouterr().err == "afl-mujoco: interrupted\n"
+
+
+def test_an_error_of_the_program_is_not_taken_for_a_ctrl_c(monkeypatch) -> None:
+    def run(command: Regression) -> int:
+        raise ImportError("initialization failed")
+
+    monkeypatch.setattr(Regression, "run", run)
+    with pytest.raises(ImportError, match="initialization failed"):
+        main(["regression"])

@@ -67,6 +67,10 @@ def test_the_command_that_it_prints_replays_the_failure(folder: Path) -> None:
     rig = afl.load_scenario(folder / "out" / failure["file"])
     alone = afl.simulate_mujoco(rig, afl.CONTROLLERS[controller], "sampled", integrator="Euler")
     assert np.array_equal(shown.state, alone.state)
+    bare = run("simulate", arguments[0], "--out", "bare", cwd=folder)
+    assert bare.returncode == 0, bare.stderr
+    (file,) = (folder / "bare").glob("*.npz")
+    assert np.array_equal(afl.Trajectory.load(file).state, alone.state)
 
 
 def test_one_worker_gives_the_same_bytes_as_two(folder: Path) -> None:

@@ -48,9 +48,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except AflMujocoError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return BAD_INPUT
-    except KeyboardInterrupt:
+    except BaseException as error:
+        if not _is_interrupt(error):
+            raise
         print(f"{PROGRAM}: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Return whether a Ctrl-C is at the root of an error, as of one while a library is loaded."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _parse(arguments: Sequence[str] | None) -> Command:

@@ -32,11 +32,11 @@ class Report:
 
     def run(self) -> int:
         """Read what is there, write the page."""
+        from afl_mujoco.cli.survival.ending import studies_in
         from afl_mujoco.reporting.page.folder import write_page
         from afl_mujoco.reporting.page.inputs.films import load_films
-        from afl_mujoco.reporting.page.inputs.studies import load_studies
 
         films = load_films(self.films, self.folder)
-        page = write_page(self.folder, films, load_studies(self.survival))
+        page = write_page(self.folder, films, studies_in(self.survival))
         print(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
         return SUCCESS

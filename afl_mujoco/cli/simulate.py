@@ -30,10 +30,11 @@ class Simulate:
 
     scenario: Name = "nominal"
     """Scenario by name, or a TOML file."""
-    controller: str = "adaptive"
+    controller: str | None = None
     """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
     partial-linearization; any but -nominal with -estimated after it, told M and l by the estimator
-    (sampled); or a law in Python, my_module:my_law (examples/README.md)."""
+    (sampled); or a law in Python, my_module:my_law (examples/README.md). That of the file's
+    [replay], else adaptive, by default."""
     simulator: str = "sampled"
     """ode, or a mode of MuJoCo: exact, continuous, sampled."""
     compare: bool = False
@@ -44,16 +45,17 @@ class Simulate:
     """Physics step, and spacing of the reported instants [s]."""
     control_period: float | None = None
     """How long sampled mode holds the force [s], a multiple of the timestep; one by default."""
-    integrator: str = "RK4"
-    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast."""
+    integrator: str | None = None
+    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; that of the file's
+    [replay], else RK4, by default."""
     out: Path = Path("renders/simulate")
     """Folder for the files."""
 
     def run(self) -> int:
         """Simulate, write the files, print the metrics."""
-        from afl_mujoco.scenario.files import find_scenario, save_scenario
+        from afl_mujoco.scenario.files import find_replay, find_scenario, save_scenario
 
-        scenario = find_scenario(self.scenario)
+        scenario, replay = find_scenario(self.scenario), find_replay(self.scenario)
         if self.simulator not in SIMULATORS:
             raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
 
@@ -66,14 +68,16 @@ class Simulate:
         from afl_mujoco.validation.checks.closed_loop_checks import Settings
         from afl_mujoco.validation.metrics import metrics, with_objective
 
-        controller = find_controller(self.controller, self.gain_labels)
+        name = self.controller or replay.get("controller", "adaptive")
+        integrator = self.integrator or replay.get("integrator", "RK4")
+        controller = find_controller(name, self.gain_labels)
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
-        runs = [self._simulate(scenario, controller, simulator) for simulator in simulators]
+        runs = [self._simulate(scenario, controller, kind, integrator) for kind in simulators]
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
-        save_scenario(scenario, folder / f"{scenario.name}.toml")
+        save_scenario(scenario, folder / f"{scenario.name}.toml", replay=replay)
         save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
         scales = nominal_scales(Settings(timestep=self.timestep))
         print_metrics(
@@ -86,7 +90,9 @@ class Simulate:
         print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
         return SUCCESS
 
-    def _simulate(self, scenario: Scenario, controller: Law, simulator: str) -> Trajectory:
+    def _simulate(
+        self, scenario: Scenario, controller: Law, simulator: str, integrator: str
+    ) -> Trajectory:
         """Run one simulator."""
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.ode import simulate_ode
@@ -99,5 +105,5 @@ class Simulate:
             simulator,
             timestep=self.timestep,
             control_period=self.control_period,
-            integrator=self.integrator,
+            integrator=integrator,
         )

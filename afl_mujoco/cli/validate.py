@@ -113,9 +113,9 @@ class Validate:
 
     def _studies(self) -> Mapping[str, Study]:
         """Return the survival studies for the page."""
-        from afl_mujoco.reporting.page.inputs.studies import load_studies
+        from afl_mujoco.cli.survival.ending import studies_in
 
-        return load_studies(self.survival) if self.page else {}
+        return studies_in(self.survival) if self.page else {}
 
     def _write_page(
         self,

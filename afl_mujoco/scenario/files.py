@@ -40,6 +40,9 @@ _DISTURBANCES: dict[str, tuple[Callable[..., ForcePulse | Impulse], tuple[str, .
 _SCALARS = ("pole_mass", "gravity", "duration")
 _LISTS = ("times", "values", "starts", "pieces")
 
+REPLAY = ("controller", "integrator")
+"""Keys of ``[replay]``: how a scenario was run, as `afl-mujoco simulate` takes it."""
+
 
 def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario from a TOML file.
@@ -60,8 +63,35 @@ def load_scenario(path: str | Path) -> Scenario:
         If the file cannot be read or breaks a rule; the message names file, key and value.
     """
     path = Path(path)
+    table = _read(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        return scenario_from_table(table, default_name=path.stem)
+    except AflMujocoError as error:
+        raise error.within(f"{path}: ") from None
+
+
+def find_replay(name: str) -> dict[str, str]:
+    """Return how a scenario's file says that it was run: its ``[replay]``, empty for most.
+
+    Parameters
+    ----------
+    name
+        As of `find_scenario`, which raises at what is wrong with the file.
+
+    Returns
+    -------
+    dict
+        Some of `REPLAY`, by name.
+    """
+    if name in SCENARIOS:
+        return {}
+    return _replay(_read(Path(name)))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return the table of a TOML file."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else None
         reason = why.lower() if why else "not UTF-8 text"
@@ -70,13 +100,24 @@ def load_scenario(path: str | Path) -> Scenario:
         raise FileError(str(path), f"is not valid TOML: {error}") from None
     except RecursionError:
         raise FileError(str(path), "is nested too deeply") from None
+
+
+def _replay(table: Table) -> dict[str, str]:
+    """Return the table that says how a scenario was run, which no scenario needs."""
+    replay = _table("replay", table.get("replay", {}))
     try:
-        return scenario_from_table(table, default_name=path.stem)
+        _require_keys(replay, REPLAY)
+        for key, value in replay.items():
+            if not isinstance(value, str):
+                raise InvalidValueError(key, "must be text", repr(value))
     except AflMujocoError as error:
-        raise error.within(f"{path}: ") from None
+        raise error.within("replay.") from None
+    return dict(replay)
 
 
-def save_scenario(scenario: Scenario, path: str | Path) -> None:
+def save_scenario(
+    scenario: Scenario, path: str | Path, *, replay: Mapping[str, str] | None = None
+) -> None:
     """Write a scenario to a TOML file, every default but an ideal `realism` written out.
 
     Parameters
@@ -85,13 +126,16 @@ def save_scenario(scenario: Scenario, path: str | Path) -> None:
         The scenario; `load_scenario` of the file equals it.
     path
         The file to write.
+    replay
+        How it was run, some of `REPLAY`: what `afl-mujoco simulate` does unless told otherwise.
 
     Raises
     ------
     FileError
         If it cannot be written.
     """
-    write_text(Path(path), tomli_w.dumps(scenario_to_table(scenario)))
+    table = scenario_to_table(scenario) | ({"replay": dict(replay)} if replay else {})
+    write_text(Path(path), tomli_w.dumps(table))
 
 
 def find_scenario(name: str) -> Scenario:
@@ -125,8 +169,10 @@ def scenario_from_table(table: Table, default_name: str) -> Scenario:
         The name to give it if it has none.
     """
     _require_keys(
-        table, ("name", *_SCALARS, "initial_state", "schedule", "disturbances", "realism")
+        table,
+        ("name", *_SCALARS, "initial_state", "schedule", "disturbances", "realism", "replay"),
     )
+    _replay(table)
     schedules = _table("schedule", table.get("schedule", {}))
     try:
         _require_keys(schedules, ("cart_mass", "half_length"))

@@ -118,6 +118,9 @@ HIT = "[[disturbances]]\nshape = "
     ("text", "message"),
     [
         ("mass = 1", "mass is not a known key; known are name, pole_mass, "),
+        ("replay = 1", "replay must be a table"),
+        ("[replay]\nlaw = 'x'", "replay.law is not a known key; known are controller, integrator"),
+        ("[replay]\ncontroller = 1", "replay.controller must be text, got 1"),
         ("pole_mass = -0.1", "pole_mass must be positive, got -0.1"),
         ("pole_mass = nan", "pole_mass must be finite, got nan"),
         ("pole_mass = '1'", "pole_mass must be a number, got '1'"),

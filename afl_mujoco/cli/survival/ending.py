@@ -4,8 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from afl_mujoco.cli.terminal import SURVIVAL, VALIDATION
+from afl_mujoco.errors import FileError
+
+if TYPE_CHECKING:
+    from afl_mujoco.reporting.page.inputs.studies import Study
+
+
+def studies_in(folder: Path) -> dict[str, Study]:
+    """Return the studies that a folder holds; none if nobody asked for one and it is not there.
+
+    Parameters
+    ----------
+    folder
+        As asked for, or `SURVIVAL`.
+
+    Raises
+    ------
+    FileError
+        If it was asked for and is no folder, or what it holds cannot be understood.
+    """
+    from afl_mujoco.reporting.page.inputs.studies import load_studies
+
+    if folder != SURVIVAL and not folder.is_dir():
+        raise FileError(str(folder), "must be a folder of survival studies, is none")
+    return load_studies(folder)
 
 
 def page_folder(out: Path, validation: Path | None) -> Path | None:
@@ -42,6 +67,8 @@ def require_page(study: str, out: Path, validation: Path | None, films: Path) ->
     from afl_mujoco.reporting.page.inputs.films import load_films
     from afl_mujoco.reporting.page.inputs.studies import load_studies
 
+    if (out / f"{study}.json").is_dir():
+        raise FileError(str(out / f"{study}.json"), "must be a file, is a folder")
     folder = page_folder(out, validation)
     if folder is not None and (folder / REPORT).is_file():
         load_films(films, folder)

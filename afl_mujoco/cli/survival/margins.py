@@ -7,13 +7,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, count_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
-    from afl_mujoco.validation.margins.delay import DelayComparison
 
 QUICK = 4
 """Of how many M and l one is looked at in haste."""
@@ -93,10 +92,7 @@ class Margins:
                 workers=self.workers,
                 progress=progress,
             )
-        measured = [
-            comparison.to_dict() for comparison in self._measure(controllers, masses, lengths)
-        ]
-        content = {**survey.to_dict(), "measured": measured}
+        content = {**survey.to_dict(), "measured": self._measure(controllers, masses, lengths)}
         command = typed("margins", self, INDIFFERENT, positional=False)
         files = write_study("margins", content, draw_margins(content), folder, command=command)
         print_margins(survey, Console(width=None if sys.stdout.isatty() else 140))
@@ -107,18 +103,19 @@ class Margins:
 
     def _measure(
         self, controllers: Sequence[Law], masses: Sequence[float], lengths: Sequence[float]
-    ) -> Sequence[DelayComparison]:
+    ) -> list[dict[str, Any]]:
         """Return margin and measurement of each law on some plants of the grid."""
         from afl_mujoco.validation.margins.delay import compare_delays, measured_plants
 
         if not self.measure:
-            return ()
+            return []
         plants = measured_plants(masses, lengths, few=self.quick)
         with count_bar(len(controllers) * len(plants), "measuring") as progress:
-            return compare_delays(
+            found = compare_delays(
                 controllers,
                 plants,
                 control_period=self.control_period,
                 workers=self.workers,
                 progress=progress,
             )
+        return [comparison.to_dict() for comparison in found]

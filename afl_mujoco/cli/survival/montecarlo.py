@@ -89,7 +89,8 @@ class MonteCarloOptions:
             found = self._search(laws, campaign, budget, executor) if self.worst_case else []
         figures = draw_montecarlo(campaign)
         remove_study("montecarlo", folder)  # lest it speak of files that are gone
-        held = write_scenarios(campaign, found, folder, keep=self.keep)
+        asked = {law.name: name for law, name in zip(laws, self.controllers, strict=True)}
+        held = write_scenarios(campaign, found, folder, keep=self.keep, asked=asked)
         content = self._content(campaign, found)
         files = write_study("montecarlo", content, figures, folder, command=self.command)
         print_montecarlo(campaign, found, Console(width=None if sys.stdout.isatty() else 140))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -69,14 +70,17 @@ def _drawn(comparisons: Sequence[Comparison]) -> Drawn:
             f"{comparison.ode.controller}: {ode:.1f} % settle by the equations, {mujoco:.1f} % in "
             f"MuJoCo, {differ.sum()} cells differ, {differ[1]} of them not on a border"
         )
-    step = 1e3 * float(comparisons[0].mujoco.settings["timestep"])
+    settings: Any = comparisons[0].mujoco.settings
+    step, (z, phi, z_dot, phi_dot) = 1e3 * float(settings["timestep"]), settings["bands"]
     return Drawn(
         name=f"attraction-{name}",
         title=title,
         caption=(
             f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms, its force held, "
             "and where the two differ. A cell on a border has a neighbour with another outcome, so "
-            "that a finer grid would move it."
+            "that a finer grid would move it. "
+            f"Settled: for {settings['dwell']:g} s within {z:g} m, {phi:g} rad, {z_dot:g} m/s and "
+            f"{phi_dot:g} rad/s of rest, at any time up to {settings['horizon']:g} s."
         ),
         alt="; ".join(told) + ".",
         figure=draw_attraction(comparisons),

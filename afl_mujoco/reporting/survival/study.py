@@ -36,10 +36,19 @@ def remove_study(study: str, folder: Path) -> None:
             listed += [str(name) for name in data.get("files", ())]
     except FileError:
         listed = []
-    path.unlink(missing_ok=True)  # first, lest it list what is gone
-    for name in listed:
-        if Path(name).name == name and Path(name).stem.split("-")[0] == study:
-            (folder / name).unlink(missing_ok=True)
+    ours = [
+        name
+        for name in listed
+        if Path(name).name == name and name.split(".")[0].split("-")[0] == study
+    ]
+    for old in (
+        path,
+        *(folder / name for name in ours),
+    ):  # the list first, lest it tell what is gone
+        try:
+            old.unlink(missing_ok=True)
+        except OSError as error:
+            raise FileError.cannot_be("written", old, error) from None
 
 
 def write_study(

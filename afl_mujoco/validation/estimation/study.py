@@ -11,6 +11,7 @@ from typing import Any
 from afl_mujoco.control.controllers import CONTROLLERS, ESTIMATED, find_controller
 from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import require_distinct
@@ -118,14 +119,15 @@ def require_study(controller: str, cases: Sequence[str], seeds: int) -> Estimate
     """
     if seeds < 1:
         raise InvalidValueError("seeds", "must be at least 1", seeds)
-    told = find_controller(f"{controller}{ESTIMATED}")
-    if not isinstance(told, EstimatedLaw):
-        raise InvalidValueError(f"controller {controller!r}", "must be a law that can be told M, l")
+    law = find_controller(controller)
+    if isinstance(law, EstimatedLaw | PythonLaw) or law.belief is not None:
+        rule = "must be a compiled law that is told M and l: the study lets the estimator tell it"
+        raise InvalidValueError(f"controller {controller!r}", rule)
     for name in cases:
         if name not in SCENARIOS:
             raise UnknownNameError.among("scenario", name, SCENARIOS)
     require_distinct("scenario", cases)
-    return told
+    return EstimatedLaw(name=f"{controller}{ESTIMATED}", law=law)
 
 
 def study_estimation(

@@ -79,7 +79,12 @@ def require_ours(folder: Path) -> None:
 
 
 def write_scenarios(
-    campaign: Campaign, found: Sequence[Found], folder: Path, *, keep: int | None = None
+    campaign: Campaign,
+    found: Sequence[Found],
+    folder: Path,
+    *,
+    keep: int | None = None,
+    asked: Mapping[str, str] | None = None,
 ) -> Path:
     """Write the failures and what the searches found, in place of an earlier campaign's.
 
@@ -91,6 +96,8 @@ def write_scenarios(
         Of the study; it must exist.
     keep
         How many failures of each controller at most; ``None`` for all.
+    asked
+        What each controller was asked for by, where that is not its name.
 
     Returns
     -------
@@ -109,7 +116,10 @@ def write_scenarios(
         for i in kept_failures(campaign, name, keep)
     }
     scenarios |= {found_file(one): one.scenario for one in found}
-    _replace(folder, campaign.trials, scenarios)
+    names = {name: name for name in campaign.trials} | dict(asked or {})
+    integrator = campaign.settings.integrator
+    replays = {name: {"controller": names[name], "integrator": integrator} for name in names}
+    _replace(folder, replays, scenarios)
     return folder / FOLDER
 
 
@@ -124,17 +134,19 @@ def found_file(found: Found) -> str:
     return f"{FOLDER}/{found.controller}/{NAMES[found.question]}"
 
 
-def _replace(folder: Path, names: Mapping[str, object], scenarios: Mapping[str, Scenario]) -> None:
+def _replace(
+    folder: Path, replays: Mapping[str, Mapping[str, str]], scenarios: Mapping[str, Scenario]
+) -> None:
     """Write the files aside, then put them in place of those that are there."""
     try:
         aside = Path(tempfile.mkdtemp(dir=folder, prefix=f".{FOLDER}-"))
     except OSError as error:
         raise FileError.cannot_be("written", folder, error) from None
     try:
-        for name in names:
+        for name in replays:
             (aside / FOLDER / name).mkdir(parents=True)
         for file, scenario in scenarios.items():
-            save_scenario(scenario, aside / file)
+            save_scenario(scenario, aside / file, replay=replays[Path(file).parent.name])
         if (folder / FOLDER).exists():
             (folder / FOLDER).rename(aside / "before")
         (aside / FOLDER).rename(folder / FOLDER)

@@ -14,7 +14,7 @@ from rich.console import Console
 from afl_mujoco.reporting.figures.style import write_drawn
 from afl_mujoco.reporting.survival import attraction_figures as figures
 from afl_mujoco.reporting.survival.attraction_table import print_attraction
-from afl_mujoco.simulation.attraction.cells import AttractionMap, plant_cells, state_cells
+from afl_mujoco.simulation.attraction.cells import AttractionMap, Settling, plant_cells, state_cells
 from afl_mujoco.validation.attraction.comparison import Comparison
 
 OUTCOMES = ([0, 1, 2, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 0])
@@ -29,7 +29,7 @@ def comparison(controller: str, *, plane: str = "states") -> Comparison:
         times = np.full(outcome.shape, 3.2)
         return AttractionMap(
             cells=cells, controller=controller, simulator=simulator, outcome=outcome,
-            settings={"timestep": 2e-3},
+            settings=Settling().describe() | {"timestep": 2e-3},
             time=times, peak_z=times, peak_force=times,
         )  # fmt: skip
 

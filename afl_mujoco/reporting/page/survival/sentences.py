@@ -213,10 +213,11 @@ def _compared(ladder: Row | None, data: Mapping[str, Row], ours: str) -> str:
     """Say how it compares with LQR."""
     told = []
     if ladder is not None and REFERENCE in ladder["controllers"] and ours != REFERENCE:
-        better, worse, equal = _score(ladder, ours)
+        better, worse, equal, neither = _score(ladder, ours)
+        beyond = f", neither fails on {neither}" if neither else ""
         told.append(
             f"of the ladder's rungs it bears more than LQR on {better}, as much on {equal} and "
-            f"less on {worse}{_both_together(ladder, ours)}"
+            f"less on {worse}{beyond}{_both_together(ladder, ours)}"
         )
     for pair in data.get("montecarlo", {}).get("comparisons", ()):
         if {pair["first"], pair["second"]} == {ours, REFERENCE}:
@@ -246,15 +247,22 @@ def _both_together(ladder: Row, ours: str) -> str:
     return f", and fails on a rig {mine} times as bad as a typical one, LQR on one {theirs} times"
 
 
-def _score(ladder: Row, ours: str) -> tuple[int, int, int]:
-    """Return on how many rungs ours bears more and less than the reference, and how many equal."""
-    ratios = []
+def _score(ladder: Row, ours: str) -> tuple[int, int, int, int]:
+    """Return on how many rungs ours bears more, less and as much as the reference; neither fails.
+
+    The last is how many rungs both bear as far as they were tried.
+    """
+    ratios, neither = [], 0
     for rung in ladder["rungs"]:
-        mine, theirs = (borne(rung, rise_of(ladder, rung["name"], c)) for c in (ours, REFERENCE))
+        rises = [rise_of(ladder, rung["name"], name) for name in (ours, REFERENCE)]
+        if all(rise["survives"]["fails_at"] is None for rise in rises):
+            neither += 1
+            continue
+        mine, theirs = (borne(rung, rise) for rise in rises)
         ratios.append(1.0 if mine == theirs else mine / theirs if theirs > 0.0 else 2.0 * _MARGIN)
     better = sum(ratio > _MARGIN for ratio in ratios)
     worse = sum(ratio < 1.0 / _MARGIN for ratio in ratios)
-    return better, worse, len(ratios) - better - worse
+    return better, worse, len(ratios) - better - worse, neither
 
 
 def _disks(margins: Row | None, ours: str) -> str:
