@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,11 +70,11 @@ class Run:
         return np.asarray(self.error[np.searchsorted(self.time, time + 1e-9) - 1])
 
 
-def settings_for(rig: Realism, **changes: object) -> EstimatorSettings:
+def settings_for(rig: Realism, **changes: Any) -> EstimatorSettings:
     """The estimator's settings where the noise is known and the rest of the rig is not."""
     pairs = ((rig.noise_z, rig.encoder_step_z), (rig.noise_phi, rig.encoder_step_phi))
     z, phi = (max(float(np.hypot(noise, step / 12**0.5)), 1e-5) for noise, step in pairs)
-    return EstimatorSettings(position_noise=z, angle_noise=phi, **changes)  # type: ignore[arg-type]
+    return EstimatorSettings(position_noise=z, angle_noise=phi, **changes)
 
 
 def estimated(scenario: Scenario, rig: Realism, settings: EstimatorSettings | None = None) -> Run:
@@ -156,12 +157,12 @@ def start(seeds: int) -> None:
             )
 
 
-def constant_plant(mass: float, length: float, **changes: float) -> Scenario:
+def constant_plant(mass: float, length: float, **changes: Any) -> Scenario:
     return afl.Scenario(
         name="constant",
         cart_mass=afl.constant(mass),
         half_length=afl.constant(length),
-        **changes,  # type: ignore[arg-type]
+        **changes,
     )
 
 
@@ -208,7 +209,7 @@ def rest(seeds: int) -> None:
 def rig(seeds: int) -> None:
     print("\n(T5) what else a rig has and the estimator does not know, usual noise, the four cases")
     print("  survived; objective (O1) less its force term; rms of ln M / ln l, 0.05-6 s")
-    lines: dict[str, tuple[dict[str, float], EstimatorSettings]] = {
+    lines: dict[str, tuple[dict[str, Any], EstimatorSettings]] = {
         "nothing": ({}, settings_for(USUAL)),
         "noise thought 3 times less": ({}, settings_for(Realism(noise_z=3e-5, noise_phi=1.7e-4))),
         "noise thought 3 times more": ({}, settings_for(Realism(noise_z=3e-4, noise_phi=1.5e-3))),
@@ -229,7 +230,7 @@ def rig(seeds: int) -> None:
         runs = [
             estimated(afl.SCENARIOS[case], one, settings)
             for case in CASES
-            for one in seeded(replace(USUAL, **has), seeds)  # type: ignore[arg-type]
+            for one in seeded(replace(USUAL, **has), seeds)
         ]
         print(f"  {label:<30} {summary(runs)}")
 
@@ -248,7 +249,7 @@ def summary(runs: Sequence[Run]) -> str:
 def drive(seeds: int) -> None:
     print("\n(T6) what the drive does, usual noise, the four cases")
     print("  survived; objective (O1) less its force term; rms of ln M / ln l, 0.05-6 s")
-    drives: dict[str, dict[str, float]] = {
+    drives: dict[str, dict[str, Any]] = {
         "nothing": {},
         "force limit 30 N": {"force_limit": 30.0},
         **{f"lag {ms} ms": {"actuator_lag": 1e-3 * ms} for ms in (2, 5, 10)},
@@ -257,7 +258,7 @@ def drive(seeds: int) -> None:
     }
     print(f"  {'':<20} {'told':<22} {'force commanded':<28} force sensed")
     for label, has in drives.items():
-        rigs = seeded(replace(USUAL, **has), seeds)  # type: ignore[arg-type]
+        rigs = seeded(replace(USUAL, **has), seeds)
         pairs = [(afl.SCENARIOS[case], one) for case in CASES for one in rigs]
         texts = [summary([told(*pair) for pair in pairs])]
         for sensed in (False, True):

@@ -77,7 +77,8 @@ class Simulate:
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
-        save_scenario(scenario, folder / f"{scenario.name}.toml", replay=replay)
+        as_run = {"controller": name, "integrator": integrator} if replay else None
+        save_scenario(scenario, folder / f"{scenario.name}.toml", replay=as_run)
         save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
         scales = nominal_scales(Settings(timestep=self.timestep))
         print_metrics(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -202,7 +201,7 @@ class LeastMargin:
 
 
 def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin | None:
-    """Return the least delay margin over the plants of some scenarios; None if a law has a kink.
+    """Return the least delay margin over the plants of some scenarios, if there is one.
 
     Parameters
     ----------
@@ -213,7 +212,7 @@ def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin | None:
     plants = sorted({plant for scenario in scenarios for plant in _plants_of(scenario)})
     try:
         margins = [(delay_margin(law, *plant) or 0.0, *plant) for plant in plants]
-    except InvalidValueError:  # not smooth at upright: it has no linearisation
+    except InvalidValueError:  # the law has no linearisation at upright
         return None
     margin, mass, length = min(margins)
     return LeastMargin(controller=law.name, margin=margin, cart_mass=mass, half_length=length)
@@ -242,13 +241,8 @@ def measured_delay(
     period
         How long the force is held [s].
     """
-
-    @functools.cache
-    def decays(delay: float) -> bool:
-        return motion_decays(law, mass, length, delay, period)
-
     scan = scan_levels(about / 5.0, about * 5.0, 7)
-    found = find_threshold(decays, scan, TOLERANCE)
+    found = find_threshold(lambda x: motion_decays(law, mass, length, x, period), scan, TOLERANCE)
     if found.place != BETWEEN or found.holds_at is None or found.fails_at is None:
         return None
     return math.sqrt(found.holds_at * found.fails_at)
@@ -273,7 +267,7 @@ def motion_decays(
     steps = math.ceil(period / TIMESTEP - 1e-9)  # of a period
     scenario = Scenario(
         name="small motion",
-        duration=round(DURATION / period) * period,
+        duration=max(1, round(DURATION / period)) * period,
         cart_mass=constant(mass),
         half_length=constant(length),
         initial_state=(0.0, START, 0.0, 0.0),

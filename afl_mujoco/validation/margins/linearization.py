@@ -88,9 +88,10 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
 
     thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
     thing += f", l = {plant.half_length:g} m"
-    if not abs(force(_UPRIGHT)[0]) <= REST:
+    (at_rest,) = force(_UPRIGHT)
+    if not abs(at_rest) <= REST:
         rule = "must be about an equilibrium: no force at upright"
-        raise InvalidValueError(thing, rule, f"{force(_UPRIGHT)[0]:g} N")
+        raise InvalidValueError(thing, rule, f"{at_rest:g} N")
     fine, coarse = (
         (
             jacobian(lambda x: dynamics(x, 0.0), _UPRIGHT, step),
@@ -104,9 +105,9 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
         for one, other in zip(fine, coarse, strict=True)
     )
     a, b, k = fine
-    kink = float(np.abs(_bend(force, _UPRIGHT, STEP)).max() / max(np.abs(k).max(), 1e-300))
     if not np.isfinite(k).all():
         raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
+    kink = float(np.abs(_bend(force, _UPRIGHT, STEP)).max() / max(np.abs(k).max(), 1e-300))
     if not disagreement <= AGREEMENT:
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
         raise InvalidValueError(thing, rule, f"{disagreement:.1e}")
