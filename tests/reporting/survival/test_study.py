@@ -44,15 +44,20 @@ def test_a_study_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path: P
         "",
         "[]",
         '{"figures": []}',
-        json.dumps({"figures": [{"svg": "../x.svg", "png": "ladder.png"}], "files": ["a/x.svg"]}),
+        json.dumps(
+            {
+                "figures": [{"svg": "../margins-x.svg", "png": "ladder.png"}],
+                "files": ["margins-a/x.svg"],
+            }
+        ),
     ],
 )
 def test_a_list_that_names_what_is_no_file_of_the_study_removes_nothing(
     tmp_path: Path, text: str
 ) -> None:
     folder = tmp_path / "out"
-    (folder / "a").mkdir(parents=True)
-    others = [tmp_path / "x.svg", folder / "ladder.png", folder / "a" / "x.svg"]
+    (folder / "margins-a").mkdir(parents=True)
+    others = [tmp_path / "margins-x.svg", folder / "ladder.png", folder / "margins-a" / "x.svg"]
     for other in others:
         other.write_text("mine")
     (folder / "margins.json").write_text(text)
