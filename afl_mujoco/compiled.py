@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,25 +15,63 @@ from numba.core import caching
 from numba.extending import intrinsic
 
 
+_PACKAGE = Path(__file__).parent
+_IMPORT = re.compile(
+    r"^\s*from afl_mujoco(?:\.([\w.]+))? import (\([^)]*\)|[^\n]*)|^\s*import afl_mujoco\.([\w.]+)",
+    re.MULTILINE,
+)
+
+
 @functools.cache
-def _fingerprint() -> str:
-    """Return a hash of the package's whole source."""
+def _imported(file: Path) -> frozenset[Path]:
+    """Return the files of the package that a file of it imports, modules and names of packages."""
+    found = set()
+    for module, names, plain in _IMPORT.findall(file.read_text(encoding="utf-8")):
+        path = _PACKAGE.joinpath(*(module or plain).split("."))
+        words = re.findall(r"\w+", names)
+        for part in (path, *(path / word for word in words)):
+            found |= {part.with_suffix(".py"), part / "__init__.py"}
+    return frozenset(found & _sources())
+
+
+@functools.cache
+def _sources() -> frozenset[Path]:
+    """Return the files of the package."""
+    return frozenset(_PACKAGE.rglob("*.py"))
+
+
+@functools.cache
+def _needed(file: Path) -> frozenset[Path]:
+    """Return a file and every file of the package that it depends on."""
+    needed, waiting = {file}, [file]
+    while waiting:
+        fresh = _imported(waiting.pop()) - needed
+        needed |= fresh
+        waiting += fresh
+    return frozenset(needed)
+
+
+@functools.cache
+def _fingerprint(file: Path) -> str:
+    """Return a hash of everything that the compiled functions of a file depend on."""
     digest = hashlib.blake2b(digest_size=16)
-    for file in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(file.read_bytes())
+    for source in sorted(_needed(file)):
+        digest.update(source.read_bytes())
     return digest.hexdigest()
 
 
 class _Stamped:
-    """A cache locator that calls compiled code stale as soon as any source of the package changes.
+    """A cache locator that calls compiled code stale as soon as a source it depends on changes.
 
     Numba looks only at the file of the compiled function, not at those of the functions it calls:
     after an edit of an equation in another file it would go on running the old one.
     """
 
+    _py_file: str
+
     def get_source_stamp(self) -> str:
         """Return what the cached code was compiled from."""
-        return _fingerprint()
+        return _fingerprint(Path(self._py_file))
 
 
 class _InTree(_Stamped, caching.InTreeCacheLocator):

@@ -1,0 +1,55 @@
+"""The cache of compiled code: stale exactly when a source that it depends on has changed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco import compiled
+
+PACKAGE = Path(compiled.__file__).parent
+LOOP = "simulation.rig.loop"
+
+
+def file_of(module: str) -> Path:
+    return PACKAGE.joinpath(*module.split(".")).with_suffix(".py")
+
+
+@pytest.mark.parametrize("module", [LOOP, "simulation.ode_fixed_step", "control.compiled_law"])
+def test_the_stamp_covers_every_file_that_python_itself_imports(module):
+    program = (
+        "import sys\n"
+        "before = set(sys.modules)\n"
+        f"import afl_mujoco.{module}\n"
+        "print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('afl_mujoco.')))"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout.split()
+    always = {PACKAGE / "simulation/gym_env/registration.py"}  # imported with the package itself
+    needed = compiled._needed(file_of(module))
+    missing = {Path(file) for file in loaded} - needed - always
+    assert not {file for file in missing if file.name != "__init__.py"}
+
+
+def test_an_edit_far_away_leaves_compiled_code_as_it_is_and_one_of_an_equation_does_not(
+    tmp_path, monkeypatch
+):
+    def stamp(edited: str) -> str:
+        for cached in (compiled._needed, compiled._fingerprint):
+            cached.cache_clear()
+        original = Path.read_bytes
+
+        def read(self):
+            return original(self) + (b"#" if self == PACKAGE / edited else b"")
+
+        monkeypatch.setattr(Path, "read_bytes", read)
+        found = compiled._fingerprint(file_of(LOOP))
+        monkeypatch.undo()
+        compiled._fingerprint.cache_clear()
+        return found
+
+    untouched = stamp("no-such-file.py")
+    assert stamp("cli/main.py") == untouched
+    assert stamp("control/feedback_linearization.py") != untouched
