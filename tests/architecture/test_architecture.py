@@ -20,54 +20,18 @@ import afl_mujoco
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "afl_mujoco"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-FOLDERS = sorted({source.parent for source in SOURCES})
-
-MAX_FILE_LINES = 300
-MAX_FUNCTION_LINES = 40
-MAX_MODULES = 10  # seven ask for a second look; simulation/ has had its own: half are the engine's
 
 
 def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-def body_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Lines of a function's body, its docstring not counted."""
-    first = 1 if ast.get_docstring(function) is not None else 0
-    if len(function.body) == first:
-        return 0
-    start = function.body[first - 1].end_lineno + 1 if first else function.body[0].lineno
-    return function.end_lineno - start + 1
-
-
-# Sizes and names
-
-
-@pytest.mark.parametrize("source", SOURCES, ids=relative)
-def test_a_source_file_stays_readable_in_one_sitting(source: Path) -> None:
-    assert len(source.read_text().splitlines()) <= MAX_FILE_LINES
-
-
-@pytest.mark.parametrize("source", SOURCES, ids=relative)
-def test_a_function_body_fits_on_a_screen(source: Path) -> None:
-    long = {
-        node.name: body_lines(node)
-        for node in ast.walk(ast.parse(source.read_text()))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and body_lines(node) > MAX_FUNCTION_LINES
-    }
-    assert long == {}
+# Names
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=relative)
 def test_a_module_is_named_for_what_it_holds(source: Path) -> None:
     assert {source.stem, source.parent.name}.isdisjoint({"utils", "helpers", "common", "base"})
-
-
-@pytest.mark.parametrize("folder", FOLDERS, ids=relative)
-def test_a_folder_can_be_taken_in_at_a_glance(folder: Path) -> None:
-    modules = [path.name for path in folder.glob("*.py") if path.name != "__init__.py"]
-    assert len(modules) <= MAX_MODULES, modules
 
 
 # The public face
