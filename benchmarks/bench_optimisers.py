@@ -16,9 +16,9 @@ import math
 import sys
 from pathlib import Path
 
+from afl_mujoco.document.style import save_figure
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.output import output_folder
-from afl_mujoco.reporting.figures.style import save_figure
 from afl_mujoco.reporting.tuning_figures import draw_contest
 from afl_mujoco.tuning.referee import Contest, ContestResult, hold_contest, save_result
 

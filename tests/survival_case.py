@@ -8,7 +8,7 @@ from typing import Any
 
 from page_case import NASTY
 
-from afl_mujoco.reporting.figures.style import new_figure, save_figure
+from afl_mujoco.document.style import new_figure, save_figure
 from afl_mujoco.validation.ladder.climb import END_STOP, UNSETTLED, climbed
 from afl_mujoco.validation.ladder.rungs import find_rung
 from afl_mujoco.validation.ladder.thresholds import ABOVE, BELOW, BETWEEN

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from afl_mujoco.reporting.page import numbers
+from afl_mujoco.document import numbers
 from afl_mujoco.reporting.page.inputs.report_data import Row
 from afl_mujoco.reporting.page.summary import SOURCES
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from afl_mujoco.reporting.page import numbers
+from afl_mujoco.document import numbers
 from afl_mujoco.reporting.page.chart_data import chart_data
 from afl_mujoco.reporting.page.checks import criterion_rows, tiers, verdict_of
 from afl_mujoco.reporting.page.decisions import (

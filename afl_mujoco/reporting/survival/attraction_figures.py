@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from afl_mujoco.reporting.figures.style import Drawn, new_figure, styled
+from afl_mujoco.document.style import Drawn, new_figure, styled
 from afl_mujoco.simulation.attraction.cells import (
     FALLEN,
     PLANTS,

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.colors import to_rgba
 from rich.console import Console
 
-from afl_mujoco.reporting.figures.style import write_drawn
+from afl_mujoco.document.style import write_drawn
 from afl_mujoco.reporting.survival import attraction_figures as figures
 from afl_mujoco.reporting.survival.attraction_table import print_attraction
 from afl_mujoco.simulation.attraction.cells import AttractionMap, Settling, plant_cells, state_cells

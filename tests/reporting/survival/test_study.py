@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from afl_mujoco.reporting.figures.style import Drawn
+from afl_mujoco.document.style import Drawn
 from afl_mujoco.reporting.survival.study import remove_study, write_study
 
 

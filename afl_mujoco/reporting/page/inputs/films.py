@@ -14,8 +14,8 @@ from urllib.parse import quote
 
 from PIL import Image, UnidentifiedImageError
 
+from afl_mujoco.document.numbers import short
 from afl_mujoco.errors import FileError, reading
-from afl_mujoco.reporting.page.numbers import short
 
 SMALL = 1_500_000
 """Size up to which a film is put inside the page [bytes]."""

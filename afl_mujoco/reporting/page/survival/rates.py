@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from afl_mujoco.document.numbers import fixed, interval, percent, short
 from afl_mujoco.reporting.page.inputs.studies import Row, Study
-from afl_mujoco.reporting.page.numbers import fixed, interval, percent, short
 
 
 def at_time(time: float | None) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from afl_mujoco.document.numbers import fixed, interval, percent, short
 from afl_mujoco.reporting.page.inputs.studies import Row, Study
-from afl_mujoco.reporting.page.numbers import fixed, interval, percent, short
 from afl_mujoco.reporting.page.summary import Sentence
 from afl_mujoco.reporting.survival.ladder.words import (
     borne,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from afl_mujoco.document.numbers import fixed, percent, short
 from afl_mujoco.reporting.page.inputs.studies import Row, Study, reading_study
-from afl_mujoco.reporting.page.numbers import fixed, percent, short
 from afl_mujoco.reporting.page.survival.rates import at_time, rate_rows, replay_text
 from afl_mujoco.reporting.page.survival.sentences import survival_sentences
 from afl_mujoco.reporting.survival.ladder.words import (

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Patch
 
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     BLACK,
     BLUE,
     ORANGE,

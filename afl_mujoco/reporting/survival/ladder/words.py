@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from afl_mujoco.reporting.page.numbers import short
+from afl_mujoco.document.numbers import short
 from afl_mujoco.validation.ladder.thresholds import ABOVE, BELOW
 
 Row = Mapping[str, Any]

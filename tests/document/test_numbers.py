@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from afl_mujoco.document.numbers import fixed, limit, percent, scientific, short
 from afl_mujoco.reporting.page.checks import margin
-from afl_mujoco.reporting.page.numbers import fixed, limit, percent, scientific, short
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ import matplotlib
 import pytest
 from matplotlib.figure import Figure
 
-from afl_mujoco.errors import FileError, InvalidValueError
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     decade_above,
     draw_limit,
     in_words,
@@ -18,6 +17,7 @@ from afl_mujoco.reporting.figures.style import (
     save_figure,
     styled,
 )
+from afl_mujoco.errors import FileError, InvalidValueError
 
 
 @styled()
