@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from afl_mujoco.document import blocks
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.output import atomic_file
 
@@ -245,3 +246,16 @@ def write_drawn(drawn: Drawn, folder: Path) -> dict[str, str]:
         save_figure(drawn.figure, folder / file)
     words = {key: getattr(drawn, key) for key in ("name", "title", "caption", "alt")}
     return {**words, **files}
+
+
+def write_figures(figures: Iterable[blocks.Figure], folder: Path) -> list[Path]:
+    """Draw figures and write each as SVG and PNG into a folder that exists; return the files."""
+    written = []
+    for figure in figures:
+        with styled():
+            drawing = figure.draw()
+        lay_out(drawing)
+        for name in figure.files.values():
+            save_figure(drawing, folder / name)
+            written.append(folder / name)
+    return written

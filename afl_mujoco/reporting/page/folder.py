@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from afl_mujoco.document.pictures import Picture, load_picture
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.output import output_folder, write_text
 from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
-from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
 from afl_mujoco.reporting.page.inputs.report_data import AGAIN, Row, load_report
 from afl_mujoco.reporting.page.inputs.studies import Study
 from afl_mujoco.reporting.page.page import NO_STUDIES, render_page

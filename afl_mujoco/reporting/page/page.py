@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import cache
-from importlib import resources
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from jinja2 import Environment, PackageLoader
 
-from afl_mujoco.document import numbers
+from afl_mujoco.document import html, numbers
+from afl_mujoco.document.pictures import Picture
 from afl_mujoco.reporting.page.chart_data import chart_data
 from afl_mujoco.reporting.page.checks import criterion_rows, tiers, verdict_of
 from afl_mujoco.reporting.page.decisions import (
@@ -23,8 +20,7 @@ from afl_mujoco.reporting.page.decisions import (
     tally,
 )
 from afl_mujoco.reporting.page.evidence import evidence
-from afl_mujoco.reporting.page.inputs.films import Film, data_uri
-from afl_mujoco.reporting.page.inputs.pictures import Picture
+from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import Row
 from afl_mujoco.reporting.page.inputs.studies import Study
 from afl_mujoco.reporting.page.scenarios import HEADLINE, scenario_sections
@@ -39,11 +35,6 @@ Key = TypeVar("Key", bound=Hashable)
 NO_STUDIES: Mapping[str, Study] = MappingProxyType({})
 
 PACKAGE = "afl_mujoco.reporting.page"
-
-_ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
-    'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
-)
 
 
 def render_page(
@@ -77,16 +68,12 @@ def render_page(
     FileError
         If a study does not hold what the page needs.
     """
-    style, script = _style(), _script()
     claims = claim_rows(report["claims"], report["decisions"])
     return (
         _environment()
         .get_template("page.html.j2")
         .render(
-            policy=content_policy(style, script),
-            style=style,
-            script=script,
-            icon=data_uri("image/svg+xml", _ICON.encode()),
+            **html.frame(),
             sections=section_decisions(report["decisions"]),
             texts=report["decisions"],
             figures=_grouped(pictures, lambda picture: picture.place),
@@ -138,45 +125,13 @@ def _scenarios(report: Row, curves: Sequence[Curves], films: Sequence[Film]) -> 
     }
 
 
-def content_policy(style: str, script: str) -> str:
-    """Return the page's Content-Security-Policy: what is inside it, pictures and films beside it.
-
-    Parameters
-    ----------
-    style, script
-        The only ones that may act.
-    """
-    beside = "'self' data: file:"
-    return (
-        f"default-src 'none'; img-src {beside}; media-src {beside}; "
-        f"style-src {_hash(style)}; script-src {_hash(script)}; base-uri 'none'; form-action 'none'"
-    )
-
-
-def _hash(text: str) -> str:
-    """Return a text's hash as a policy names it."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
 @cache
 def _environment() -> Environment:
     """Return the templates, which escape whatever they are given."""
-    environment = Environment(
-        loader=PackageLoader(PACKAGE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = html.environment(PackageLoader(PACKAGE))
     environment.filters.update(
-        scientific=numbers.scientific,
-        short=numbers.short,
-        fixed=numbers.fixed,
-        percent=numbers.percent,
         symbol=lambda state: STATES.get(state, (state,))[0],
-        size=numbers.size,
         setting=_setting,
-        upper_first=lambda text: text[:1].upper() + text[1:],
     )
     return environment
 
@@ -186,24 +141,6 @@ def _setting(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{numbers.short(value)} s" if isinstance(value, int | float) else str(value)
-
-
-@cache
-def _asset(name: str) -> str:
-    """Return a file of the package."""
-    return resources.files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
-
-
-def _style() -> Markup:
-    """Return the style sheet."""
-    return Markup(_asset("vendor/uPlot.min.css") + "\n" + _asset("assets/page.css"))
-
-
-def _script() -> Markup:
-    """Return the script, with the licence of what is in it."""
-    licence = f"/*! uPlot\n{_asset('vendor/uPlot.LICENSE')}*/\n"
-    parts = ("vendor/uPlot.iife.min.js", "assets/charts.js", "assets/page.js")
-    return Markup(licence + "\n".join(_asset(part) for part in parts))
 
 
 def _grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:

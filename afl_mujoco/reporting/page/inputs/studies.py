@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from afl_mujoco.document.pictures import Picture, load_picture
 from afl_mujoco.errors import reading
-from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
 
 NAMES = ("ladder", "montecarlo", "attraction", "margins", "estimation")
 """Of the studies, in the order in which they are read: each has file and command of that name."""

@@ -1,14 +1,14 @@
-"""The figures of the page, inside it."""
+"""The pictures of a page, inside it."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.reporting.page.inputs.films import data_uri
 
 LARGE = 400_000
 """Size from which a vector drawing gives way to its bitmap, if that is smaller [bytes]."""
@@ -16,12 +16,12 @@ LARGE = 400_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure as the page shows it.
+    """A figure as a page shows it.
 
     Attributes
     ----------
     place
-        The scenario that it shows, or ``#`` and the section it belongs to.
+        Where it belongs, for a page that sorts its figures; empty elsewhere.
     title, caption, alt
         What it shows.
     source
@@ -39,7 +39,13 @@ class Picture:
     height: int
 
 
-def load_picture(entry: Mapping[str, Any], folder: Path, place: str) -> Picture:
+def find_picture(entry: Mapping[str, Any], folder: Path) -> Picture | None:
+    """Return a figure, None if its files are not there; arguments as of `load_picture`."""
+    there = all((folder / entry[kind]).exists() for kind in ("svg", "png"))
+    return load_picture(entry, folder) if there else None
+
+
+def load_picture(entry: Mapping[str, Any], folder: Path, place: str = "") -> Picture:
     """Read a figure, as vectors unless these are large.
 
     Parameters
@@ -76,3 +82,8 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise FileError.cannot_be("read", path, error) from None
+
+
+def data_uri(kind: str, content: bytes) -> str:
+    """Return content of a media type as an address that holds it."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
