@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
 if TYPE_CHECKING:
@@ -126,12 +128,28 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command and what it does, as in ``Made by``."""
+    """A command, and what it does in a few words.
+
+    Attributes
+    ----------
+    lead
+        What it does.
+    command
+        As typed into a shell, or its words: a path among them is of a file beside the report's
+        results.
+    """
 
     kind: ClassVar[str] = "command"
 
     lead: str
-    command: str
+    command: str | Sequence[str | PurePath]
+
+    def typed(self, folder: PurePath) -> str:
+        """Return it as typed into a shell, the results in `folder`."""
+        if isinstance(self.command, str):
+            return self.command
+        words = [str(folder / w) if isinstance(w, PurePath) else w for w in self.command]
+        return shlex.join(words)
 
 
 @dataclass(frozen=True, slots=True)

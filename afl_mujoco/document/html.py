@@ -45,7 +45,7 @@ def write_sections(sections: Sequence[blocks.Section], folder: Path, level: int 
     """
     pictures = {figure.name: _picture(figure, folder) for figure in blocks.figures_of(sections)}
     template = environment().get_template("sections.html.j2")
-    return Markup(template.render(sections=sections, pictures=pictures, level=level))
+    return Markup(template.render(sections=sections, pictures=pictures, folder=folder, level=level))
 
 
 def to_html(title: str, sections: Sequence[blocks.Section], folder: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import PurePath
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, Span, spans
@@ -41,7 +42,7 @@ def _part(block: blocks.Block) -> str:
     if isinstance(block, blocks.Text):
         return _marked(block.text)
     if isinstance(block, blocks.Command):
-        return f"{_plain(block.lead)}:\n\n```sh\n{block.command}\n```"
+        return f"{_plain(block.lead)}:\n\n```sh\n{block.typed(PurePath())}\n```"
     if isinstance(block, blocks.Figure):
         picture = f"![{_plain(block.alt)}]({block.files['png'].replace(' ', '%20')})"
         return f"{picture}\n\n**{_plain(block.title)}.** {_plain(block.caption)}"

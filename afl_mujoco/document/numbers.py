@@ -133,3 +133,13 @@ def _signed(text: str) -> str:
     if not text.strip("-0."):
         text = text.removeprefix("-")
     return text.replace("-", "−")
+
+
+def listed(parts: Sequence[str], word: str) -> str:
+    """Join parts as a sentence does, the last by ``and`` or ``or``."""
+    return f" {word} ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
+
+
+def sentence(text: str) -> str:
+    """Return a text that begins with a capital."""
+    return text[:1].upper() + text[1:]

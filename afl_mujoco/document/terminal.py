@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -22,38 +23,50 @@ MARKS = {"": "", "good": "", "neutral": "~ ", "bad": "✗ "}
 """Before a cell, so that its status does not depend on colour alone."""
 
 
-def print_sections(sections: Sequence[blocks.Section], console: Console | None = None) -> None:
-    """Print sections; of a folded table and a figure only what it is."""
+def print_sections(
+    sections: Sequence[blocks.Section], folder: Path, console: Console | None = None
+) -> None:
+    """Print sections; of a folded table and a figure only what it is.
+
+    Parameters
+    ----------
+    sections
+        What to print.
+    folder
+        Holds the files that they name.
+    console
+        Where; stdout by default.
+    """
     if console is None:
         console = Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
     for section in sections:
-        _print_section(section, console)
+        _print_section(section, folder, console)
 
 
-def _print_section(section: blocks.Section, console: Console) -> None:
+def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
     """Print a heading and what follows."""
     console.print(RichText(f"\n{section.title}", style="bold"))
     for block in section.blocks:
         if isinstance(block, blocks.Section):
-            _print_section(block, console)
+            _print_section(block, folder, console)
         elif isinstance(block, blocks.Table) and not block.summary:
             console.print(_table(block))
         else:
-            console.print(_line(block), soft_wrap=isinstance(block, blocks.Command))
+            console.print(_line(block, folder), soft_wrap=isinstance(block, blocks.Command))
 
 
-def _line(block: blocks.Block) -> RichText:
+def _line(block: blocks.Block, folder: Path) -> RichText:
     """Return a block other than a table that is shown."""
     if isinstance(block, blocks.Finding):
         return RichText(f"{block.lead}: ", style="bold").append_text(_marked(block.text))
     if isinstance(block, blocks.Text):
         return _marked(block.text)
     if isinstance(block, blocks.Command):  # as it is typed, to be copied
-        return RichText(f"{block.lead}: {block.command}")
+        return RichText(f"{block.lead}: {block.typed(folder)}")
     if isinstance(block, blocks.Table):
         return RichText(f"[{block.summary}: {len(block.rows)} rows, not shown here]", style="dim")
     if isinstance(block, blocks.Figure):
-        return RichText(f"[{block.title}: {block.files['png']}]", style="dim")
+        return RichText(f"[{block.title}: {folder / block.files['png']}]", style="dim")
     raise TypeError(block)
 
 

@@ -64,7 +64,7 @@ SECTION = Section(
 
 def terminal(section: Section) -> str:
     stream = StringIO()
-    print_sections([section], Console(file=stream, width=140))
+    print_sections([section], Path("out"), Console(file=stream, width=140))
     return stream.getvalue()
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cache
-from types import MappingProxyType
+from pathlib import Path
 from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader
 
 from afl_mujoco.document import html, numbers
+from afl_mujoco.document.blocks import Finding, Section
 from afl_mujoco.document.pictures import Picture
 from afl_mujoco.reporting.page.chart_data import chart_data
 from afl_mujoco.reporting.page.checks import criterion_rows, tiers, verdict_of
@@ -22,17 +23,13 @@ from afl_mujoco.reporting.page.decisions import (
 from afl_mujoco.reporting.page.evidence import evidence
 from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.reporting.page.inputs.studies import Study
 from afl_mujoco.reporting.page.scenarios import HEADLINE, scenario_sections
 from afl_mujoco.reporting.page.summary import STATES, five_sentences
-from afl_mujoco.reporting.page.survival.tables import survival_view
 from afl_mujoco.validation.curves import Curves
 from afl_mujoco.validation.metrics import UNITS
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
-
-NO_STUDIES: Mapping[str, Study] = MappingProxyType({})
 
 PACKAGE = "afl_mujoco.reporting.page"
 
@@ -43,7 +40,8 @@ def render_page(
     pictures: Sequence[Picture],
     films: Sequence[Film],
     *,
-    studies: Mapping[str, Study] = NO_STUDIES,
+    sections: Sequence[Section] = (),
+    results: Path = Path(),
     files: Sequence[str] = (),
 ) -> str:
     """Return the page.
@@ -58,15 +56,15 @@ def render_page(
         The figures, each with where it belongs.
     films
         The films.
-    studies
-        The survival studies by name.
+    sections, results
+        What the studies of robustness say, and the folder of their figures.
     files
         Files beside the page that it links to.
 
     Raises
     ------
     FileError
-        If a study does not hold what the page needs.
+        If a figure of a study cannot be read.
     """
     claims = claim_rows(report["claims"], report["decisions"])
     return (
@@ -85,10 +83,24 @@ def render_page(
             **_checks(report),
             **_scenarios(report, curves, films),
             **evidence(report),
-            **survival_view(studies),
+            **_robustness(sections, results),
         )
         + "\n"
     )
+
+
+def _robustness(sections: Sequence[Section], results: Path) -> dict[str, Any]:
+    """Return the part of the studies, and the findings that the page repeats at its top."""
+    return {
+        "robustness": sections,
+        "robustness_part": html.write_sections(sections, results, level=3),
+        "findings": [
+            (finding, section.anchor)
+            for section in sections
+            for finding in section.walk()
+            if isinstance(finding, Finding)
+        ],
+    }
 
 
 def _checks(report: Row) -> dict[str, Any]:
