@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,10 +23,16 @@ class Law(Protocol):
     belief
         What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
         l(t) (decision D7).
+    interpreted
+        Whether it is called by the interpreter, through `command`, and has no compiled form.
+    estimating
+        Whether it finds M, l and the state itself, from measured positions: sampled mode only.
     """
 
     name: str
     belief: CartPoleParameters | None
+    interpreted: ClassVar[bool] = False
+    estimating: ClassVar[bool] = False
 
     @property
     def compiled(self) -> CompiledLaw:
@@ -69,13 +75,27 @@ class Law(Protocol):
         LawDomainError
             If the law has no value at the pole angle: that of the paper beyond ``|phi| < pi/2``.
         """
-        z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
-        p = truth
+        p, phi = truth, float(np.asarray(state)[1])
         believed = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        force = float(law_force(*self.compiled, z, phi, z_dot, phi_dot, believed))
+        force = self.command(time, state, np.array(believed))
         if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
             raise LawDomainError("pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad")
         return force
+
+    def command(self, time: float, state: ArrayLike, told: NDArray[np.float64]) -> float:
+        """Return the force [N], NaN where the law has none.
+
+        Parameters
+        ----------
+        time
+            Time [s]; of consequence only to a law in Python.
+        state
+            (z, phi, z_dot, phi_dot), shape (4,).
+        told
+            (M, m, l, g) as the law takes them to be, shape (4,).
+        """
+        x = np.asarray(state, dtype=np.float64).tolist()
+        return float(law_force(*self.compiled, *x, tuple(told.tolist())))
 
     def told(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float

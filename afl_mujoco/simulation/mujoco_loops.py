@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numba.extending import register_jitable
 
-from afl_mujoco.compiled import kernel, load, store
+from afl_mujoco.compiled import borrowing_kernel, kernel, load, store
 from afl_mujoco.control.compiled_law import given_force, law_force
+from afl_mujoco.simulation import dop853
+from afl_mujoco.simulation.integrator import limit_margin
 from afl_mujoco.simulation.mujoco_model import (
     CONTROL,
     DATA,
@@ -53,20 +56,7 @@ def _derivative(at, state, force, push, pole_mass, half_length, rate):
 
 @kernel
 def forced_derivative(at, state, true, force, push, rate):
-    """Return (z_dot, phi_dot, z'', phi'') under a given force; arguments as of `exact_derivative`.
-
-    Parameters
-    ----------
-    force
-        Of the law [N]; NaN where it has none.
-    """
-    write_parameters(at, true[0], true[1], true[2], true[3])
-    return _derivative(at, state, force, push, true[1], true[2], rate)
-
-
-@kernel
-def exact_derivative(at, state, true, believed, law, push, rate):
-    """Return (z_dot, phi_dot, z'', phi'') under the law.
+    """Return (z_dot, phi_dot, z'', phi'') under a given force.
 
     Parameters
     ----------
@@ -74,19 +64,49 @@ def exact_derivative(at, state, true, believed, law, push, rate):
         `CartPoleModel.addresses`.
     state
         (z, phi, z_dot, phi_dot), shape (4,) or longer.
-    true, believed
-        (M, m, l, g) as they are, and as the law takes them to be.
-    law
-        As of `CompiledLaw`.
+    true
+        (M, m, l, g).
+    force
+        Of the law [N]; NaN where it has none.
     push
         Disturbing force [N].
     rate
         Rate of the half-length that acts on the rod [m/s].
     """
+    write_parameters(at, true[0], true[1], true[2], true[3])
+    return _derivative(at, state, force, push, true[1], true[2], rate)
+
+
+@register_jitable
+def loop_rates(arguments, time, state, slopes):
+    """Write (z_dot, phi_dot, z'', phi'') under the law, as of `dop853`.
+
+    `arguments` are `CartPoleModel.addresses`, the numbers of the segment as of
+    `integrator.segment_numbers`, what the law assumes (M, m, l, g) to be, NaN for as they are, and
+    the law as of `CompiledLaw`.
+    """
+    at, numbers, assumed, law = arguments
+    start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = numbers
     kind, table, masses, lengths = law
+    true = (
+        mass + mass_rate * (time - start), pole_mass, length + length_rate * (time - start),
+        gravity,
+    )  # fmt: skip
+    if np.isnan(assumed[0]):
+        assumed = true
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed)
-    return forced_derivative(at, state, true, force, push, rate)
+    force = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
+    found = forced_derivative(at, state, true, force, push, rate)
+    slopes[0], slopes[1], slopes[2], slopes[3] = found
+
+
+@borrowing_kernel
+def solve(at, numbers, assumed, law, start, end, state, times, options, work, found):
+    """Integrate the compiled loop over a segment, as of `dop853.solve`."""
+    return dop853.solve(
+        loop_rates, (at, numbers, assumed, law), limit_margin, start, end, state, times, options,
+        work, found,
+    )  # fmt: skip
 
 
 @kernel

@@ -18,7 +18,7 @@ from afl_mujoco.scenario.sampling import impulses_by_step, steps, time_grid, who
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import mujoco_loops as loops
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
-from afl_mujoco.simulation.mujoco_dynamics import closed_loop, march_segment, transition
+from afl_mujoco.simulation.mujoco_dynamics import march_segment, solver, transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.rig.runs import control_period_of, simulate_rig
 from afl_mujoco.simulation.trajectory import (
@@ -122,7 +122,7 @@ def _exact(
     law_along(scenario, controller, times)  # raises before the run if a gain is not positive
     states, outcome = integrate(
         scenario,
-        closed_loop(model, scenario, controller, change),
+        solver(model, scenario, controller, change),
         transition(model, scenario, change),
         times,
     )

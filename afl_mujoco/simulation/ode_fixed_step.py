@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.compiled_law import given_force
 from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
-from afl_mujoco.scenario.sampling import Steps, steps, whole_steps
+from afl_mujoco.scenario.sampling import Steps, parameters_in, steps, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -136,13 +136,16 @@ def simulate_ode_held(
     update = np.zeros(len(fine.push) if hold else 0, dtype=np.bool_)
     if hold:
         update[start_of[:-1:hold]] = True
-    law_stages = slice(0, 1) if hold else slice(None)
+    looked_up = update if hold else np.s_[:]  # a held force needs its gains where it is taken
+    stages = np.s_[:1] if hold else np.s_[:]
     law = controller.law_inputs(
-        fine.cart_mass[:, law_stages],
-        fine.half_length[:, law_stages],
+        fine.cart_mass[looked_up][:, stages],
+        fine.half_length[looked_up][:, stages],
         scenario.pole_mass,
         scenario.gravity,
     )
+    if hold:
+        law = law[np.cumsum(update) - 1]
     mass, length, push, impulse = _held_inputs(scenario, fine, start_of, timestep, holds)
     plant = _plants(mass, length, scenario)
     course = (np.array(scenario.initial_state), fine.times, plant, push, impulse)
@@ -166,11 +169,10 @@ def _held_inputs(
     segments = scenario.segments
     inside = np.searchsorted([s.start for s in segments], middles, side="right") - 1
     if holds.schedule:
-        frozen = np.array(
-            [segments[i].parameters_at(t) for i, t in zip(inside, middles.tolist(), strict=True)]
+        mass, length = (
+            np.repeat(frozen[step_of, None], 3, axis=1)
+            for frozen in parameters_in(segments, inside, middles)
         )
-        mass = np.repeat(frozen[step_of, :1], 3, axis=1)
-        length = np.repeat(frozen[step_of, 1:], 3, axis=1)
     if holds.disturbance:
         push = np.array([segments[i].push for i in inside])[step_of]
         struck = np.zeros(len(start_of) - 1)
@@ -194,7 +196,7 @@ def _plants(
 
 def _marched(controller, initial_state, times, plant, push, impulse, law, update):
     """Return what `_march` does, of a law in Python too."""
-    if not isinstance(controller, PythonLaw):
+    if not controller.interpreted:
         kind = controller.compiled.kind
         return _march(initial_state, times, plant, push, impulse, kind, law, update)
 
@@ -202,35 +204,51 @@ def _marched(controller, initial_state, times, plant, push, impulse, law, update
         return _slope(x, force + push[k], plant[k, stage])
 
     def arrive(k, x):
-        return _struck(x, impulse[k], plant[k, 0])
+        return np.array(_struck(tuple(x.tolist()), impulse[k], plant[k, 0]))
 
     held = update if len(update) else None
     return march_own_law(controller, initial_state, times, law, arrive, slope, held)
 
 
-@kernel
-def _slope(state, force, plant):
-    """Return the right-hand side (z_dot, phi_dot, z'', phi'') by (P3), (P4)."""
-    phi, phi_dot = state[1], state[3]
+@register_jitable
+def _slope(x, force, plant):
+    """Return the right-hand side (z_dot, phi_dot, z'', phi'') by (P3), (P4); `x` is a tuple."""
+    phi, phi_dot = x[1], x[3]
     mass, pole, length, gravity = plant[0], plant[1], plant[2], plant[3]
-    return np.array(
-        [
-            state[2],
-            phi_dot,
-            cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
-            pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
-        ]
+    return (
+        x[2],
+        phi_dot,
+        cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
+        pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
+    )
+
+
+@register_jitable
+def _moved(x, h, k):
+    """Return x + h k; tuples, for arrays would be made anew in every stage."""
+    return x[0] + h * k[0], x[1] + h * k[1], x[2] + h * k[2], x[3] + h * k[3]
+
+
+@register_jitable
+def _combined(x, dt, k1, k2, k3, k4):
+    """Return the state after a step, from the slopes of its stages."""
+    sixth = dt / 6.0
+    return (
+        x[0] + sixth * (k1[0] + 2.0 * k2[0] + 2.0 * k3[0] + k4[0]),
+        x[1] + sixth * (k1[1] + 2.0 * k2[1] + 2.0 * k3[1] + k4[1]),
+        x[2] + sixth * (k1[2] + 2.0 * k2[2] + 2.0 * k3[2] + k4[2]),
+        x[3] + sixth * (k1[3] + 2.0 * k2[3] + 2.0 * k3[3] + k4[3]),
     )
 
 
 @kernel
 def rk4_step(state, force, plant, dt):
-    """Return the state after one textbook RK4 step under a constant force.
+    """Return the state (four numbers) after one textbook RK4 step under a constant force.
 
     Parameters
     ----------
     state
-        Shape (4,).
+        Four numbers.
     force
         Force on the cart [N].
     plant
@@ -238,30 +256,34 @@ def rk4_step(state, force, plant, dt):
     dt
         The step [s].
     """
-    k1 = _slope(state, force, plant[0])
-    k2 = _slope(state + 0.5 * dt * k1, force, plant[1])
-    k3 = _slope(state + 0.5 * dt * k2, force, plant[1])
-    k4 = _slope(state + dt * k3, force, plant[2])
-    return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    x = (state[0], state[1], state[2], state[3])
+    k1 = _slope(x, force, plant[0])
+    k2 = _slope(_moved(x, 0.5 * dt, k1), force, plant[1])
+    k3 = _slope(_moved(x, 0.5 * dt, k2), force, plant[1])
+    k4 = _slope(_moved(x, dt, k3), force, plant[2])
+    return _combined(x, dt, k1, k2, k3, k4)
 
 
 @kernel
 def _law_step(x, dt, plant, push, kind, law):
     """Return the state after one textbook RK4 step, law and parameters in every stage."""
     k1 = _slope(x, given_force(kind, x, law[0]) + push, plant[0])
-    x2 = x + 0.5 * dt * k1
+    x2 = _moved(x, 0.5 * dt, k1)
     k2 = _slope(x2, given_force(kind, x2, law[1]) + push, plant[1])
-    x3 = x + 0.5 * dt * k2
+    x3 = _moved(x, 0.5 * dt, k2)
     k3 = _slope(x3, given_force(kind, x3, law[1]) + push, plant[1])
-    x4 = x + dt * k3
+    x4 = _moved(x, dt, k3)
     k4 = _slope(x4, given_force(kind, x4, law[2]) + push, plant[2])
-    return x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return _combined(x, dt, k1, k2, k3, k4)
 
 
 @kernel
 def _struck(x, impulse, plant):
     """Return the state after an impulse [N s]: accelerations are linear in the force."""
-    return x + (_slope(x, impulse, plant) - _slope(x, 0.0, plant)) if impulse != 0.0 else x
+    if impulse == 0.0:
+        return x
+    hit, free = _slope(x, impulse, plant), _slope(x, 0.0, plant)
+    return x[0], x[1], x[2] + (hit[2] - free[2]), x[3] + (hit[3] - free[3])
 
 
 @kernel
@@ -273,16 +295,17 @@ def _march(initial_state, times, plant, push, impulse, kind, law, update):
     """
     count, held = len(push), len(update) > 0
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
-    states[0] = initial_state
+    x = (initial_state[0], initial_state[1], initial_state[2], initial_state[3])
     force = 0.0
     for k in range(count + 1):
-        x = states[k]
+        if k < count and abs(x[1]) < FALL_ANGLE:
+            x = _struck(x, impulse[k], plant[k, 0])
+        states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x
+        forces[k] = force
         if abs(x[1]) >= FALL_ANGLE:
-            forces[k] = force
             return states[: k + 1], forces[: k + 1], _FELL
         if k == count:
             break
-        x[:] = _struck(x, impulse[k], plant[k, 0])
         if not held or update[k]:
             force = given_force(kind, x, law[k, 0])
         forces[k] = force
@@ -295,6 +318,5 @@ def _march(initial_state, times, plant, push, impulse, kind, law, update):
             after = _law_step(x, dt, plant[k], push[k], kind, law[k])
         if not within_limits(after):
             return states[: k + 1], forces[: k + 1], ending_of(x)
-        states[k + 1] = after
-    forces[count] = force
+        x = after
     return states, forces, _COMPLETED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,6 +36,7 @@ class EstimatedLaw(Law):
     law: Law
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     belief: CartPoleParameters | None = field(default=None, init=False)
+    estimating: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Validate the kind of every field."""
@@ -96,5 +97,5 @@ def refuse_estimated(laws: Iterable[Law]) -> None:
         If there is one.
     """
     for law in laws:
-        if isinstance(law, EstimatedLaw):
+        if law.estimating:
             _ = law.compiled

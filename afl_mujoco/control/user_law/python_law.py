@@ -12,7 +12,7 @@ import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,7 @@ class PythonLaw(Law):
     function: Function
     belief: CartPoleParameters | None = None
     call_limit: float = CALL_LIMIT
+    interpreted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Validate the kind of every field."""
@@ -132,22 +133,7 @@ class PythonLaw(Law):
         raise LawError(f"controller {self.name!r}", rule, got)
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, NaN where the law has none.
-
-        Parameters
-        ----------
-        state
-            (z, phi, z_dot, phi_dot), shape (4,).
-        truth
-            The plant's true parameters now.
-        time
-            Time [s].
-
-        Raises
-        ------
-        LawError
-            As of `command`.
-        """
+        """Return the force [N] at one state, NaN where the law has none; as of `Law.force`."""
         p = truth
         told = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
         return self.command(time, state, np.array(told))

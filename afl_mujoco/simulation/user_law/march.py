@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.law import Law
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FALL_ANGLE,
@@ -29,7 +29,7 @@ _STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
 
 
 def march_own_law(
-    law: PythonLaw,
+    law: Law,
     initial_state: Array,
     times: Array,
     told: Array,

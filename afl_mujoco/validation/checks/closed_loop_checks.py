@@ -157,7 +157,8 @@ def _one_step_difference(states, forces, plants, timestep, struck):
         if struck[k]:
             continue
         after = rk4_step(states[k], forces[k], plants[k], timestep)
-        difference = np.abs(states[k + 1] - after).max()
-        if not difference <= worst:
-            worst = difference
+        for i in range(4):
+            difference = abs(states[k + 1, i] - after[i])
+            if not difference <= worst:
+                worst = difference
     return worst
