@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.control.controllers import CONTROLLERS
 from afl_mujoco.control.law import Law
+from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales, objective
-from afl_mujoco.simulation.ode import solve_ode
+from afl_mujoco.simulation.ode import simulate_ode, solve_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, law_along
 
 Metrics = dict[str, float | None]
@@ -110,6 +112,19 @@ def ideal_objective(scenario: Scenario, controller: Law, scales: ObjectiveScales
     forces = controller.forces(states, law_along(scenario, controller, times), times)
     iae_z, iae_phi = (_integral(np.abs(states[:, column]), times) for column in (0, 1))
     return float(objective(iae_z, iae_phi, np.abs(forces).max(), scales))
+
+
+def nominal_scales(sample_period: float) -> ObjectiveScales:
+    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
+
+    Parameters
+    ----------
+    sample_period
+        Of the grid on which the integrals are taken [s].
+    """
+    scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
+    run = simulate_ode(scenario, controller, sample_period=sample_period)
+    return objective_scales(metrics(scenario, controller, run))
 
 
 def objective_scales(figures: Metrics) -> ObjectiveScales:
