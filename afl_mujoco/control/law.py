@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.compiled_law import CompiledLaw, forces_along, inputs_along, law_force
 from afl_mujoco.errors import LawDomainError
 from afl_mujoco.scenario.parameters import CartPoleParameters
+
+
+class Estimator(NamedTuple):
+    """A law whose M, l and state are estimated, as compiled loops take it.
+
+    Attributes
+    ----------
+    law
+        The law.
+    settings
+        Of the estimator, `EstimatorSettings.array`.
+    """
+
+    law: CompiledLaw
+    settings: NDArray[np.float64]
 
 
 class Law(Protocol):
@@ -25,19 +40,21 @@ class Law(Protocol):
         l(t) (decision D7).
     interpreted
         Whether it is called by the interpreter, through `command`, and has no compiled form.
-    estimating
-        Whether it finds M, l and the state itself, from measured positions: sampled mode only.
     """
 
     name: str
     belief: CartPoleParameters | None
     interpreted: ClassVar[bool] = False
-    estimating: ClassVar[bool] = False
 
     @property
     def compiled(self) -> CompiledLaw:
         """The law as compiled loops take it."""
         ...
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """What finds M, l and the state from measured positions, which only sampled mode runs."""
+        return None
 
     def describe(self) -> dict[str, Any]:
         """Return the law as plain data, for provenance."""
@@ -75,9 +92,10 @@ class Law(Protocol):
         LawDomainError
             If the law has no value at the pole angle: that of the paper beyond ``|phi| < pi/2``.
         """
-        p, phi = truth, float(np.asarray(state)[1])
+        z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
+        p = truth
         believed = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        force = self.command(time, state, np.array(believed))
+        force = float(law_force(*self.compiled, z, phi, z_dot, phi_dot, believed))
         if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
             raise LawDomainError("pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad")
         return force

@@ -73,7 +73,7 @@ def closed_loop(
 
 
 def march_segment(
-    at: NDArray[np.int64],
+    at: Any,
     state: NDArray[np.float64],
     times: NDArray[np.float64],
     cart_mass: NDArray[np.float64],

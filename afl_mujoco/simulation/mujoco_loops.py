@@ -5,24 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numba.extending import register_jitable
 
-from afl_mujoco.compiled import borrowing_kernel, kernel, load, store
+from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.compiled_law import given_force, law_force
 from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.integrator import limit_margin
 from afl_mujoco.simulation.mujoco_model import (
-    CONTROL,
-    DATA,
-    MODEL,
-    PHI,
-    PHI_DOT,
-    PUSH,
-    Z_DOT,
-    Z,
     forward,
-    mj_step,
-    strike,
     write_parameters,
-    write_state,
 )
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -167,47 +156,3 @@ def march_continuous(
             return states[: k + 1], ending_of(states[k])
         states[k + 1] = after
     return states, _COMPLETED
-
-
-@kernel
-def march_sampled(
-    at, initial_state, hold, cart_mass, half_length, constants, push, impulse, kind, law
-):
-    """March by `mj_step` and return states, shape (K, 4), held forces, shape (K,), and status."""
-    pole_mass, gravity = constants
-    count = len(push)
-    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
-    states[0] = initial_state
-    written = (np.nan, np.nan)
-    force = 0.0
-    write_state(at, initial_state[0], initial_state[1], initial_state[2], initial_state[3])
-    for k in range(count + 1):
-        s = states[k]
-        forces[k] = force
-        if abs(s[1]) >= FALL_ANGLE:
-            return states[: k + 1], forces[: k + 1], _FELL
-        if k == count:
-            break
-        wanted = (cart_mass[k], half_length[k])
-        if wanted != written:
-            write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
-            written = wanted
-        if impulse[k] != 0.0:
-            jump = strike(at, s[0], s[1], s[2], s[3], impulse[k])
-            s[2] += jump[0]
-            s[3] += jump[1]
-            write_state(at, s[0], s[1], s[2], s[3])
-        if k % hold == 0:
-            force = given_force(kind, s, law[k])
-        forces[k] = force
-        if not abs(force) < STATE_LIMIT:
-            return states[: k + 1], forces[: k + 1], ending_of(s)
-        store(at[CONTROL], force)
-        store(at[PUSH], push[k])
-        mj_step(at[MODEL], at[DATA])
-        after = states[k + 1]
-        after[0], after[1] = load(at[Z]), load(at[PHI])
-        after[2], after[3] = load(at[Z_DOT]), load(at[PHI_DOT])
-        if not within_limits(after):
-            return states[: k + 1], forces[: k + 1], ending_of(s)
-    return states, forces, _COMPLETED

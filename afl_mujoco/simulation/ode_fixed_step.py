@@ -7,6 +7,7 @@ parameters, the disturbances. So the cost of each can be told from that of the o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba.extending import register_jitable
@@ -36,7 +37,7 @@ from afl_mujoco.simulation.user_law.march import march_own_law
 SUBSTEPS = 8
 """RK4 steps within each held step: they leave an error some 4000 times below RK4 at the step."""
 
-_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
+_COMPLETED, _FELL, _RUNNING = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL), -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,10 +196,16 @@ def _plants(
 
 
 def _marched(controller, initial_state, times, plant, push, impulse, law, update):
-    """Return what `_march` does, of a law in Python too."""
+    """Return states, forces and status of a run, the force held from each `update` to the next.
+
+    With no `update` the force is that of the law in every stage.
+    """
     if not controller.interpreted:
         kind = controller.compiled.kind
-        return _march(initial_state, times, plant, push, impulse, kind, law, update)
+        course = (initial_state, times, plant, push, impulse, kind, law)
+        return _march_held(*course, update) if len(update) else _march_followed(*course)
+    if len(update):
+        return _march_held_by(controller, initial_state, times, plant, push, impulse, law, update)
 
     def slope(k, stage, x, force):
         return _slope(x, force + push[k], plant[k, stage])
@@ -206,8 +213,22 @@ def _marched(controller, initial_state, times, plant, push, impulse, law, update
     def arrive(k, x):
         return np.array(_struck(tuple(x.tolist()), impulse[k], plant[k, 0]))
 
-    held = update if len(update) else None
-    return march_own_law(controller, initial_state, times, law, arrive, slope, held)
+    return march_own_law(controller, initial_state, times, law, arrive, slope)
+
+
+def _march_held_by(controller, initial_state, times, plant, push, impulse, law, update):
+    """Return what `_march_held` does, under a Python controller."""
+    ticks = [*np.flatnonzero(update).tolist(), len(push)]
+    states, forces = np.empty((len(push) + 1, 4)), np.zeros(len(push) + 1)
+    states[0] = initial_state
+    last, status = 0, _arrive(states, 0, impulse, plant)
+    for first, next_ in pairwise(ticks):
+        if status != _RUNNING:
+            break
+        force = controller.command(times[first], states[first], law[first, 0])
+        forces[first : next_ + 1] = force
+        last, status = _hold(states, times, plant, push, impulse, force, first, next_)
+    return states[: last + 1], forces[: last + 1], status
 
 
 @register_jitable
@@ -287,36 +308,72 @@ def _struck(x, impulse, plant):
 
 
 @kernel
-def _march(initial_state, times, plant, push, impulse, kind, law, update):
-    """March by RK4 and return states and forces reached and the status.
-
-    The force is that of the law in every stage if `update` is empty; otherwise it is taken from
-    the law where `update` says so, and held in between.
-    """
-    count, held = len(push), len(update) > 0
+def _march_followed(initial_state, times, plant, push, impulse, kind, law):
+    """Return states, forces and status of a run by RK4, the law followed in every stage."""
+    count = len(push)
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
-    x = (initial_state[0], initial_state[1], initial_state[2], initial_state[3])
+    states[0] = initial_state
     force = 0.0
     for k in range(count + 1):
-        if k < count and abs(x[1]) < FALL_ANGLE:
-            x = _struck(x, impulse[k], plant[k, 0])
-        states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x
+        status = _arrive(states, k, impulse, plant)
         forces[k] = force
-        if abs(x[1]) >= FALL_ANGLE:
-            return states[: k + 1], forces[: k + 1], _FELL
-        if k == count:
-            break
-        if not held or update[k]:
-            force = given_force(kind, x, law[k, 0])
+        if status != _RUNNING:
+            return states[: k + 1], forces[: k + 1], status
+        x = (states[k, 0], states[k, 1], states[k, 2], states[k, 3])
+        force = given_force(kind, x, law[k, 0])
         forces[k] = force
         if not abs(force) < STATE_LIMIT:
             return states[: k + 1], forces[: k + 1], ending_of(x)
-        dt = times[k + 1] - times[k]
-        if held:
-            after = rk4_step(x, force + push[k], plant[k], dt)
-        else:
-            after = _law_step(x, dt, plant[k], push[k], kind, law[k])
+        after = _law_step(x, times[k + 1] - times[k], plant[k], push[k], kind, law[k])
         if not within_limits(after):
             return states[: k + 1], forces[: k + 1], ending_of(x)
-        x = after
+        states[k + 1, 0], states[k + 1, 1], states[k + 1, 2], states[k + 1, 3] = after
     return states, forces, _COMPLETED
+
+
+@kernel
+def _march_held(initial_state, times, plant, push, impulse, kind, law, update):
+    """Return the same with the force taken from the law where `update` says so, else held."""
+    count = len(push)
+    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
+    states[0] = initial_state
+    force, last, status = 0.0, 0, _arrive(states, 0, impulse, plant)
+    forces[0] = force
+    while status == _RUNNING:
+        first = last
+        force = given_force(kind, states[first], law[first, 0])
+        last = first + 1
+        while last < count and not update[last]:
+            last += 1
+        last, status = _hold(states, times, plant, push, impulse, force, first, last)
+        forces[first : last + 1] = force
+    return states[: last + 1], forces[: last + 1], status
+
+
+@kernel
+def _hold(states, times, plant, push, impulse, force, first, last):
+    """Step from instant `first` to `last` under one force; return where it ended, and how."""
+    for k in range(first, last):
+        x = (states[k, 0], states[k, 1], states[k, 2], states[k, 3])
+        if not abs(force) < STATE_LIMIT:
+            return k, ending_of(x)
+        after = rk4_step(x, force + push[k], plant[k], times[k + 1] - times[k])
+        if not within_limits(after):
+            return k, ending_of(x)
+        states[k + 1, 0], states[k + 1, 1], states[k + 1, 2], states[k + 1, 3] = after
+        status = _arrive(states, k + 1, impulse, plant)
+        if status != _RUNNING:
+            return k + 1, status
+    return last, _RUNNING
+
+
+@kernel
+def _arrive(states, k, impulse, plant):
+    """Reach instant k, apply the impulse there, and return the status."""
+    if abs(states[k, 1]) >= FALL_ANGLE:
+        return _FELL
+    if k == len(impulse):
+        return _COMPLETED
+    x = _struck((states[k, 0], states[k, 1], states[k, 2], states[k, 3]), impulse[k], plant[k, 0])
+    states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x
+    return _RUNNING

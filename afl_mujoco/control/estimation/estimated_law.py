@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_law import CompiledLaw
 from afl_mujoco.control.estimation.settings import EstimatorSettings
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.law import Estimator, Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
@@ -36,7 +36,6 @@ class EstimatedLaw(Law):
     law: Law
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     belief: CartPoleParameters | None = field(default=None, init=False)
-    estimating: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Validate the kind of every field."""
@@ -60,6 +59,11 @@ class EstimatedLaw(Law):
         """
         rule = "is told by an estimator, which only sampled mode simulates"
         raise InvalidValueError(f"controller {self.name!r}", rule)
+
+    @property
+    def estimator(self) -> Estimator:
+        """Law and settings as compiled loops take them."""
+        return Estimator(self.law.compiled, self.settings.array)
 
     def law_inputs(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
@@ -97,5 +101,5 @@ def refuse_estimated(laws: Iterable[Law]) -> None:
         If there is one.
     """
     for law in laws:
-        if law.estimating:
+        if law.estimator is not None:
             _ = law.compiled

@@ -19,7 +19,7 @@ from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-from afl_mujoco.simulation.rig.estimated import EstimatedRun, simulate_estimated
+from afl_mujoco.simulation.sampled.estimated import EstimatedRun, simulate_estimated
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.validation.estimation.tracking import FOUND, WINDOWS, Tracking, tracking
 from afl_mujoco.validation.metrics import Metrics, metrics, nominal_scales, with_objective
