@@ -56,6 +56,22 @@ class Law(Protocol):
         """What finds M, l and the state from measured positions, which only sampled mode runs."""
         return None
 
+    @property
+    def stateful(self) -> bool:
+        """Whether a call depends on those before it.
+
+        Only sampled mode, which calls once a control period and in order, can run it then.
+        """
+        return False
+
+    def relabelled(self) -> Law:
+        """Return the law in the other reading of the paper's gain columns, if it has one."""
+        return self
+
+    def start(self) -> Law:
+        """Return the law as one run uses it, with fresh memory where it keeps any."""
+        return self
+
     def describe(self) -> dict[str, Any]:
         """Return the law as plain data, for provenance."""
         ...

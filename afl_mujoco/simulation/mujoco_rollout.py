@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from afl_mujoco.control.controllers import as_controller, require_stateless
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
@@ -31,7 +32,7 @@ MODES = ("exact", "continuous", "sampled")
 
 def simulate_mujoco(
     scenario: Scenario,
-    controller: Law,
+    controller: Any,
     mode: str = "exact",
     *,
     timestep: float = 1e-3,
@@ -48,7 +49,7 @@ def simulate_mujoco(
     scenario
         What happens.
     controller
-        What is commanded.
+        What is commanded; as of `as_controller`.
     mode
         ``"exact"``: MuJoCo's forward dynamics under the integrator of `simulate_ode`;
         ``"continuous"``: RK4 around MuJoCo's forward dynamics, law and parameters in every stage,
@@ -80,8 +81,10 @@ def simulate_mujoco(
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)
+    controller = as_controller(controller)
     if mode != "sampled":
         scenario.require_ideal()
+        require_stateless(controller, f"{mode} mode")
     model = CartPoleModel(
         scenario.parameters_at(0.0),
         timestep=timestep,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.compiled_law import law_force
+from afl_mujoco.control.controllers import as_controller, require_stateless
 from afl_mujoco.control.law import Law
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
@@ -45,7 +46,7 @@ SAMPLE_PERIOD = 1e-3
 
 def simulate_ode(
     scenario: Scenario,
-    controller: Law,
+    controller: Any,
     *,
     sample_period: float = SAMPLE_PERIOD,
     method: str = "DOP853",
@@ -61,7 +62,7 @@ def simulate_ode(
     scenario
         What happens.
     controller
-        What is commanded, continuously in time.
+        What is commanded, continuously in time; as of `as_controller`.
     sample_period
         Spacing of the reported instants [s]; breakpoints are reported as well.
     method, rtol, atol
@@ -82,7 +83,7 @@ def simulate_ode(
     AflMujocoError
         If a setting breaks its rule.
     """
-    change = ParameterChange(dynamics=dynamics, jumps=jumps)
+    change, controller = ParameterChange(dynamics=dynamics, jumps=jumps), as_controller(controller)
     times, states, outcome = solve_ode(
         scenario,
         controller,
@@ -118,6 +119,7 @@ def solve_ode(
         What a change of M and l does; the paper's by default.
     """
     scenario.require_ideal()
+    require_stateless(controller, "the ODE")
     change = ParameterChange() if change is None else change
     times = time_grid(scenario, sample_period)
     law_along(scenario, controller, times)  # raises before the run if a gain is not positive

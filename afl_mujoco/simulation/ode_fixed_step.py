@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numba.extending import register_jitable
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.compiled_law import given_force
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controllers import as_controller, require_stateless
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.sampling import Steps, parameters_in, steps, whole_steps
@@ -59,7 +60,7 @@ class Holds:
     disturbance: bool = False
 
 
-def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1e-3) -> Trajectory:
+def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1e-3) -> Trajectory:
     """March the closed loop by textbook RK4, steps ending on every breakpoint.
 
     Parameters
@@ -75,6 +76,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1
         The run.
     """
     scenario.require_ideal()
+    require_stateless(controller := as_controller(controller), "the ODE")
     march = steps(scenario, timestep)
     law = controller.law_inputs(
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
@@ -89,7 +91,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1
 
 def simulate_ode_held(
     scenario: Scenario,
-    controller: Law,
+    controller: Any,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -122,13 +124,16 @@ def simulate_ode_held(
         If a setting breaks its rule.
     """
     scenario.require_ideal()
+    controller = as_controller(controller)
     if substeps < 1:
         raise InvalidValueError("substeps", "must be at least 1", substeps)
     if holds is None:
         period = timestep if control_period is None else control_period
         holds = Holds(control_period=period, schedule=True, disturbance=True)
     hold = 0
-    if holds.control_period is not None:
+    if holds.control_period is None:
+        require_stateless(controller, "a force that is not held")
+    else:
         hold = whole_steps("control_period", holds.control_period, "timestep", timestep)
     count = whole_steps("duration", scenario.duration, "timestep", timestep)
     fine = steps(scenario, timestep / substeps)
@@ -222,10 +227,11 @@ def _march_held_by(controller, initial_state, times, plant, push, impulse, law, 
     states, forces = np.empty((len(push) + 1, 4)), np.zeros(len(push) + 1)
     states[0] = initial_state
     last, status = 0, _arrive(states, 0, impulse, plant)
+    own = controller.start()
     for first, next_ in pairwise(ticks):
         if status != _RUNNING:
             break
-        force = controller.command(times[first], states[first], law[first, 0])
+        force = own.command(times[first], states[first], law[first, 0])
         forces[first : next_ + 1] = force
         last, status = _hold(states, times, plant, push, impulse, force, first, next_)
     return states[: last + 1], forces[: last + 1], status

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controllers import as_controller
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
@@ -75,7 +75,7 @@ class Rollouts:
 
 def run_rollouts(
     scenarios: Sequence[Scenario],
-    law: Law,
+    law: Any,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -92,7 +92,7 @@ def run_rollouts(
     scenarios
         What happens, and what departs from the ideal.
     law
-        What is commanded.
+        What is commanded; as of `as_controller`.
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     threads
@@ -110,6 +110,7 @@ def run_rollouts(
         If a setting breaks its rule.
     """
     require_threads(threads)
+    law = as_controller(law)
     count = len(scenarios)
     status = np.zeros(count, dtype=np.int64)
     figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:]}

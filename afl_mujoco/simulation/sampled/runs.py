@@ -206,13 +206,13 @@ def perform(
     elif not law.interpreted:
         loop.run_to_end(*plant, pending, rows, *devices, law.compiled.kind, prepared.inputs)
     else:
+        own, tick = law.start(), 0
         loop.start(*plant, rows, prepared.initial_state)
-        tick = 0
         while run["status"] == RUNNING:
             measured = sense(at, prepared.sensors, run, tick)
             time = tick * plan.hold * plan.timestep
             given = prepared.inputs[min(tick, len(prepared.inputs) - 1)]
-            command = law.command(time, measured, given)
+            command = own.command(time, measured, given)
             loop.advance(at, plan, actuator, *plant[2:], pending, rows, command)
             tick += 1
     return run, rows
