@@ -23,6 +23,7 @@ from afl_mujoco.cli.terminal import (
 if TYPE_CHECKING:
     from afl_mujoco.document.blocks import Section
     from afl_mujoco.reporting.page.inputs.films import Film
+    from afl_mujoco.sweep.executors import Executor
     from afl_mujoco.validation.campaign import Report
 
 INDIFFERENT = ("out", "films", "robustness", "page", "workers")
@@ -77,6 +78,7 @@ class Validate:
         from afl_mujoco.output import output_folder
         from afl_mujoco.reporting.page.folder import forget_page
         from afl_mujoco.reporting.tables import print_report, write_report
+        from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.validation.campaign import require_runnable, run_campaign
         from afl_mujoco.validation.checks.closed_loop_checks import Settings
         from afl_mujoco.validation.claims.schedules import FULL, QUICK
@@ -89,13 +91,15 @@ class Validate:
         films, sections = self._films(), self._sections()
         folder = output_folder(self.out)
         total = len(scenarios) * len(controllers) + (FULL if self.full else QUICK)
-        with progress_bar(total, "validating") as progress:
-            report = run_campaign(
-                scenarios, controllers, settings, workers=self.workers, progress=progress
-            )
-        report = replace(report, command=self.command)
-        forget_page(folder)
-        files = [*write_report(report, folder), *self._write_page(report, folder, films, sections)]
+        with open_executor(self.workers) as executor:
+            with progress_bar(total, "validating") as progress:
+                report = run_campaign(
+                    scenarios, controllers, settings, executor=executor, progress=progress
+                )
+            report = replace(report, command=self.command)
+            forget_page(folder)
+            files = [*write_report(report, folder)]
+            files += self._write_page(report, folder, films, sections, executor)
         print(f"wrote {', '.join(str(file) for file in files)}")
         print_report(report, Console(width=None if sys.stdout.isatty() else 140))
         return SUCCESS if report.passed else CHECK_FAILED
@@ -123,6 +127,7 @@ class Validate:
         folder: Path,
         films: Sequence[Film],
         sections: Sequence[Section],
+        executor: Executor,
     ) -> list[Path]:
         """Write the curves, the figures and the page."""
         from afl_mujoco.reporting.page.folder import (
@@ -139,5 +144,6 @@ class Validate:
             return [folder / CURVES]
         data = report.to_dict()
         with progress_bar(figure_count(data, report.curves), "drawing") as progress:
-            write_gallery(folder, data, report.curves, workers=self.workers, progress=progress)
-        return [folder / CURVES, folder / FIGURES, write_page(folder, films, sections)]
+            write_gallery(folder, data, report.curves, executor=executor, progress=progress)
+        page = write_page(folder, films, sections, self.robustness)
+        return [folder / CURVES, folder / FIGURES, page]

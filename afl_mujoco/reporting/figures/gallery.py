@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from afl_mujoco.reporting.figures.responses import draw_impulse, draw_response
 from afl_mujoco.reporting.figures.schedules import draw_schedules
 from afl_mujoco.reporting.gain_figures import draw_shipped_gains
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.sweep.executors import open_executor
+from afl_mujoco.sweep.executors import Executor, open_executor
 from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.curves import REFERENCE, Curves
 
@@ -62,6 +63,7 @@ def write_figures(
     folder: Path,
     *,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], None] = lambda done: None,
 ) -> list[dict[str, str]]:
     """Draw every figure for which there are data and write it as SVG and PNG.
@@ -74,6 +76,8 @@ def write_figures(
         Where; it must exist.
     workers
         Processes to share the work among; the files do not depend on it.
+    executor
+        What computes, instead of processes of its own.
     progress
         Called with the name of each figure as it is written.
 
@@ -85,7 +89,8 @@ def write_figures(
     """
     planned = plans(report, curves)
     names, units = list(planned), [(draw, folder) for draw in planned.values()]
-    with open_executor(max(1, min(workers, len(units)))) as executor:
+    processes = open_executor(max(1, min(workers, len(units))))
+    with processes if executor is None else nullcontext(executor) as executor:
         return compute_all(_write, units, executor, lambda i: progress(names[i]))
 
 

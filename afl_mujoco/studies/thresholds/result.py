@@ -23,7 +23,7 @@ class Verdict:
     survives
         Whether no pole fell, no run diverged and no cart reached an end stop.
     settles
-        Whether every run survived and ended within the bands of `rig.loop`.
+        Whether every run survived and ended within the bands of `sampled.loop`.
     failure
         How the first run failed, survival before settling; empty if none did.
     scenario, time

@@ -17,7 +17,7 @@ from afl_mujoco.document.blocks import (
     Text,
 )
 from afl_mujoco.document.numbers import fixed, listed, percent, sentence, short
-from afl_mujoco.simulation.rig.loop import BAND_PHI, BAND_Z
+from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.thresholds.classes import (
     FAILS,

@@ -20,7 +20,7 @@ from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
-from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, silent
