@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from page_case import NASTY
 
+from afl_mujoco.document.blocks import Section
 from afl_mujoco.simulation.attraction.cells import AttractionMap, Settling, state_cells
 from afl_mujoco.studies.attraction import result as attraction_result
 from afl_mujoco.studies.attraction.comparison import Comparison
@@ -20,7 +21,7 @@ from afl_mujoco.studies.margins import result as margins_result
 from afl_mujoco.studies.margins.measured_delay import DelayComparison
 from afl_mujoco.studies.monte_carlo import result as monte_carlo_result
 from afl_mujoco.studies.monte_carlo.space import SampleSpace
-from afl_mujoco.studies.record import Record, save_record
+from afl_mujoco.studies.record import Record, load_records, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.thresholds import result as thresholds_result
 from afl_mujoco.studies.thresholds.imperfections import find_imperfection
@@ -290,3 +291,8 @@ def write_records(folder: Path) -> Path:
     for name in RESULTS:
         save_record(record(name), folder)
     return folder
+
+
+def sections_of(folder: Path) -> list[Section]:
+    """Return what the records in a folder say."""
+    return [section for record in load_records(folder) for section in record.sections]

@@ -9,7 +9,7 @@ from pathlib import PurePath
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, Span, spans
 
-MARKS = {"": "", "good": "✓ ", "neutral": "~ ", "bad": "✗ "}
+MARKS = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ "}
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>|])")
 

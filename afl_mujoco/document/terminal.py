@@ -19,7 +19,7 @@ WIDTH = 160
 
 STYLES = {CODE: "cyan", EMPHASIS: "italic"}
 STATUS_STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red"}
-MARKS = {"": "", "good": "", "neutral": "~ ", "bad": "✗ "}
+MARKS = {"": "", "good": "", "neutral": "◐ ", "bad": "✗ "}
 """Before a cell, so that its status does not depend on colour alone."""
 
 

@@ -95,7 +95,7 @@ def test_every_writer_says_titles_findings_cells_and_commands(writer: str, tmp_p
 
 def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are() -> None:
     said = terminal(SECTION)
-    assert "✗ falls" in said and "~ rests" in said
+    assert "✗ falls" in said and "◐ rests" in said
     assert NASTY in said
     assert said.count("first") == 1  # the folded table is left out
     assert "[All rows: 3 rows, not shown here]" in said

@@ -38,13 +38,14 @@ def _finding(result: Result) -> str:
         f"{WORDS[pair.plane][2].replace('over', 'of the')}"
         for pair in result.maps
     )
+    text = f"In MuJoCo these settle: {'; '.join(said)}."
+    differ = sum(pair.disagreement.differ for pair in result.maps)
     inside = sum(pair.disagreement.inside for pair in result.maps)
     cells = sum(pair.cells for pair in result.maps)
-    return (
-        f"In MuJoCo these settle: {'; '.join(said)}. MuJoCo and the equations end differently on "
-        f"{sum(pair.disagreement.differ for pair in result.maps)} of {cells} cells, {inside} of "
-        "them not on a border."
-    )
+    if not differ:
+        return f"{text} MuJoCo and the equations agree on all {cells} cells."
+    where = f"{inside} of them away from any border" if inside else "each on a border of outcomes"
+    return f"{text} MuJoCo and the equations disagree on {differ} of {cells} cells, {where}."
 
 
 def _table(result: Result) -> Table:

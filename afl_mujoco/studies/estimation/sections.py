@@ -16,7 +16,7 @@ from afl_mujoco.studies.estimation.tracking import Tracking
 def sections(result: Result) -> list[Section]:
     """Return what a report says of estimation."""
     blocks = (
-        Finding("M and l estimated online", _finding(result)),
+        Finding("What estimation costs", _finding(result)),
         _figure(result),
         _loops(result),
         _tracking(result),

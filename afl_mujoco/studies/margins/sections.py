@@ -97,7 +97,9 @@ def _measured_text(result: Result, both: list[DelayComparison]) -> str:
     worst = max(both, key=lambda one: abs(one.difference or 0.0))
     agree = sum(one.agrees for one in both)
     neither = sum(one.margin is None and one.measured is None for one in result.measured)
-    unstable = f" On {neither} the loop is unstable without delay, in both." if neither else ""
+    unstable = ""
+    if neither:
+        unstable = f" On {neither} the loop is unstable even without delay, in both."
     return (
         f"Measured, with the force held for {short(1e3 * result.control_period)} ms: the delay "
         f"from which a motion of {short(1e3 * START)} mrad no longer decays in MuJoCo. On "

@@ -102,7 +102,6 @@ def _rates(result: Result) -> Table:
         columns=(
             Column("Controller"),
             Column("Survives", number=True),
-            Column("Rate", number=True),
             Column(level, "%", number=True),
             Column("Settles", number=True),
             Column(level, "%", number=True),
@@ -112,7 +111,6 @@ def _rates(result: Result) -> Table:
         rows=[
             (
                 rates.controller,
-                str(rates.survival),
                 percent(rates.rate, 3),
                 interval(rates.interval),
                 percent(rates.settled_rate, 3),

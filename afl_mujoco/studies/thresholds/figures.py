@@ -17,6 +17,7 @@ from afl_mujoco.studies.thresholds.classes import (
     level_text,
     threshold_text,
 )
+from afl_mujoco.studies.thresholds.imperfections import BY_NAME
 from afl_mujoco.studies.thresholds.result import Result, Verdict
 
 COLOURS = (VERMILION, "#F3C65F", "#BFE0F5", BLUE)
@@ -78,8 +79,7 @@ def draw_combined(result: Result) -> Figure:
 
 def added_titles(result: Result) -> list[str]:
     """Return the titles of the imperfections that are added one after another."""
-    titles = {one.name: one.title for one in result.imperfections}
-    return [titles.get(name, name) for name in result.added]
+    return [BY_NAME[name].title if name in BY_NAME else name for name in result.added]
 
 
 def _ending(verdict: Verdict) -> int:

@@ -160,7 +160,7 @@ which alone decides for a controller that does not know of it."""
 
 
 COMBINED = Imperfection(
-    name="combined", title="all combined, without the rail", unit="× reference", fields={},
+    name="combined", title="all combined but the rail", unit="×", fields={},
     reference=1.0, benign=0.05, harsh=20.0, seeded=True,
 )  # fmt: skip
 """All at once: each as many times worse than the reference hardware as the level says."""

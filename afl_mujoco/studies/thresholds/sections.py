@@ -277,8 +277,8 @@ def _overview(result: Result) -> Table:
     return Table(
         caption=(
             f"From where each controller no longer survives "
-            f"{listed(result.settings.scenarios, 'and')}; marked where it fails (✗) or has little "
-            "to spare or does not settle (~) on the reference hardware"
+            f"{listed(result.settings.scenarios, 'and')}; on the reference hardware it fails "
+            "where marked ✗, and has little to spare or does not settle where marked ◐"
         ),
         columns=(
             Column("Imperfection"),

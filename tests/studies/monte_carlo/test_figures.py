@@ -109,7 +109,8 @@ def test_the_tables_say_rates_pairs_and_worst_cases(rubbed: Campaign) -> None:
     text = printed(rubbed, [nearest])
     failed = sum(t is DOWN for t in rubbed.trials["adaptive"])
     rows = [line.split() for line in text.splitlines()]
-    assert ["adaptive", str(60 - failed), "of", "60"] in [row[:4] for row in rows]
+    share = f"{float(f'{100.0 * (1.0 - failed / 60):.3g}'):g}"
+    assert ["adaptive", share, "%"] in [row[:3] for row in rows]
     assert ["0", "1.23"] in [row[-2:] for row in rows]
     assert ["adaptive", "lqr", str(60 - failed), "0", str(failed), "0"] in [row[:6] for row in rows]
     assert "nearest failure   ✗ fell at 2.50 s" in text

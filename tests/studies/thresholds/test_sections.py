@@ -93,7 +93,7 @@ def rows(blocks: list[Section]) -> list[str]:
 def test_the_table_has_a_row_for_each_imperfection() -> None:
     printed = rows(sections(study_results.thresholds()))
     assert "transport delay 2 ms 47 36" in printed
-    assert "rail damping 5 N s/m ~ 7.3 ~ 11" in printed  # twice the reference: little to spare
+    assert "rail damping 5 N s/m ◐ 7.3 ◐ 11" in printed  # twice the reference: little to spare
     assert "rail to either side 1 m ✗ 3.7 ✗ > 100" in printed
 
 
