@@ -5,8 +5,11 @@ BIN := .venv/bin
 READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
+# A target for each study, by the name that its folder gives it.
+STUDIES := $(shell sed -n 's/^    name="\(.*\)",$$/\1/p' afl_mujoco/studies/*/study.py)
+
 .DEFAULT_GOAL := help
-.PHONY: help setup validate proof robustness thresholds montecarlo attraction margins estimation render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
+.PHONY: $(STUDIES) help setup validate proof robustness render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -35,7 +38,7 @@ robustness: $(READY) ## what happens when the loop is not ideal, into the report
 	@$(BIN)/afl-mujoco margins $(ARGS)
 	@$(BIN)/afl-mujoco estimation $(ARGS)
 
-thresholds montecarlo attraction margins estimation: $(READY)
+$(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
 docs: $(READY) ## print the criteria into docs/verification.md

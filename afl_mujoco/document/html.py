@@ -27,21 +27,9 @@ _TAGS = {CODE: "code", EMPHASIS: "em"}
 
 
 def write_sections(sections: Sequence[blocks.Section], folder: Path, level: int = 2) -> Markup:
-    """Return sections as a part of a page, their pictures inside it.
+    """Return sections as a part of a page, its first headings of a level from 1 to 6.
 
-    Parameters
-    ----------
-    sections
-        What to write.
-    folder
-        Holds the files of the figures; one that is not there is said to be missing.
-    level
-        Of the first headings, 1 to 6.
-
-    Raises
-    ------
-    FileError
-        If a picture is there and cannot be read.
+    The pictures, from the files in `folder`, are inside it; a missing one is said to be missing.
     """
     pictures = {figure.name: _picture(figure, folder) for figure in blocks.figures_of(sections)}
     template = environment().get_template("sections.html.j2")
@@ -84,13 +72,7 @@ def environment(*loaders: BaseLoader) -> Environment:
 
 
 def content_policy(style: str, script: str) -> str:
-    """Return a page's Content-Security-Policy: what is inside it, pictures and films beside it.
-
-    Parameters
-    ----------
-    style, script
-        The only ones that may act.
-    """
+    """Return a page's Content-Security-Policy: what is inside it, pictures and films beside it."""
     beside = "'self' data: file:"
     return (
         f"default-src 'none'; img-src {beside}; media-src {beside}; "

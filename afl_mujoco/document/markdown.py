@@ -15,15 +15,7 @@ _SPECIAL = re.compile(r"([\\`*_{}\[\]<>|])")
 
 
 def to_markdown(sections: Sequence[blocks.Section], level: int = 1) -> str:
-    """Return sections as Markdown; pictures are linked beside it.
-
-    Parameters
-    ----------
-    sections
-        What to write.
-    level
-        Of the first headings.
-    """
+    """Return sections as Markdown, headings from a level on; pictures are linked beside it."""
     return "\n\n".join(part for section in sections for part in _section(section, level)) + "\n"
 
 

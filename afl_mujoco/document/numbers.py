@@ -14,13 +14,7 @@ SMALL = 0.01
 
 
 def power_of_ten(exponent: int) -> str:
-    """Return ``10`` with its exponent.
-
-    Parameters
-    ----------
-    exponent
-        The exponent.
-    """
+    """Return ``10`` with its exponent."""
     return "10" + str(exponent).translate(_SUPERSCRIPT)
 
 
@@ -76,13 +70,7 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def limit(value: float) -> str:
-    """Return a limit: a bare power of ten where it is one and small.
-
-    Parameters
-    ----------
-    value
-        The limit.
-    """
+    """Return a limit: a bare power of ten where it is one and small."""
     if 0.0 < value < 1e-2:
         exponent = round(math.log10(value))
         if math.isclose(value, 10.0**exponent):

@@ -46,22 +46,7 @@ def find_picture(entry: Mapping[str, Any], folder: Path) -> Picture | None:
 
 
 def load_picture(entry: Mapping[str, Any], folder: Path, place: str = "") -> Picture:
-    """Read a figure, as vectors unless these are large.
-
-    Parameters
-    ----------
-    entry
-        ``title``, ``caption``, ``alt``, and the files ``svg`` and ``png``.
-    folder
-        Where the files are.
-    place
-        Where it belongs.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be read.
-    """
+    """Read a figure, as vectors unless these are large."""
     svg, png = (_read(folder / entry[kind]) for kind in ("svg", "png"))
     vectors = len(svg) <= max(LARGE, len(png))
     width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))

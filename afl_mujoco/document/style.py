@@ -123,21 +123,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def draw_limit(axis: Axes, limit: float, name: str, colour: str, *, under: bool = False) -> None:
-    """Draw a limit across a panel, with its name at the left end.
-
-    Parameters
-    ----------
-    axis
-        Where.
-    limit
-        At what height.
-    name
-        What it is called.
-    colour
-        Of line and name.
-    under
-        Whether the name stands under the line.
-    """
+    """Draw a limit across a panel, with its name at the left end."""
     axis.axhline(limit, color=colour, linewidth=0.8, linestyle=(0, (6, 3)), zorder=1.5)
     axis.annotate(
         name, (0.0, limit), xycoords=("axes fraction", "data"), textcoords="offset points",
@@ -147,24 +133,12 @@ def draw_limit(axis: Axes, limit: float, name: str, colour: str, *, under: bool 
 
 
 def colour_of(controller: str) -> str:
-    """Return the colour of a controller.
-
-    Parameters
-    ----------
-    controller
-        Its name.
-    """
+    """Return the colour of a controller."""
     return CONTROLLERS.get(controller, GREY)
 
 
 def in_words(value: float) -> str:
-    """Return a number as a sentence has it, two digits and a power of ten.
-
-    Parameters
-    ----------
-    value
-        The number.
-    """
+    """Return a number as a sentence has it, two digits and a power of ten."""
     if value == 0.0:
         return "0"
     if 1e-2 <= abs(value) < 999.5:
@@ -174,24 +148,12 @@ def in_words(value: float) -> str:
 
 
 def decade_above(value: float) -> float:
-    """Return the power of ten that a logarithmic axis ends with to show a value.
-
-    Parameters
-    ----------
-    value
-        The value, positive.
-    """
+    """Return the power of ten that a logarithmic axis ends with to show a value."""
     return float(10.0 ** math.ceil(math.log10(value)))
 
 
 def lay_out(figure: Figure) -> None:
-    """Lay a figure out for good, so that each of its files need not do it anew.
-
-    Parameters
-    ----------
-    figure
-        From `new_figure`.
-    """
+    """Lay a figure out for good, so that each of its files need not do it anew."""
     engine = figure.get_layout_engine()
     if engine is not None:
         with styled():
@@ -200,22 +162,7 @@ def lay_out(figure: Figure) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG or SVG, whole or not at all; the same figure gives the same bytes.
-
-    Parameters
-    ----------
-    figure
-        What to write.
-    path
-        The file; its suffix says the format.
-
-    Raises
-    ------
-    InvalidValueError
-        If the suffix is another.
-    FileError
-        If the file cannot be written.
-    """
+    """Write a figure as PNG or SVG, whole or not at all; the same figure gives the same bytes."""
     kind = path.suffix.removeprefix(".")
     if kind not in ("png", "svg"):
         raise InvalidValueError("suffix of a figure", "must be .png or .svg", repr(path.suffix))
@@ -226,13 +173,6 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 def write_drawn(drawn: Drawn, folder: Path) -> dict[str, str]:
     """Write a figure as SVG and PNG, and return its words and the names of its files.
-
-    Parameters
-    ----------
-    drawn
-        The figure.
-    folder
-        Where; it must exist.
 
     Returns
     -------

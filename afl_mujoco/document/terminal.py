@@ -26,17 +26,7 @@ MARKS = {"": "", "good": "", "neutral": "◐ ", "bad": "✗ "}
 def print_sections(
     sections: Sequence[blocks.Section], folder: Path, console: Console | None = None
 ) -> None:
-    """Print sections; of a folded table and a figure only what it is.
-
-    Parameters
-    ----------
-    sections
-        What to print.
-    folder
-        Holds the files that they name.
-    console
-        Where; stdout by default.
-    """
+    """Print sections, their files in `folder`; of a folded table and a figure only what it is."""
     if console is None:
         console = Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
     for section in sections:

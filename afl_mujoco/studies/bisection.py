@@ -38,20 +38,7 @@ class Threshold:
 
 
 def scan_levels(benign: float, harsh: float, count: int) -> list[float]:
-    """Return levels from benign to harsh, evenly spaced in their logarithm.
-
-    Parameters
-    ----------
-    benign, harsh
-        The ends, positive and different.
-    count
-        How many, at least two.
-
-    Raises
-    ------
-    InvalidValueError
-        If there is no such scan.
-    """
+    """Return levels from benign to harsh, evenly spaced in their logarithm."""
     if not (benign > 0.0 and harsh > 0.0 and benign != harsh):
         raise InvalidValueError("levels", "must be positive and differ", (benign, harsh))
     if count < 2:

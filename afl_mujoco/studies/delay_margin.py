@@ -27,7 +27,7 @@ def delay_margin(law: Law, mass: float, length: float, period: float = PERIOD) -
     Parameters
     ----------
     law
-        The law.
+        The controller.
     mass, length
         M [kg] and l [m].
     period
@@ -40,7 +40,7 @@ def delay_margin(law: Law, mass: float, length: float, period: float = PERIOD) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeastMargin:
-    """The least delay margin of one law over the plants that some scenarios go through.
+    """The least delay margin of one controller over the plants that some scenarios go through.
 
     Attributes
     ----------
@@ -59,18 +59,12 @@ class LeastMargin:
 
 
 def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin | None:
-    """Return the least delay margin over the plants of some scenarios, if there is one.
-
-    Parameters
-    ----------
-    unit
-        The law, and the scenarios, whose M(t) and l(t) are looked at every `EVERY`.
-    """
+    """Return the least delay margin over the plants of some scenarios, looked at every `EVERY`."""
     law, scenarios = unit
     plants = sorted({plant for scenario in scenarios for plant in _plants_of(scenario)})
     try:
         margins = [(delay_margin(law, *plant) or 0.0, *plant) for plant in plants]
-    except InvalidValueError:  # the law has no linearisation at upright
+    except InvalidValueError:  # the controller has no linearisation at upright
         return None
     margin, mass, length = min(margins)
     return LeastMargin(controller=law.name, margin=margin, cart_mass=mass, half_length=length)

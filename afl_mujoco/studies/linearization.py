@@ -1,4 +1,4 @@
-"""A closed loop at upright to first order, by finite differences on MuJoCo and on the law."""
+"""A closed loop at upright to first order, by finite differences on MuJoCo and controller."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ REST = 1e-9
 """Largest force at upright [N]."""
 
 KINK = 1e-3
-"""Largest difference between the slopes of a law to either side of upright, relative to its largest
-slope: central differences do not see a kink, whatever their step."""
+"""Largest difference between a controller's slopes to either side of upright, relative to its
+largest slope: central differences do not see a kink, whatever their step."""
 
 _UPRIGHT = np.zeros(4)
 
@@ -44,7 +44,7 @@ class Loop:
     a, b
         The plant: A, shape (4, 4), and B, shape (4,), the input a force [N].
     k
-        The law: K, shape (4,).
+        The controller: K, shape (4,).
     disagreement
         Largest relative difference of A, B and K from those by a step ten times longer.
     """
@@ -66,20 +66,13 @@ class Loop:
 
 
 def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
-    """Return the loop of a law and MuJoCo's cart-pole at upright.
-
-    Parameters
-    ----------
-    controller
-        The law, differentiated as it is deployed: with its belief.
-    plant
-        The true plant.
+    """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright.
 
     Raises
     ------
     InvalidValueError
-        If upright is no equilibrium of the law, it has no value beside it, or is not smooth there:
-        two steps do not agree, or the slopes to either side.
+        If upright is no equilibrium of the controller, or it is not smooth there: two steps do not
+        agree, or the slopes to either side.
     """
     dynamics = plant_dynamics(CartPoleModel(plant))
 
@@ -118,13 +111,7 @@ def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
 
 
 def plant_dynamics(model: CartPoleModel) -> Callable[[Array, float], Array]:
-    """Return MuJoCo's ``x' = f(x, F)`` for the parameters that a model has.
-
-    Parameters
-    ----------
-    model
-        The model; its state is overwritten.
-    """
+    """Return MuJoCo's ``x' = f(x, F)`` for the parameters that a model has."""
 
     def dynamics(state: Array, force: float) -> Array:
         accelerations = forward(model.addresses, *state.tolist(), float(force), 0.0)

@@ -64,16 +64,11 @@ def loop_margins(loop: Loop, control_period: float | None = None) -> Margins | N
     Parameters
     ----------
     loop
-        Plant and law.
+        Plant and controller.
     control_period
-        How long the force is held [s]; ``None`` for a law that acts continuously. The delay that
-        the hold itself costs, half a period, is then no longer in the margin; a delay of whole
+        How long the force is held [s]; ``None`` for a continuous controller. The delay that the
+        hold itself costs, half a period, is then no longer in the margin; a delay of whole
         periods is stable exactly up to it.
-
-    Raises
-    ------
-    InvalidValueError
-        If the period is not positive.
     """
     if control_period is None:
         if not loop.stable:

@@ -36,7 +36,7 @@ PACKAGES = ("afl_mujoco", "control", "mujoco", "numpy", "scipy", "numba")
 
 
 def _store(array: NDArray[Any], info: SerializationInfo) -> str:
-    """Put an array aside, for the npz, and return its name there."""
+    """Set an array apart for the npz, and return its name there."""
     context: Any = info.context
     name = f"array-{len(context)}"
     context[name] = np.asarray(array)
@@ -91,36 +91,24 @@ class Record:
 def save_record(record: Record, folder: Path) -> list[Path]:
     """Write a record in place of an older one of its study, and return what was written.
 
-    Parameters
-    ----------
-    record
-        The record.
-    folder
-        Where to; it must exist.
-
-    Raises
-    ------
-    FileError
-        If something cannot be written.
-    ValueError
-        If the result holds a number that is not finite.
+    Every file is complete before the older record goes; the JSON, which names the others, is last.
     """
     study, sections = record.study, record.sections
     arrays: dict[str, NDArray[Any]] = {}
     adapter: TypeAdapter[Any] = TypeAdapter(study.result_type)
     result = adapter.dump_python(record.result, mode="json", context=arrays)
-    with _staging(folder) as aside:
-        write_figures(figures_of(sections), aside)
-        write_text(aside / f"{study.name}.md", to_markdown(sections))
+    with _staging(folder) as staging:
+        write_figures(figures_of(sections), staging)
+        write_text(staging / f"{study.name}.md", to_markdown(sections))
         if arrays:
-            with atomic_file(aside / f"{study.name}.npz") as file, file.open("wb") as stream:
+            with atomic_file(staging / f"{study.name}.npz") as file, file.open("wb") as stream:
                 np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-        staged = sorted(path.name for path in aside.iterdir())
+        staged = sorted(path.name for path in staging.iterdir())
         text = _as_json(record, result, staged)
         remove_record(study, folder)
         others = study.write_files(record.result, folder)
         for name in staged:
-            (aside / name).replace(folder / name)
+            (staging / name).replace(folder / name)
     path = folder / f"{study.name}.json"
     write_text(path, text)  # last: it names the others
     return [path, *(folder / name for name in staged), *others]
@@ -172,13 +160,7 @@ def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:
 
 
 def remove_record(study: Study, folder: Path) -> None:
-    """Remove an older record: its JSON, and the files beside it that it lists as its own.
-
-    Raises
-    ------
-    FileError
-        If one of them cannot be removed.
-    """
+    """Remove an older record: its JSON, and the files beside it that it lists as its own."""
     path = folder / f"{study.name}.json"
     try:
         with reading(path, "is no record"):
@@ -225,5 +207,5 @@ def _staging(folder: Path) -> Iterator[Path]:
         made = tempfile.TemporaryDirectory(dir=folder, prefix=".", ignore_cleanup_errors=True)
     except OSError as error:
         raise FileError.cannot_be("written", folder, error) from None
-    with made as aside:
-        yield Path(aside)
+    with made as staging:
+        yield Path(staging)

@@ -17,13 +17,7 @@ def studies() -> dict[str, Study]:
 
 
 def find_study(name: str) -> Study:
-    """Return a study by its name.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none of that name.
-    """
+    """Return a study by its name."""
     known = studies()
     if name not in known:
         raise UnknownNameError.among("study", name, known)

@@ -16,7 +16,7 @@ AGREE, ON_BORDER, INSIDE = range(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """One law on one rectangle of rollouts, by the equations and in MuJoCo.
+    """One controller on one rectangle of rollouts, by the equations and in MuJoCo.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Comparison:
     Raises
     ------
     InvalidValueError
-        If the maps are not of the same cells and the same law.
+        If the maps are not of the same cells and the same controller.
     """
 
     ode: AttractionMap

@@ -40,13 +40,7 @@ LABELS = {
 
 
 def draw_attraction(comparisons: Sequence[Comparison]) -> Figure:
-    """Draw one row for each law: ODE, MuJoCo, disagreement.
-
-    Parameters
-    ----------
-    comparisons
-        Of one plane, one for each law.
-    """
+    """Draw one row for each controller: ODE, MuJoCo, disagreement."""
     rows = len(comparisons)
     figure = new_figure(11.0, 0.9 + 2.9 * rows)
     panels = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)

@@ -68,13 +68,7 @@ class Request(NamedTuple):
 
 
 def request_of(configuration: Attraction) -> Request:
-    """Return what a configuration asks for.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Return what a configuration asks for."""
     from afl_mujoco.control.controllers import find_controller
     from afl_mujoco.errors import UnknownNameError
     from afl_mujoco.scenario.parameters import require_distinct

@@ -94,18 +94,7 @@ class Runs:
 
 
 def require_study(controller: str, cases: Sequence[str], seeds: int) -> EstimatedLaw:
-    """Return the controller with the estimator, or raise before anything is run.
-
-    Parameters
-    ----------
-    controller, cases, seeds
-        As of `study_estimation`.
-
-    Raises
-    ------
-    AflMujocoError
-        If there is no such law or scenario, or a setting breaks its rule.
-    """
+    """Return the controller with the estimator, or raise before anything is run."""
     if seeds < 1:
         raise InvalidValueError("seeds", "must be at least 1", seeds)
     law = find_controller(controller)
@@ -131,19 +120,19 @@ class Unit(NamedTuple):
 def run_case(unit: Unit) -> Runs:
     """Return the runs on one schedule, as deployed at 1 kHz, and what each loop costs."""
     scenario, controller, seeds, noise = SCENARIOS[unit.scenario], *unit[1:]
-    told = require_study(controller, (unit.scenario,), seeds)
+    estimating = require_study(controller, (unit.scenario,), seeds)
     noisy = [
         replace(scenario, realism=replace(noise, seed=noise.seed + seed)) for seed in range(seeds)
     ]
-    runs = [simulate_estimated(one, told) for one in noisy]
-    quiet = simulate_estimated(scenario, told).run
-    oracle = simulate_mujoco(scenario, told.law, "sampled")
-    jittery = [simulate_mujoco(one, told.law, "sampled") for one in noisy]
+    runs = [simulate_estimated(one, estimating) for one in noisy]
+    quiet = simulate_estimated(scenario, estimating).run
+    oracle = simulate_mujoco(scenario, estimating.law, "sampled")
+    jittery = [simulate_mujoco(one, estimating.law, "sampled") for one in noisy]
     loops = [
-        _loop(TRUE, scenario, told.law, [oracle]),
-        _loop(TRUE, noisy[0], told.law, jittery),
-        _loop(ESTIMATED, scenario, told, [quiet]),
-        _loop(ESTIMATED, noisy[0], told, [found.run for found in runs]),
+        _loop(TRUE, scenario, estimating.law, [oracle]),
+        _loop(TRUE, noisy[0], estimating.law, jittery),
+        _loop(ESTIMATED, scenario, estimating, [quiet]),
+        _loop(ESTIMATED, noisy[0], estimating, [found.run for found in runs]),
     ]
     if (nominal := CONTROLLERS.get(f"{controller}-nominal")) is not None:
         run = simulate_mujoco(scenario, nominal, "sampled")

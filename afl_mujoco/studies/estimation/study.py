@@ -35,13 +35,7 @@ class Estimation:
 
 
 def units_of(configuration: Estimation) -> list[Unit]:
-    """Return what a configuration asks for, a unit for each schedule.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Return what a configuration asks for, a unit for each schedule."""
     from afl_mujoco.studies.estimation.loops import CASES, Unit, require_study
 
     c = configuration

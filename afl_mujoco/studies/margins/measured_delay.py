@@ -47,7 +47,7 @@ REACH = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DelayComparison:
-    """One law on one plant.
+    """One controller on one plant.
 
     Attributes
     ----------
@@ -86,15 +86,10 @@ class DelayComparison:
 def measured_plants(
     masses: Sequence[float], lengths: Sequence[float], *, few: bool = False
 ) -> list[tuple[float, float]]:
-    """Return the plants of a grid on which margin and measurement are compared, M [kg] and l [m].
+    """Return the plants of a grid on which delays are measured, M [kg] and l [m].
 
-    Parameters
-    ----------
-    masses, lengths
-        Of the grid.
-    few
-        Only its two ends; otherwise the lightest and the heaviest cart, each with the shortest, the
-        longest, and the pole nearest to their geometric mean.
+    The lightest and the heaviest cart, each with the shortest, the longest, and the pole nearest
+    to their geometric mean; only the two ends of the grid if few.
     """
     ends = (min(masses), max(masses)), (min(lengths), max(lengths))
     if few:
@@ -134,12 +129,12 @@ def compare_delays(
 
 
 def compare_delay(unit: tuple[Law, float, float, float]) -> DelayComparison:
-    """Compare margin and measurement for one law on one plant.
+    """Compare margin and measurement for one controller on one plant.
 
     Parameters
     ----------
     unit
-        The law, M [kg], l [m] and how long the force is held [s].
+        The controller, M [kg], l [m] and how long the force is held [s].
     """
     law, mass, length, period = unit
     margin = delay_margin(law, mass, length, period)
@@ -160,7 +155,7 @@ def measured_delay(
     Parameters
     ----------
     law
-        The law.
+        The controller.
     mass, length
         M [kg] and l [m].
     about
@@ -183,7 +178,7 @@ def motion_decays(
     Parameters
     ----------
     law
-        The law.
+        The controller.
     mass, length
         M [kg] and l [m].
     delay

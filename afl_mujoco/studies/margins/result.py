@@ -108,26 +108,14 @@ class Result:
         return len(self.cart_masses) * len(self.half_lengths)
 
     def grid(self, controller: str, *, sampled: bool = False) -> LoopGrid:
-        """Return the margins of one controller, by its name.
-
-        Raises
-        ------
-        UnknownNameError
-            If it was not studied.
-        """
+        """Return the margins of one controller, by its name."""
         if controller not in self.margins:
             raise UnknownNameError.among("controller", controller, self.margins)
         found = self.margins[controller]
         return found.sampled if sampled else found.continuous
 
     def values(self, controller: str, metric: str, *, sampled: bool = False) -> NDArray[np.float64]:
-        """Return one of `METRICS`, shape (masses, lengths); NaN where the loop is not stable.
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such controller or margin.
-        """
+        """Return one of `METRICS`, shape (masses, lengths); NaN where the loop is not stable."""
         grid = self.grid(controller, sampled=sampled)
         if metric not in METRICS:
             raise UnknownNameError.among("margin", metric, METRICS)

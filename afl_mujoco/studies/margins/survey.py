@@ -41,13 +41,7 @@ class Request(NamedTuple):
 
 
 def request_of(configuration: MarginsConfiguration) -> Request:
-    """Return what a configuration asks for.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Return what a configuration asks for."""
     c = configuration
     every = QUICK if c.quick else 1
     return require(
@@ -67,11 +61,6 @@ def require(
     """Return what is surveyed, or raise before it is.
 
     Each controller is linearised once: one that is not smooth is found here.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
     """
     refuse_estimated(controllers)
     period = require_positive("control_period", control_period)
@@ -113,11 +102,6 @@ def survey_margins(
         Processes to share the work among; the result does not depend on it.
     progress
         Called as of `Progress`.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
     """
     laws, masses, lengths, period = require(controllers, cart_masses, half_lengths, control_period)
     units: list[Unit] = [(law, mass, lengths, period) for law in laws for mass in masses]

@@ -74,33 +74,15 @@ class Campaign:
         return len(next(iter(self.trials.values())))
 
     def survival(self, name: str) -> Rate:
-        """Return how often a controller's pole stayed up to the end.
-
-        Parameters
-        ----------
-        name
-            Of the controller.
-        """
+        """Return how often a controller's pole stayed up to the end."""
         return Rate(sum(trial.survived for trial in self.trials[name]), self.samples)
 
     def settling(self, name: str) -> Rate:
-        """Return how often a controller settled.
-
-        Parameters
-        ----------
-        name
-            Of the controller.
-        """
+        """Return how often a controller settled."""
         return Rate(sum(trial.settled for trial in self.trials[name]), self.samples)
 
     def failures(self, name: str) -> list[int]:
-        """Return the indices of the samples that a controller did not survive.
-
-        Parameters
-        ----------
-        name
-            Of the controller.
-        """
+        """Return the indices of the samples that a controller did not survive."""
         return [i for i, trial in enumerate(self.trials[name]) if not trial.survived]
 
     def peak_displacement(self, name: str) -> tuple[float, float] | None:
@@ -124,28 +106,7 @@ def run_campaign(
     executor: Executor,
     progress: Callable[[int], None] = lambda runs: None,
 ) -> Campaign:
-    """Run every controller on the same samples; who computes does not change a bit.
-
-    Parameters
-    ----------
-    laws
-        The controllers, their names distinct.
-    space
-        Where the samples are drawn from.
-    samples, seed
-        How many, and the seed; sample i is the same whatever their number.
-    settings
-        How to run them.
-    executor
-        From `open_executor`.
-    progress
-        Called with how many runs are done, of ``samples * len(laws)``.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or a gain of a law does.
-    """
+    """Run every controller on the same samples; who computes does not change a bit."""
     require_campaign(laws, space, samples=samples, seed=seed, settings=settings)
     chunks = [range(i, min(i + CHUNK, samples)) for i in range(0, samples, CHUNK)]
     units = [SampleUnit(law, space, seed, chunk, settings) for law in laws for chunk in chunks]
@@ -164,13 +125,7 @@ def run_campaign(
 
 
 def run_samples(unit: SampleUnit) -> list[Trial]:
-    """Run a law on some samples.
-
-    Parameters
-    ----------
-    unit
-        What to run.
-    """
+    """Run a controller on some samples."""
     scenarios = [sample_scenario(unit.space, i, unit.seed) for i in unit.indices]
     return run_trials(scenarios, unit.law, unit.settings)
 
@@ -178,18 +133,7 @@ def run_samples(unit: SampleUnit) -> list[Trial]:
 def require_campaign(
     laws: Sequence[Law], space: SampleSpace, *, samples: int, seed: int, settings: Settings
 ) -> None:
-    """Raise at what would break a campaign, before it begins.
-
-    Parameters
-    ----------
-    laws, space, samples, seed, settings
-        As of `run_campaign`.
-
-    Raises
-    ------
-    AflMujocoError
-        If something breaks its rule.
-    """
+    """Raise at what would break a campaign, before it begins."""
     require_distinct("controller", [law.name for law in laws])
     if samples < 1:
         raise InvalidValueError("samples", "must be at least 1", samples)

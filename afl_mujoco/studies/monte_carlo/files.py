@@ -19,18 +19,7 @@ _OURS = re.compile(r"failure-\d{4,}\.toml|" + "|".join(map(re.escape, NAMES.valu
 
 
 def require(folder: Path) -> None:
-    """Raise if the folder of the scenario files holds anything that a campaign did not write.
-
-    Parameters
-    ----------
-    folder
-        Of the study.
-
-    Raises
-    ------
-    FileError
-        If it does: it would be lost.
-    """
+    """Raise if the folder of the scenario files holds anything that a campaign did not write."""
     held = folder / FOLDER
     if not held.exists():
         return
@@ -47,22 +36,10 @@ def require(folder: Path) -> None:
 def write(result: Result, folder: Path) -> list[Path]:
     """Write a scenario file of each failure kept and of each worst case, in place of older ones.
 
-    Parameters
-    ----------
-    result
-        What to write.
-    folder
-        Of the study; it must exist.
-
     Returns
     -------
     list of Path
         The folder of the scenario files.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written, or holds anything else.
     """
     require(folder)
     space, seed = result.space, result.seed

@@ -75,13 +75,7 @@ class Pairing:
 
 
 def pair(first: Sequence[bool], second: Sequence[bool]) -> Pairing:
-    """Compare who survived what.
-
-    Parameters
-    ----------
-    first, second
-        Whether each survived, one entry for each sample, in the same order.
-    """
+    """Compare who survived what."""
     pairs = list(zip(first, second, strict=True))
     return Pairing(
         both=pairs.count((True, True)),

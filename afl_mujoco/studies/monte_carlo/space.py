@@ -70,7 +70,7 @@ class SampleSpace:
     actuator_lag
         Time constant of the drive's current loop [s].
     control_period
-        Of the law [s], not varied.
+        Of the controller [s], not varied.
     force_limit
         Of the actuator [N], not varied; the paper's has none.
     duration
@@ -147,11 +147,6 @@ class SampleSpace:
         index, seed
             Number and seed of the sample; they give its name and the seed of its noise, and
             nothing else.
-
-        Raises
-        ------
-        InvalidValueError
-            If the point is not in the cube.
         """
         at = self._by_name(point)
         scaled = {
@@ -224,39 +219,17 @@ class SampleSpace:
 
 
 def sample_point(space: SampleSpace, index: int, seed: int) -> NDArray[np.float64]:
-    """Return the point of a sample, uniform in the cube; it depends on index and seed alone.
-
-    Parameters
-    ----------
-    space
-        Gives the dimension.
-    index, seed
-        Number of the sample and seed of the campaign.
-    """
+    """Return the point of a sample, uniform in the cube; it depends on index and seed alone."""
     return Generator(Philox(_stream(seed, _POINT, index))).random(space.dimension)
 
 
 def sample_scenario(space: SampleSpace, index: int, seed: int) -> Scenario:
-    """Return the scenario of a sample.
-
-    Parameters
-    ----------
-    space
-        Where it is drawn from.
-    index, seed
-        Number of the sample and seed of the campaign.
-    """
+    """Return the scenario of a sample."""
     return space.scenario_of(sample_point(space, index, seed), index, seed)
 
 
 def search_generator(seed: int) -> Generator:
-    """Return the random numbers of a search; no sample of the same seed shares them.
-
-    Parameters
-    ----------
-    seed
-        Of the campaign.
-    """
+    """Return the random numbers of a search; no sample of the same seed shares them."""
     return Generator(Philox(_stream(seed, _SEARCH, 0)))
 
 

@@ -60,13 +60,7 @@ class Request(NamedTuple):
 
 
 def request_of(configuration: MonteCarlo) -> Request:
-    """Return what a configuration asks for.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Return what a configuration asks for."""
     from afl_mujoco.control.controllers import find_controller
     from afl_mujoco.errors import InvalidValueError
     from afl_mujoco.studies.monte_carlo.campaign import require_campaign

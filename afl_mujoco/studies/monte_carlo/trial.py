@@ -31,11 +31,11 @@ class Trial:
     outcome
         One of `ENDINGS`.
     end_time
-        When it ended [s]; NaN if the law failed.
+        When it ended [s]; NaN if the controller failed.
     peak_z, peak_phi, max_force, iae_z, iae_phi, settling_time
         As of `Rollouts`.
     message
-        What the law did, if it failed.
+        What the controller did, if it failed.
     """
 
     outcome: str
@@ -91,23 +91,9 @@ class Settings(NamedTuple):
 
 
 def run_trials(scenarios: Sequence[Scenario], law: Law, settings: Settings) -> list[Trial]:
-    """Run a law on scenarios; a law in Python that breaks down fails that run and no other.
+    """Run a controller on scenarios; one in Python that breaks down fails that run and no other.
 
     Each run is, to the last bit, that of `simulate_mujoco` in sampled mode.
-
-    Parameters
-    ----------
-    scenarios
-        What happens.
-    law
-        What is commanded.
-    settings
-        How to run them.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
     """
     options = settings._asdict()
     if not isinstance(law, PythonLaw):
@@ -122,13 +108,7 @@ def run_trials(scenarios: Sequence[Scenario], law: Law, settings: Settings) -> l
 
 
 def trials_of(runs: Rollouts) -> list[Trial]:
-    """Return rollouts one by one.
-
-    Parameters
-    ----------
-    runs
-        The rollouts.
-    """
+    """Return rollouts one by one."""
     trials = []
     for i in range(len(runs)):
         figures: dict[str, Any] = {name: float(getattr(runs, name)[i]) for name in FIGURES}

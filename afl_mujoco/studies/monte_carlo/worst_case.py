@@ -101,25 +101,12 @@ def search_worst(
     executor: Executor,
     progress: Callable[[int], None] = lambda runs: None,
 ) -> list[Found]:
-    """Search the hardest rig for a law, then the failure nearest to the paper's nominal run.
+    """Search the hardest sample for a controller, then the failure nearest to the nominal run.
 
     The first search starts from the hardest sample of the campaign, the second from the nearest
     failure known. Each has the noise of the sample that it starts from, so that it walks through
     a landscape that keeps still and finds nothing milder than what was known. There is no second
     one if nothing fails, and none at all if nothing survives.
-
-    Parameters
-    ----------
-    law
-        One of the campaign's.
-    campaign
-        Gives space, seed, settings, and the samples.
-    budget
-        Of each search.
-    executor
-        From `open_executor`; who computes does not change a bit.
-    progress
-        Called with how many runs are done, of at most `most_runs`.
     """
     rng, spent = search_generator(campaign.seed), 0
 
@@ -161,13 +148,7 @@ def worst_scenario(
 
 
 def most_runs(budget: Budget) -> int:
-    """Return the most runs that `search_worst` reports for one controller.
-
-    Parameters
-    ----------
-    budget
-        Of each of its two searches.
-    """
+    """Return the most runs that `search_worst` reports for one controller."""
     return 2 * budget.points
 
 
@@ -179,7 +160,7 @@ def _sample(campaign: Campaign, index: int) -> Start:
 def _trials_at(
     points: list[Point], noise: int, law: Law, campaign: Campaign, executor: Executor
 ) -> list[Trial]:
-    """Run a law at points of the cube, shared among workers."""
+    """Run a controller at points of the cube, shared among workers."""
     pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
     units = [PointUnit(law, campaign.space, campaign.seed, piece, noise, campaign.settings)
              for piece in pieces]  # fmt: skip
@@ -196,27 +177,13 @@ def _cost(question: str, space: SampleSpace, point: Point, trial: Trial) -> floa
 
 
 def run_points(unit: PointUnit) -> list[Trial]:
-    """Run a law at points of the cube.
-
-    Parameters
-    ----------
-    unit
-        What to run.
-    """
+    """Run a controller at points of the cube."""
     rigs = [unit.space.scenario_of(point, unit.noise, unit.seed) for point in unit.points]
     return run_trials(rigs, unit.law, unit.settings)
 
 
 def distance_of(space: SampleSpace, point: Point) -> float:
-    """Return how far a point is from the paper's nominal run, as a share of the cube's diagonal.
-
-    Parameters
-    ----------
-    space
-        Gives the nominal run's point.
-    point
-        The point.
-    """
+    """Return how far a point is from the paper's nominal run, as a share of the cube's diagonal."""
     return float(np.linalg.norm(point - space.reference) / np.sqrt(space.dimension))
 
 

@@ -62,13 +62,7 @@ class Imperfection:
     quantum: float = 0.0
 
     def options(self, level: float) -> dict[str, Any]:
-        """Return the fields of `Realism` at a level.
-
-        Parameters
-        ----------
-        level
-            As of `benign` and `harsh`.
-        """
+        """Return the fields of `Realism` at a level."""
         values = {name: factor * level for name, factor in self.fields.items()}
         return {**values, **dict.fromkeys(self.switches, True)}
 
@@ -83,13 +77,7 @@ class Imperfection:
         return self.harsh < self.benign
 
     def snapped(self, level: float) -> float:
-        """Return the nearest level that there is.
-
-        Parameters
-        ----------
-        level
-            Any.
-        """
+        """Return the nearest level that there is."""
         if self.quantum == 0.0:
             return level
         return max(1, round(level / self.quantum)) * self.quantum
@@ -167,18 +155,7 @@ COMBINED = Imperfection(
 
 
 def find_imperfection(name: str) -> Imperfection:
-    """Return an imperfection by its name.
-
-    Parameters
-    ----------
-    name
-        A key of `BY_NAME`, or ``combined``.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none of that name.
-    """
+    """Return an imperfection by its name."""
     known = {**BY_NAME, COMBINED.name: COMBINED}
     if name not in known:
         raise UnknownNameError.among("imperfection", name, known)
@@ -186,35 +163,14 @@ def find_imperfection(name: str) -> Imperfection:
 
 
 def realism_at(imperfection: Imperfection, level: float, seed: int = 0) -> Realism:
-    """Return the ideal loop with one imperfection, or all combined, at a level.
-
-    Parameters
-    ----------
-    imperfection
-        Which.
-    level
-        How much of it.
-    seed
-        Of the noise.
-    """
+    """Return the ideal loop with one imperfection, or all combined, at a level."""
     if imperfection.name == COMBINED.name:
         return combined(level, [one for one in IMPERFECTIONS if one.name not in APART], seed)
     return Realism(**imperfection.options(level), seed=seed)
 
 
 def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0) -> Realism:
-    """Return several imperfections at once, each as many times worse than the reference.
-
-    Parameters
-    ----------
-    scale
-        How many times; where less is worse, the reference level is divided by it. Nothing becomes
-        harsher than the range of its imperfection.
-    imperfections
-        Which; of two that set the same field the later counts.
-    seed
-        Of the noise.
-    """
+    """Return several imperfections at once, each as many times worse than the reference."""
     options: dict[str, Any] = {}
     for imperfection in imperfections:
         if imperfection.less_is_worse:

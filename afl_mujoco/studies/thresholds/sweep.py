@@ -195,13 +195,7 @@ def _largest(values: Sequence[float]) -> float | None:
 
 
 def names_of(chosen: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the imperfections to study, by default all and all combined.
-
-    Raises
-    ------
-    UnknownNameError
-        If one is not known.
-    """
+    """Return the names of the imperfections to study, by default all and all combined."""
     if not chosen:
         return (*(one.name for one in IMPERFECTIONS), COMBINED.name)
     return tuple(find_imperfection(name).name for name in chosen)
@@ -216,13 +210,7 @@ class Request(NamedTuple):
 
 
 def request_of(configuration: Thresholds) -> Request:
-    """Return what a configuration asks for.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Return what a configuration asks for."""
     c = configuration
     seeds, scan, tolerance = QUICK if c.quick else DEFAULT
     settings = Settings(
@@ -268,24 +256,7 @@ def find_thresholds(
     cluster: str | None = None,
     progress: Progress = silent,
 ) -> Result:
-    """Find the thresholds of some controllers.
-
-    Parameters
-    ----------
-    controllers, settings
-        Which, and how.
-    imperfections
-        Names; none for all and all combined.
-    workers, cluster
-        Who computes, as of `open_executor`; the result does not depend on it.
-    progress
-        Called as of `Progress`.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or a controller cannot be run.
-    """
+    """Find the thresholds of some controllers."""
     names = require(controllers, settings, imperfections)
     units = [(name, law, settings) for name in names for law in controllers]
     done, total = itertools.count(1), len(units) + len(controllers)
