@@ -21,11 +21,11 @@ class Estimator(NamedTuple):
     law
         The law.
     settings
-        Of the estimator, `EstimatorSettings.array`.
+        Of the estimator, `EstimatorSettings.record`.
     """
 
     law: CompiledLaw
-    settings: NDArray[np.float64]
+    settings: Any
 
 
 class Law(Protocol):
