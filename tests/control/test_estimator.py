@@ -118,7 +118,7 @@ def along(memory, settings, measured, forces, dt):
             out[k, 0], out[k, 1] = estimator.update(
                 memory, settings, measured[k, 0], measured[k, 1], force, dt
             )
-        out[k, 2], out[k, 3], out[k, 4] = *memory["state"][2:4], memory["surprise"]
+        out[k, 2], out[k, 3], out[k, 4] = memory.state[2], memory.state[3], memory.surprise
     return out
 
 
