@@ -64,6 +64,10 @@ class Law(Protocol):
         """
         return False
 
+    def informed(self) -> Law:
+        """Return the law that is given the true M and l where this one estimates them."""
+        return self
+
     def relabelled(self) -> Law:
         """Return the law in the other reading of the paper's gain columns, if it has one."""
         return self
