@@ -19,7 +19,7 @@ BACKEND = require_backend()  # before anything imports mujoco
 
 import afl_mujoco as afl  # noqa: E402
 from afl_mujoco.reporting.films.plan import plan  # noqa: E402
-from afl_mujoco.reporting.films.studio import make_films  # noqa: E402
+from afl_mujoco.reporting.films.renderer import make_films  # noqa: E402
 
 CONTROLLERS = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
 

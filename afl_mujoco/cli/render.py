@@ -68,8 +68,8 @@ class Render:
         require_backend()
 
         from afl_mujoco.reporting.films.plan import plan
+        from afl_mujoco.reporting.films.renderer import make_films, write_stills
         from afl_mujoco.reporting.films.replay import Deployment
-        from afl_mujoco.reporting.films.studio import make_films, write_stills
 
         deployment = Deployment(
             timestep=self.timestep, control_period=self.control_period, integrator=self.integrator

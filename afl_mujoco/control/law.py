@@ -21,11 +21,11 @@ class Estimator(NamedTuple):
     law
         The law.
     settings
-        Of the estimator, `EstimatorSettings.array`.
+        Of the estimator, `EstimatorSettings.record`.
     """
 
     law: CompiledLaw
-    settings: NDArray[np.float64]
+    settings: Any
 
 
 class Law(Protocol):
@@ -63,6 +63,10 @@ class Law(Protocol):
         Only sampled mode, which calls once a control period and in order, can run it then.
         """
         return False
+
+    def informed(self) -> Law:
+        """Return the law that is given the true M and l where this one estimates them."""
+        return self
 
     def relabelled(self) -> Law:
         """Return the law in the other reading of the paper's gain columns, if it has one."""

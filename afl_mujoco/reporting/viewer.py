@@ -10,8 +10,8 @@ import numpy as np
 
 from afl_mujoco.errors import GraphicsError
 from afl_mujoco.reporting.films.camera import ELEVATION
-from afl_mujoco.reporting.films.decor import BAR, decorate
-from afl_mujoco.reporting.films.overlay import endings, readouts
+from afl_mujoco.reporting.films.captions import endings, readouts
+from afl_mujoco.reporting.films.overlays import BAR, add_overlays
 from afl_mujoco.reporting.films.replay import Replay
 from afl_mujoco.reporting.films.scene import pose
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
@@ -71,7 +71,7 @@ def _show(viewer: mujoco.viewer.Handle, model: CartPoleModel, replay: Replay, in
         pose(model, replay, index)
         viewer.cam.lookat[0] += float(replay.state[index, 0]) - before
         viewer.user_scn.ngeom = 0
-        decorate(viewer.user_scn, replay, index, MARKED, drawn_mass=1.0)  # as the model is
+        add_overlays(viewer.user_scn, replay, index, MARKED, drawn_mass=1.0)  # as the model is
     numbers = readouts(replay, index)
     ended = [text.text for text in endings(replay, index, 0.0, 0.0)]
     labels, values = zip(*numbers, strict=True)

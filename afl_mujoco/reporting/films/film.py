@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.reporting.films.camera import CameraPath, Frame, follow
-from afl_mujoco.reporting.films.overlay import (
+from afl_mujoco.reporting.films.captions import (
     INK,
     QUIET,
     Text,
@@ -22,9 +22,9 @@ from afl_mujoco.reporting.films.overlay import (
     readouts,
     write,
 )
+from afl_mujoco.reporting.films.plots import draw_plots
 from afl_mujoco.reporting.films.replay import Replay
 from afl_mujoco.reporting.films.scene import Scene, open_scene
-from afl_mujoco.reporting.films.strips import draw_strips
 
 Picture = NDArray[np.uint8]
 HALF = Frame(top=0.16, bottom=0.30, foot=0.21)
@@ -33,7 +33,7 @@ HALF = Frame(top=0.16, bottom=0.30, foot=0.21)
 DIVIDER = (70, 80, 98)
 
 TITLE_TIME, RESULT_TIME = 2.0, 3.0
-"""How long the showcase's first and last card stand [s]."""
+"""How long the showcase's first and last title frame stand [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def comparison(
     width, height = size
     s = height / 720
     part = (2 * (width // 4), 2 * (height // 4))
-    strips = draw_strips(replays, (width, height - part[1]))
+    plots = draw_plots(replays, (width, height - part[1]))
     key = _key(held, width, s)
     head = replays[0]
     with open_scene(head, *part) as scene:
@@ -119,7 +119,7 @@ def comparison(
             picture[: part[1], : part[0]] = _part(shots[0], index, s)
             picture[: part[1], width - part[0] :] = _part(shots[1], index, s)
             picture[: part[1], part[0]] = DIVIDER
-            picture[part[1] :] = strips.until(float(head.time[index]))
+            picture[part[1] :] = plots.until(float(head.time[index]))
             yield write(picture, key, s)
 
 
@@ -180,7 +180,7 @@ def _key(held: str, width: int, s: float) -> list[Text]:
 
 
 def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> Picture:
-    """Return the showcase's first card.
+    """Return the showcase's first title frame.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> P
 
 
 def result_card(replays: Sequence[Replay], size: tuple[int, int]) -> Picture:
-    """Return the showcase's last card: how far MuJoCo and the ideal equations were apart.
+    """Return the showcase's last title frame: how far MuJoCo and the ideal equations were apart.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ class Film:
         return len(frame_times(self.runs[0][0].duration, self.fps))
 
     @property
-    def cards(self) -> tuple[int, int]:
+    def title_frames(self) -> tuple[int, int]:
         """How many frames of text stand before and after them."""
         if self.kind != SHOWCASE:
             return 0, 0
@@ -87,7 +87,7 @@ class Film:
     @property
     def frames(self) -> int:
         """How many frames it has."""
-        return self.running + sum(self.cards)
+        return self.running + sum(self.title_frames)
 
     def describe(self) -> dict[str, Any]:
         """Return its entry in the index."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
+from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
@@ -99,7 +99,8 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
 def record(scenario: Scenario, controller: Law, deployment: Deployment, fps: int) -> Replay:
     """Run the law as deployed in MuJoCo, and the ideal ODE, for a film.
 
-    In the ideal ODE a law that an estimator tells the plant is told the truth.
+    In the ideal ODE an estimating controller is given the true parameters, and the force of one
+    with memory is held.
 
     Parameters
     ----------
@@ -118,8 +119,12 @@ def record(scenario: Scenario, controller: Law, deployment: Deployment, fps: int
         control_period=deployment.control_period,
         integrator=deployment.integrator,
     )
-    told = controller.law if isinstance(controller, EstimatedLaw) else controller
-    ideal = simulate_ode(scenario, told, sample_period=deployment.timestep)
+    h, period = deployment.timestep, deployment.control_period
+    informed = controller.informed()
+    if informed.stateful:  # which has no continuous form
+        ideal = simulate_ode_held(scenario, informed, timestep=h, control_period=period)
+    else:
+        ideal = simulate_ode(scenario, informed, sample_period=h)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
     runs_on = times <= run.outcome.time

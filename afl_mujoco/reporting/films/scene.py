@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.reporting.films.camera import ELEVATION, CameraPath
-from afl_mujoco.reporting.films.decor import BAR, add_shadow, decorate, marks, show_mass
+from afl_mujoco.reporting.films.overlays import BAR, add_overlays, add_shadow, marks, show_mass
 from afl_mujoco.reporting.films.replay import Replay
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
@@ -70,7 +70,7 @@ class Scene:
             scene.flags[flag] = False
         show_mass(scene, self.model.mj_model.geom("cart").id, float(replay.cart_mass[index]))
         add_shadow(scene, replay, index)
-        decorate(scene, replay, index, marks(path, index, BAR))
+        add_overlays(scene, replay, index, marks(path, index, BAR))
 
 
 def pose(model: CartPoleModel, replay: Replay, index: int) -> None:

@@ -17,7 +17,6 @@ from afl_mujoco.control.compiled_law import given_force, law_force
 from afl_mujoco.control.estimation.estimator import filtered_state
 from afl_mujoco.control.estimation.estimator import start as begin_estimate
 from afl_mujoco.control.estimation.estimator import update as update_estimate
-from afl_mujoco.control.estimation.settings import FORCE_SENSED, GRAVITY, POLE_MASS
 from afl_mujoco.simulation.mujoco_model import (
     mj_reset_data,
     mj_step,
@@ -266,7 +265,7 @@ def run_estimating(
     sensors,
     actuator,
     law,
-    filter_state,
+    filter_,
     settings,
     estimates,
 ):
@@ -280,7 +279,7 @@ def run_estimating(
         reports the force, the mean of what it exerted.
     law
         A `CompiledLaw`.
-    filter_state, settings
+    filter_, settings
         Of the estimator, as of `estimator.start`.
     estimates
         Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
@@ -291,14 +290,14 @@ def run_estimating(
     while run.status == RUNNING:
         z, phi, _, _ = sense(at, sensors, run, tick)
         if tick == 0:
-            mass, length = begin_estimate(filter_state, settings, z, phi)
+            mass, length = begin_estimate(filter_, settings, z, phi)
         else:
-            force = run.mean_force if settings[FORCE_SENSED] else run.command
-            mass, length = update_estimate(filter_state, settings, z, phi, force, sensors.period)
-        z, phi, z_dot, phi_dot = filtered_state(filter_state)
+            force = run.mean_force if settings.force_sensed else run.command
+            mass, length = update_estimate(filter_, settings, z, phi, force, sensors.period)
+        z, phi, z_dot, phi_dot = filtered_state(filter_)
         if tick < len(estimates):
             estimates[tick, 0], estimates[tick, 1] = mass, length
-        assumed = (mass, settings[POLE_MASS], length, settings[GRAVITY])
+        assumed = (mass, settings.pole_mass, length, settings.gravity)
         command = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
         advance(at, plan, actuator, profile, run, pending, record, command)
         tick += 1

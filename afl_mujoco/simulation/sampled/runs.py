@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.estimation.estimator import blank_memory as blank_estimator
+from afl_mujoco.control.estimation.estimator import new_filter
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.sampling import SNAP, impulses_by_step, whole_steps
@@ -201,7 +201,7 @@ def perform(
     devices = (prepared.initial_state, prepared.sensors, actuator)
     if (estimator := law.estimator) is not None:
         kept = np.empty((0, 2)) if estimates is None else estimates
-        filter_ = (estimator.law, blank_estimator(), estimator.settings, kept)
+        filter_ = (estimator.law, new_filter(), estimator.settings, kept)
         loop.run_estimating(*plant, pending, rows, *devices, *filter_)
     elif not law.interpreted:
         loop.run_to_end(*plant, pending, rows, *devices, law.compiled.kind, prepared.inputs)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.reporting.films.camera import Frame, follow
-from afl_mujoco.reporting.films.decor import ARROW_SCALE, cart_size
+from afl_mujoco.reporting.films.overlays import ARROW_SCALE, cart_size
 from afl_mujoco.reporting.films.scene import open_scene
 
 SIZE = (1280, 720)

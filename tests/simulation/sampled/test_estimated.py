@@ -41,7 +41,7 @@ def by_hand(scenario, law):
     model = CartPoleModel(scenario.parameters_at(0.0), realism=scenario.realism)
     pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 5))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
-    filtering, settings = estimator.blank_memory(), law.settings.array
+    filtering, settings = estimator.new_filter(), law.settings.record
     loop.start(*plant, rows, run.initial_state)
     tick, command = 0, 0.0
     while memory["status"] == loop.RUNNING:

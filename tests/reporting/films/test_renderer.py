@@ -17,8 +17,8 @@ import afl_mujoco as afl
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.reporting.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.reporting.films.plan import COMPARISON, SHOWCASE, SINGLE, plan
+from afl_mujoco.reporting.films.renderer import INDEX, make_films, write_stills
 from afl_mujoco.reporting.films.replay import Deployment, record
-from afl_mujoco.reporting.films.studio import INDEX, make_films, write_stills
 from afl_mujoco.reporting.films.video import write_video
 
 SIZE = (256, 144)
@@ -46,13 +46,13 @@ def test_every_film_decodes_with_each_of_its_frames(graphics, films, tmp_path):
     assert counted == list(range(1, sum(film.frames for film in films) + 1))
     for film, file in zip(films, files, strict=True):
         about, frames = decode(file)
-        cards = round(30 * (TITLE_TIME + RESULT_TIME)) if film.kind == SHOWCASE else 0
-        assert len(frames) == film.frames == round(0.5 * 30) + cards
+        title_frames = round(30 * (TITLE_TIME + RESULT_TIME)) if film.kind == SHOWCASE else 0
+        assert len(frames) == film.frames == round(0.5 * 30) + title_frames
         assert frames.shape[1:] == (SIZE[1], SIZE[0], 3)
         assert "Video: h264" in about
         assert "yuv420p" in about
         assert "30 fps" in about
-        running = frames[film.cards[0] : len(frames) - film.cards[1]].astype(int)
+        running = frames[film.title_frames[0] : len(frames) - film.title_frames[1]].astype(int)
         moved = [np.abs(b - a).max() for a, b in itertools.pairwise(running)]
         assert min(moved) > 16, "two frames in a row are the same"
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(

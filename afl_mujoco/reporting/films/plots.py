@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from afl_mujoco.reporting.films.overlay import BOTTOM
+from afl_mujoco.reporting.films.captions import BOTTOM
 from afl_mujoco.reporting.films.replay import Replay
 
 Picture = NDArray[np.uint8]
@@ -48,7 +48,7 @@ _DARK: dict[Any, Any] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Strips:
+class GrowingPlots:
     """Curves that can be shown up to an instant.
 
     Attributes
@@ -82,7 +82,7 @@ class Strips:
         return picture
 
 
-def draw_strips(replays: Sequence[Replay], size: tuple[int, int]) -> Strips:
+def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> GrowingPlots:
     """Draw phi, z, F, M and l of runs of one scenario.
 
     Parameters
@@ -108,7 +108,7 @@ def draw_strips(replays: Sequence[Replay], size: tuple[int, int]) -> Strips:
             line.set_visible(False)
         empty = _picture(canvas)
     boxes = tuple(_box(axis, size[1]) for axis in axes)
-    return Strips(empty, full, boxes, _end(replays))
+    return GrowingPlots(empty, full, boxes, _end(replays))
 
 
 def _axes(figure: Figure) -> list[Axes]:

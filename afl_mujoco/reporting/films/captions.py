@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.reporting.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath
-from afl_mujoco.reporting.films.decor import BAR, FORCE, GHOST, PUSH, marks
+from afl_mujoco.reporting.films.overlays import BAR, FORCE, GHOST, PUSH, marks
 from afl_mujoco.reporting.films.replay import Replay
 
 Rgb = tuple[int, int, int]

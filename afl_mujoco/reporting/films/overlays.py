@@ -33,7 +33,7 @@ _BED_TOP, _BED_FRONT = -0.30, -0.70
 _FORCE_LINE, _PUSH_LINE = -0.15, -0.03
 
 
-def decorate(
+def add_overlays(
     scene: mujoco.MjvScene,
     replay: Replay,
     index: int,

@@ -67,7 +67,7 @@ def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Pat
     return files
 
 
-def shoot(film: Film, folder: Path, progress: Callable[[], None] = lambda: None) -> None:
+def render_film(film: Film, folder: Path, progress: Callable[[], None] = lambda: None) -> None:
     """Write a film and its poster.
 
     Parameters
@@ -166,7 +166,7 @@ def _made(
     """Make films and yield each as it is done."""
     if each is not None:
         for film in planned:
-            shoot(film, folder, each)
+            render_film(film, folder, each)
             yield film
         return
     units = [(film, folder) for film in planned]
@@ -177,7 +177,7 @@ def _made(
 
 def _shoot_unit(unit: Unit) -> None:
     """Make a film in a process of its own."""
-    shoot(*unit)
+    render_film(*unit)
 
 
 def _record(film: Film) -> list[Replay]:
@@ -186,7 +186,7 @@ def _record(film: Film) -> list[Replay]:
 
 
 def _scenes(film: Film, replays: Sequence[Replay], indices: Iterable[int]) -> Iterator[Picture]:
-    """Return the frames of a film, cards not counted."""
+    """Return the frames of a film, title_frames not counted."""
     held = film.deployment.describe()
     if film.kind == SINGLE:
         return films.single(replays[0], held, film.size, film.fps, indices)
@@ -197,12 +197,12 @@ def _scenes(film: Film, replays: Sequence[Replay], indices: Iterable[int]) -> It
 def _with_cards(
     film: Film, replays: Sequence[Replay], scenes: Iterable[Picture]
 ) -> Iterable[Picture]:
-    """Return all frames of a film: those of a showcase stand between two cards."""
+    """Return all frames of a film: those of a showcase stand between two title_frames."""
     if film.kind != SHOWCASE:
         return scenes
     title = films.title_card(replays, film.deployment.describe(), film.size)
     results = films.result_card(replays, film.size)
-    before, after = film.cards
+    before, after = film.title_frames
     return itertools.chain(
         itertools.repeat(title, before), scenes, itertools.repeat(results, after)
     )
