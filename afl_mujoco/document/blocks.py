@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
+from afl_mujoco.document.pictures import Picture
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
@@ -17,11 +19,15 @@ Status = Literal["", "good", "neutral", "bad"]
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A paragraph; `` `code` `` and ``*emphasis*`` are its only markup."""
+    """A paragraph; its markup is `` `code` ``, ``*emphasis*`` and ``[a link](#anchor)``.
+
+    A note stands back behind the text.
+    """
 
     kind: ClassVar[str] = "text"
 
     text: str
+    note: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,7 @@ class Cell:
     text: str
     status: Status = ""
     code: bool = False
+    strong: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,7 +187,7 @@ class Section:
                 yield from block.walk()
 
 
-Block: TypeAlias = Text | Finding | Table | Figure | Command | Section
+Block: TypeAlias = Text | Finding | Table | Figure | Picture | Command | Section
 
 
 def figures_of(sections: Sequence[Section]) -> list[Figure]:

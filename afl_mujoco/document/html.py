@@ -14,7 +14,7 @@ from jinja2 import BaseLoader, ChoiceLoader, Environment, PackageLoader, StrictU
 from markupsafe import Markup, escape
 
 from afl_mujoco.document import blocks, numbers
-from afl_mujoco.document.markup import CODE, EMPHASIS, spans
+from afl_mujoco.document.markup import CODE, EMPHASIS, LINK, spans
 from afl_mujoco.document.pictures import Picture, data_uri, find_picture
 
 PACKAGE = "afl_mujoco.document"
@@ -60,12 +60,10 @@ def environment(*loaders: BaseLoader) -> Environment:
         lstrip_blocks=True,
     )
     made.filters.update(
-        scientific=numbers.scientific,
         short=numbers.short,
         fixed=numbers.fixed,
         percent=numbers.percent,
-        size=numbers.size,
-        upper_first=lambda text: text[:1].upper() + text[1:],
+        upper_first=numbers.sentence,
         marked=_marked,
     )
     return made
@@ -90,9 +88,12 @@ def _marked(text: str) -> Markup:
     """Return a paragraph with its markup."""
     parts = []
     for span in spans(text):
-        tag = _TAGS.get(span.style)
         said = escape(span.text)
-        parts.append(Markup(f"<{tag}>{said}</{tag}>") if tag else said)
+        if span.style == LINK:
+            said = Markup(f'<a href="#{escape(span.anchor)}">{said}</a>')
+        elif tag := _TAGS.get(span.style):
+            said = Markup(f"<{tag}>{said}</{tag}>")
+        parts.append(said)
     return Markup("").join(parts)
 
 

@@ -8,6 +8,7 @@ from pathlib import PurePath
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, Span, spans
+from afl_mujoco.document.pictures import Picture
 
 MARKS = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ "}
 
@@ -38,6 +39,8 @@ def _part(block: blocks.Block) -> str:
     if isinstance(block, blocks.Figure):
         picture = f"![{_plain(block.alt)}]({block.files['png'].replace(' ', '%20')})"
         return f"{picture}\n\n**{_plain(block.title)}.** {_plain(block.caption)}"
+    if isinstance(block, Picture):
+        return f"**{_plain(block.title)}.** {_plain(block.caption)}"
     if isinstance(block, blocks.Table):
         return _table(block)
     raise TypeError(block)
@@ -59,7 +62,14 @@ def _table(table: blocks.Table) -> str:
 def _cell(cell: blocks.Cell) -> str:
     """Return a cell with its status."""
     text = cell.text.replace("\n", " ")
-    return MARKS[cell.status] + (_code(text).replace("|", "\\|") if cell.code else _plain(text))
+    return MARKS[cell.status] + _styled(cell, text)
+
+
+def _styled(cell: blocks.Cell, text: str) -> str:
+    """Return the text of a cell in its style."""
+    if cell.code:
+        return _code(text).replace("|", "\\|")
+    return f"**{_plain(text)}**" if cell.strong else _plain(text)
 
 
 def _marked(text: str) -> str:
@@ -68,7 +78,7 @@ def _marked(text: str) -> str:
 
 
 def _span(span: Span) -> str:
-    """Return a stretch of text in its style."""
+    """Return a stretch of text in its style; a link is only text, as Markdown has no anchors."""
     if span.style == CODE:
         return _code(span.text)
     return f"*{_plain(span.text)}*" if span.style == EMPHASIS else _plain(span.text)

@@ -1,4 +1,4 @@
-"""The markup inside a paragraph: `code` and *emphasis*."""
+"""The markup inside a paragraph: `code`, *emphasis*, and [links](#anchor) within the report."""
 
 from __future__ import annotations
 
@@ -6,16 +6,21 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-PLAIN, CODE, EMPHASIS = "plain", "code", "emphasis"
+PLAIN, CODE, EMPHASIS, LINK = "plain", "code", "emphasis", "link"
 
-_MARKED = re.compile(r"`(?P<code>[^`]+)`|(?<![\w*])\*(?P<emphasis>[^*\s](?:[^*]*[^*\s])?)\*(?!\w)")
+_MARKED = re.compile(
+    r"`(?P<code>[^`]+)`"
+    r"|(?<![\w*])\*(?P<emphasis>[^*\s](?:[^*]*[^*\s])?)\*(?!\w)"
+    r"|\[(?P<link>[^\[\]]+)\]\(#(?P<anchor>[\w-]+)\)"
+)
 
 
 class Span(NamedTuple):
-    """A stretch of text in one style: `PLAIN`, `CODE` or `EMPHASIS`."""
+    """A stretch of text in one style: `PLAIN`, `CODE`, `EMPHASIS`, or `LINK` with its anchor."""
 
     text: str
     style: str
+    anchor: str = ""
 
 
 def spans(text: str) -> Iterator[Span]:
@@ -24,7 +29,8 @@ def spans(text: str) -> Iterator[Span]:
     for found in _MARKED.finditer(text):
         if found.start() > end:
             yield Span(text[end : found.start()], PLAIN)
-        yield Span(found[str(found.lastgroup)], str(found.lastgroup))
+        style = next(name for name in (CODE, EMPHASIS, LINK) if found[name] is not None)
+        yield Span(found[style], style, found["anchor"] or "")
         end = found.end()
     if end < len(text):
         yield Span(text[end:], PLAIN)

@@ -6,7 +6,7 @@ import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from afl_mujoco.errors import FileError
 
@@ -29,6 +29,8 @@ class Picture:
     width, height
         Of the bitmap [pixels].
     """
+
+    kind: ClassVar[str] = "picture"
 
     place: str
     title: str

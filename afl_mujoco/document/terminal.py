@@ -13,6 +13,7 @@ from rich.text import Text as RichText
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, spans
+from afl_mujoco.document.pictures import Picture
 
 WIDTH = 160
 """Columns where there is no terminal that has a width."""
@@ -57,6 +58,8 @@ def _line(block: blocks.Block, folder: Path) -> RichText:
         return RichText(f"[{block.summary}: {len(block.rows)} rows, not shown here]", style="dim")
     if isinstance(block, blocks.Figure):
         return RichText(f"[{block.title}: {folder / block.files['png']}]", style="dim")
+    if isinstance(block, Picture):
+        return RichText(f"[{block.title}]", style="dim")
     raise TypeError(block)
 
 
@@ -68,6 +71,11 @@ def _marked(text: str) -> RichText:
     return found
 
 
+def _style(cell: blocks.Cell) -> str:
+    """Return the style of a cell."""
+    return STATUS_STYLES.get(cell.status, "bold" if cell.strong else "")
+
+
 def _table(table: blocks.Table) -> RichTable:
     """Return a table; what leads in a row and repeats the row above is left out."""
     shown = RichTable(box=SIMPLE_HEAD, title=RichText(table.caption), title_justify="left")
@@ -76,7 +84,7 @@ def _table(table: blocks.Table) -> RichTable:
     above: list[str] = []
     for row in table.cells:
         texts = [MARKS[cell.status] + cell.text for _, cell in row]
-        styles = [STATUS_STYLES.get(cell.status, "") for _, cell in row]
+        styles = [_style(cell) for _, cell in row]
         repeated = texts[0] if above[:1] == texts[:1] else None
         above = list(texts)
         if repeated is not None:

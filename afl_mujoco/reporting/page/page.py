@@ -20,11 +20,11 @@ from afl_mujoco.reporting.page.decisions import (
     section_decisions,
     tally,
 )
-from afl_mujoco.reporting.page.evidence import evidence
+from afl_mujoco.reporting.page.evidence import QUANTILES, evidence_sections
 from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import Row
 from afl_mujoco.reporting.page.scenarios import HEADLINE, scenario_sections
-from afl_mujoco.reporting.page.summary import STATES, five_sentences
+from afl_mujoco.reporting.page.summary import five_sentences
 from afl_mujoco.validation.curves import Curves
 from afl_mujoco.validation.metrics import UNITS
 
@@ -67,6 +67,7 @@ def render_page(
         If a figure of a study cannot be read.
     """
     claims = claim_rows(report["claims"], report["decisions"])
+    figures = _grouped(pictures, lambda picture: picture.place)
     return (
         _environment()
         .get_template("page.html.j2")
@@ -74,7 +75,7 @@ def render_page(
             **html.frame(),
             sections=section_decisions(report["decisions"]),
             texts=report["decisions"],
-            figures=_grouped(pictures, lambda picture: picture.place),
+            figures=figures,
             sentences=five_sentences(report),
             files=files,
             claims=claims,
@@ -82,7 +83,12 @@ def render_page(
             decisions=decision_list(report["decisions"], claims),
             **_checks(report),
             **_scenarios(report, curves, films),
-            **evidence(report),
+            comparisons=report["random_schedules"],
+            quantiles=QUANTILES,
+            command=report["command"],
+            settings=report["settings"],
+            versions=report["versions"],
+            evidence=html.write_sections(evidence_sections(report, figures), results),
             **_robustness(sections, results),
         )
         + "\n"
@@ -142,7 +148,6 @@ def _environment() -> Environment:
     """Return the templates, which escape whatever they are given."""
     environment = html.environment(PackageLoader(PACKAGE))
     environment.filters.update(
-        symbol=lambda state: STATES.get(state, (state,))[0],
         setting=_setting,
     )
     return environment
