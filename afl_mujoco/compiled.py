@@ -14,7 +14,6 @@ from numba import njit, types
 from numba.core import caching
 from numba.extending import intrinsic
 
-
 _PACKAGE = Path(__file__).parent
 _IMPORT = re.compile(
     r"^\s*from afl_mujoco(?:\.([\w.]+))? import (\([^)]*\)|[^\n]*)|^\s*import afl_mujoco\.([\w.]+)",

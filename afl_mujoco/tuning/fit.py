@@ -136,7 +136,7 @@ def fit_by_search(
 def fit_by_least_squares(
     name: str, cart_mass: FloatArray, half_length: FloatArray, gain: FloatArray, seed: int
 ) -> Fit:
-    """Fit by SciPy's least squares from many starts in the same box: the referee.
+    """Fit by SciPy's least squares from many starts in the same box, as a check.
 
     Parameters
     ----------
