@@ -21,7 +21,7 @@ from optimisers.result import Benchmark, Result, save_result
 from optimisers.runs import run_benchmark
 
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.output import output_folder
+from afl_mujoco.files import output_folder
 from afl_mujoco.reporting.figures.style import save_figure
 
 WIDTH = 34

@@ -60,7 +60,7 @@ class Simulate:
             raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
 
         from afl_mujoco.control.controllers import find_controller
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.figures.runs import draw_runs
         from afl_mujoco.reporting.figures.style import save_figure
         from afl_mujoco.reporting.tables import print_metrics

@@ -57,7 +57,7 @@ class Table:
 
         from afl_mujoco.control.gain_table import GainTable
         from afl_mujoco.errors import FileError
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.sweep.sweep import compute_all, run_sweep
         from afl_mujoco.tuning.gain_cost import paper_scales
@@ -153,7 +153,7 @@ class Fit:
     def run(self) -> int:
         """Fit, print the fits, write them."""
         from afl_mujoco.control.gain_table import GainTable
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.tuning.fit import FITS, damped_slope, fit_table, save_fits
 
         table = GainTable.shipped() if self.table is None else GainTable.load(self.table)

@@ -74,7 +74,7 @@ class Validate:
         from rich.console import Console
 
         from afl_mujoco.control.controllers import find_controller
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.folder import forget_page
         from afl_mujoco.reporting.tables import print_report, write_report
         from afl_mujoco.validation.campaign import require_runnable, run_campaign

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_file
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, reading
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 
 SCHEMA = 1
 COLUMNS = ("cart_mass", "half_length", *GAIN_NAMES, "objective", "objective_mujoco")

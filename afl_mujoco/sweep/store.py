@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from afl_mujoco.errors import FileError, InvalidValueError
-from afl_mujoco.output import output_folder, write_text
+from afl_mujoco.files import output_folder, write_text
 
 SCHEMA = 1
 SHOWN = 3

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from afl_mujoco.control.gain_function import GAIN_NAMES, scheduled_gain
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.tuning.genetic import minimise
 from afl_mujoco.tuning.settings import Box, GeneticSettings

@@ -11,7 +11,7 @@ import numpy as np
 
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import FileError
-from afl_mujoco.output import output_folder, write_text
+from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.sweep.executors import open_executor

@@ -81,7 +81,7 @@ class Attraction:
         from rich.console import Console
 
         from afl_mujoco.cli.survival.ending import finish, require_page
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.survival.attraction_figures import attraction_figures
         from afl_mujoco.reporting.survival.attraction_table import print_attraction
         from afl_mujoco.reporting.survival.study import remove_study, write_study

@@ -86,7 +86,7 @@ class Ladder:
 
         from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.control.controllers import find_controller
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.survival.ladder.figures import draw_ladder
         from afl_mujoco.reporting.survival.ladder.table import print_ladder
         from afl_mujoco.reporting.survival.study import write_study

@@ -73,7 +73,7 @@ class MonteCarloOptions:
         from rich.console import Console
 
         from afl_mujoco.cli.survival.ending import finish, require_page
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.survival.rates import replay_command
         from afl_mujoco.reporting.survival.montecarlo_figures import draw_montecarlo
         from afl_mujoco.reporting.survival.montecarlo_table import print_montecarlo

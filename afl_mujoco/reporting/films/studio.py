@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, reading
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.reporting.films import film as films
 from afl_mujoco.reporting.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
 from afl_mujoco.reporting.films.replay import Replay, record

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, GraphicsError
-from afl_mujoco.output import atomic_file
+from afl_mujoco.files import atomic_file
 from afl_mujoco.sweep.processes import interrupts_held
 
 QUALITY = 21

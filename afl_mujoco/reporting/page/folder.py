@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from afl_mujoco.errors import FileError, reading
-from afl_mujoco.output import output_folder, write_text
+from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
