@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.tuning.gain_cost import GAIN_BOX
 from optimisers.problems import RESOLUTION, Optimum, Problem, known_optimum
 from optimisers.result import Benchmark, Result

@@ -106,11 +106,11 @@ class Attraction:
         """Return laws, cells and criterion, or raise at what breaks a rule."""
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.errors import UnknownNameError
+        from afl_mujoco.execution.threads import require_threads
         from afl_mujoco.scenario.parameters import require_distinct
         from afl_mujoco.scenario.sampling import whole_steps
         from afl_mujoco.simulation.attraction.cells import Settling
         from afl_mujoco.simulation.mujoco_model import INTEGRATORS
-        from afl_mujoco.sweep.threads import require_threads
 
         require_distinct("controller", self.controllers)
         require_distinct("plane", self.planes)

@@ -67,7 +67,7 @@ class Ladder:
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
     cluster: str | None = None
-    """Address of a Dask scheduler, or local, instead of processes."""
+    """Address of a Dask scheduler, tcp://host:port, whose workers share it instead."""
     out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None

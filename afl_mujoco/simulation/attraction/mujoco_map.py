@@ -10,6 +10,7 @@ import numpy as np
 from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.control.compiled_law import given_force
 from afl_mujoco.control.law import Law
+from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.attraction.cells import (
@@ -37,7 +38,6 @@ from afl_mujoco.simulation.mujoco_model import (
     write_state,
 )
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT, within_limits
-from afl_mujoco.sweep.threads import March, require_threads, share
 
 TIMESTEP = 2e-3
 """Physics step, and how long the control is held [s]."""
@@ -103,7 +103,7 @@ def map_in_mujoco(
     bands = np.array(settling.bands)
     found = np.empty((len(cells.starts), len(FOUND)))
 
-    def march_on(model: CartPoleModel) -> March:
+    def march_on(model: CartPoleModel) -> Task:
         return lambda part: march_cells(
             model.addresses, kind, cells.starts[part], law[part], cells.plants[part],
             bands, rules, found[part],

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
@@ -19,7 +20,6 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.rig import channels as places
 from afl_mujoco.simulation.rig.runs import perform, prepare
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
-from afl_mujoco.sweep.threads import March, require_threads, share
 
 DWELL = 1.0
 """For how long a run must stay settled, up to its end, to be said to have settled [s]."""
@@ -130,7 +130,7 @@ def run_rollouts(
         for name, value in _figures(memory, timestep).items():
             figures[name][i] = value
 
-    def march_on(model: CartPoleModel) -> March:
+    def march_on(model: CartPoleModel) -> Task:
         def march(part: slice) -> None:
             for i in range(part.start, part.stop):
                 run(model, i)
