@@ -21,8 +21,8 @@ class Table:
     Example: afl-mujoco tune table --quick
 
     Writes gain_table.json: gains, and the objective on the ideal ODE and in MuJoCo. Finished plants
-    and every generation are kept as they come; --resume goes on, to the same bits. The whole
-    setting of the paper, 400 plants, takes about half an hour on two cores.
+    are kept as they come, and those under way every second; --resume goes on, to the same bits. The
+    whole setting of the paper, 400 plants, takes about half an hour on two cores.
     """
 
     quick: bool = False

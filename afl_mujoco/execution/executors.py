@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.execution.store import Store
+
+if TYPE_CHECKING:
+    from afl_mujoco.execution.store import Store
 
 Unit = TypeVar("Unit")
 Result = TypeVar("Result")
