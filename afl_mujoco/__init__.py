@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
     from afl_mujoco.simulation.ode import simulate_ode
     from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
-    from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
+    from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
     from afl_mujoco.simulation.task import load
     from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
@@ -71,7 +71,7 @@ _HOMES = {
     "simulation.mujoco_rollout": ("simulate_mujoco",),
     "simulation.ode": ("simulate_ode",),
     "simulation.ode_fixed_step": ("simulate_ode_held", "simulate_ode_rk4"),
-    "simulation.rig.rollouts": ("Rollouts", "run_rollouts"),
+    "simulation.sampled.rollouts": ("Rollouts", "run_rollouts"),
     "simulation.task": ("load",),
     "simulation.trajectory": ("Outcome", "Trajectory"),
 }

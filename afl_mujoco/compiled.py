@@ -54,8 +54,8 @@ def _needed(file: Path) -> frozenset[Path]:
 def _fingerprint(file: Path) -> str:
     """Return a hash of everything that the compiled functions of a file depend on."""
     digest = hashlib.blake2b(digest_size=16)
-    for source in sorted(_needed(file)):
-        digest.update(source.read_bytes())
+    for source in sorted(_needed(file)):  # by name too: compiled code knows its modules
+        digest.update(str(source.relative_to(_PACKAGE)).encode() + source.read_bytes())
     return digest.hexdigest()
 
 

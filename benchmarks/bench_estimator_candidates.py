@@ -184,8 +184,8 @@ def of_the_package(z, phi, force, settings, memory, out):
 
 
 def package(z: Array, phi: Array, force: Array, noise: tuple[float, float], out: Array) -> None:
-    settings = EstimatorSettings(position_noise=noise[0], angle_noise=noise[1]).array
-    of_the_package(z, phi, force, settings, estimator.blank_memory(), out)
+    settings = EstimatorSettings(position_noise=noise[0], angle_noise=noise[1]).record
+    of_the_package(z, phi, force, settings, estimator.new_filter(), out)
 
 
 def candidates() -> dict[str, Callable[..., None]]:

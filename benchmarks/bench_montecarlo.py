@@ -24,7 +24,7 @@ import afl_mujoco as afl
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 
 TIMESTEP, THREADS = 1e-3, 2
 CONTROLLER = afl.CONTROLLERS["adaptive"]

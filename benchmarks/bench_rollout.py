@@ -19,8 +19,8 @@ import numpy as np
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation import mujoco_loops
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.sampled.runs import perform, prepare
 from afl_mujoco.simulation.task import law_policy
 
 TIMESTEP = 1e-3
@@ -48,27 +48,14 @@ def scenarios(steps: int) -> tuple[Scenario, Scenario]:
     return constant, dataclasses.replace(constant, name="ramp", cart_mass=ramp, half_length=ramp)
 
 
-def march(scenario: Scenario, integrator: str) -> Callable[[], object]:
+def loop(scenario: Scenario, integrator: str) -> Callable[[], object]:
     """Return a call of the compiled loop alone, everything it needs prepared."""
-    captured: list[tuple[object, ...]] = []
-    original = mujoco_loops.march_sampled
-
-    def capture(*arguments: object) -> object:
-        captured.append(arguments)
-        return original(*arguments)
-
-    mujoco_loops.march_sampled = capture
-    try:
-        afl.simulate_mujoco(
-            scenario, CONTROLLER, "sampled", timestep=TIMESTEP, integrator=integrator
-        )
-    finally:
-        mujoco_loops.march_sampled = original
+    prepared = prepare(scenario, CONTROLLER, timestep=TIMESTEP)
     model = CartPoleModel(scenario.parameters_at(0.0), timestep=TIMESTEP, integrator=integrator)
-    return lambda: original(model.addresses, *captured[0][1:]) and model
+    return lambda: perform(model, prepared, CONTROLLER, record=True)
 
 
-def bare(scenario: Scenario, integrator: str, steps: int, *, loop: bool) -> Callable[[], object]:
+def bare(scenario: Scenario, integrator: str, steps: int, *, in_loop: bool) -> Callable[[], object]:
     """Return MuJoCo's own stepping, in C or in a Python loop."""
     model = CartPoleModel(scenario.parameters_at(0.0), timestep=TIMESTEP, integrator=integrator)
     m, d = model.mj_model, model.mj_data
@@ -85,7 +72,7 @@ def bare(scenario: Scenario, integrator: str, steps: int, *, loop: bool) -> Call
 
         return call
 
-    return reset_and(in_python if loop else lambda: mujoco.mj_step(m, d, steps))
+    return reset_and(in_python if in_loop else lambda: mujoco.mj_step(m, d, steps))
 
 
 def environment(scenario: Scenario, integrator: str, steps: int) -> Callable[[], object]:
@@ -112,10 +99,10 @@ def main() -> None:
     short = options.steps // 10
     for integrator in ("Euler", "RK4"):
         calls = (
-            (bare(constant, integrator, options.steps, loop=False), options.steps),
-            (march(constant, integrator), options.steps),
-            (march(ramp, integrator), options.steps),
-            (bare(constant, integrator, options.steps, loop=True), options.steps),
+            (bare(constant, integrator, options.steps, in_loop=False), options.steps),
+            (loop(constant, integrator), options.steps),
+            (loop(ramp, integrator), options.steps),
+            (bare(constant, integrator, options.steps, in_loop=True), options.steps),
             (environment(ramp, integrator, short), short),
         )
         rates: list[list[float]] = [[] for _ in calls]

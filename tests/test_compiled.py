@@ -9,7 +9,7 @@ import pytest
 from afl_mujoco import compiled
 
 PACKAGE = Path(compiled.__file__).parent
-LOOP = "simulation.rig.loop"
+LOOP = "simulation.sampled.loop"
 
 
 def file_of(module: str) -> Path:

@@ -60,17 +60,17 @@ class Simulate:
             raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
 
         from afl_mujoco.control.controllers import find_controller
-        from afl_mujoco.files import output_folder
-        from afl_mujoco.reporting.figures.runs import draw_runs
-        from afl_mujoco.reporting.figures.style import save_figure
-        from afl_mujoco.reporting.tables import print_metrics
-        from afl_mujoco.validation.campaign import nominal_scales
-        from afl_mujoco.validation.checks.closed_loop_checks import Settings
-        from afl_mujoco.validation.metrics import metrics, with_objective
 
         name = self.controller or replay.get("controller", "adaptive")
         integrator = self.integrator or replay.get("integrator", "RK4")
         controller = find_controller(name, self.gain_labels)
+
+        from afl_mujoco.files import output_folder
+        from afl_mujoco.reporting.figures.runs import draw_runs
+        from afl_mujoco.reporting.figures.style import save_figure
+        from afl_mujoco.reporting.tables import print_metrics
+        from afl_mujoco.validation.metrics import metrics, nominal_scales, with_objective
+
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
         runs = [self._simulate(scenario, controller, kind, integrator) for kind in simulators]
@@ -80,7 +80,7 @@ class Simulate:
         as_run = {"controller": name, "integrator": integrator} if replay else None
         save_scenario(scenario, folder / f"{scenario.name}.toml", replay=as_run)
         save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
-        scales = nominal_scales(Settings(timestep=self.timestep))
+        scales = nominal_scales(self.timestep)
         print_metrics(
             {
                 run.simulator: with_objective(metrics(scenario, controller, run), scales)

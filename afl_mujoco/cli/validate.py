@@ -21,6 +21,7 @@ from afl_mujoco.cli.terminal import (
 )
 
 if TYPE_CHECKING:
+    from afl_mujoco.execution.executors import Executor
     from afl_mujoco.reporting.page.inputs.films import Film
     from afl_mujoco.reporting.page.inputs.studies import Study
     from afl_mujoco.validation.campaign import Report
@@ -74,6 +75,7 @@ class Validate:
         from rich.console import Console
 
         from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.execution.executors import open_executor
         from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.folder import forget_page
         from afl_mujoco.reporting.tables import print_report, write_report
@@ -89,13 +91,15 @@ class Validate:
         films, studies = self._films(), self._studies()
         folder = output_folder(self.out)
         total = len(scenarios) * len(controllers) + (FULL if self.full else QUICK)
-        with progress_bar(total, "validating") as progress:
-            report = run_campaign(
-                scenarios, controllers, settings, workers=self.workers, progress=progress
-            )
-        report = replace(report, command=self.command)
-        forget_page(folder)
-        files = [*write_report(report, folder), *self._write_page(report, folder, films, studies)]
+        with open_executor(self.workers) as executor:
+            with progress_bar(total, "validating") as progress:
+                report = run_campaign(
+                    scenarios, controllers, settings, executor=executor, progress=progress
+                )
+            report = replace(report, command=self.command)
+            forget_page(folder)
+            files = [*write_report(report, folder)]
+            files += self._write_page(report, folder, films, studies, executor)
         print(f"wrote {', '.join(str(file) for file in files)}")
         print_report(report, Console(width=None if sys.stdout.isatty() else 140))
         return SUCCESS if report.passed else CHECK_FAILED
@@ -123,6 +127,7 @@ class Validate:
         folder: Path,
         films: Sequence[Film],
         studies: Mapping[str, Study],
+        executor: Executor,
     ) -> list[Path]:
         """Write the curves, the figures and the page."""
         from afl_mujoco.reporting.page.folder import (
@@ -139,5 +144,5 @@ class Validate:
             return [folder / CURVES]
         data = report.to_dict()
         with progress_bar(figure_count(data, report.curves), "drawing") as progress:
-            write_gallery(folder, data, report.curves, workers=self.workers, progress=progress)
+            write_gallery(folder, data, report.curves, executor=executor, progress=progress)
         return [folder / CURVES, folder / FIGURES, write_page(folder, films, studies)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -19,6 +19,7 @@ from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_d
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
 from afl_mujoco.control.law import Law, belief_as_data
 from afl_mujoco.control.user_law.loading import load_python_law
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_type
 
@@ -106,6 +107,14 @@ class Controller(Law):
         surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, law[:, 2], law[:, 3], law[:, 5])
         return np.asarray(surface / law[:, 6])
 
+    def relabelled(self) -> Controller:
+        """Return the controller in the other reading of the paper's gain columns (decision D2)."""
+        if self.name.endswith("-retuned"):  # whose gains are not the paper's
+            return self
+        return replace(
+            self, name=f"{self.name}-table1", gain_function=self.gain_function.relabelled()
+        )
+
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance."""
         return {
@@ -157,6 +166,47 @@ ESTIMATED = "-estimated"
 Such laws are not in `CONTROLLERS`, since only sampled mode runs them."""
 
 
+def as_controller(controller: Any) -> Law:
+    """Return a controller from what the Python functions take.
+
+    Parameters
+    ----------
+    controller
+        A controller; a name, as of `find_controller`; or what a `PythonLaw` takes as its function.
+
+    Raises
+    ------
+    AflMujocoError
+        If it is none of these.
+    """
+    if isinstance(controller, str):
+        return find_controller(controller)
+    if hasattr(controller, "law_inputs"):
+        return controller  # type: ignore[no-any-return]
+    name = getattr(controller, "__name__", type(controller).__name__)
+    return PythonLaw(name=name, function=controller)
+
+
+def require_stateless(controller: Law, where: str) -> None:
+    """Raise if a controller keeps memory, of which only sampled mode knows what it is.
+
+    Parameters
+    ----------
+    controller
+        The controller.
+    where
+        What would call it at any state and time.
+
+    Raises
+    ------
+    InvalidValueError
+        If it does.
+    """
+    if controller.stateful:
+        rule = f"keeps memory, which {where} leaves undefined; sampled mode runs it"
+        raise InvalidValueError(f"controller {controller.name!r}", rule)
+
+
 def find_controller(name: str, gain_labels: str = "table2") -> Law:
     """Return a controller by its name, in either reading of the paper's gain columns.
 
@@ -166,7 +216,7 @@ def find_controller(name: str, gain_labels: str = "table2") -> Law:
     ----------
     name
         A key of `CONTROLLERS`; one that does not end in ``-nominal``, with ``-estimated`` after it,
-        for the same law told by the estimator; or ``module:function`` of a law in Python.
+        for the same law told by the estimator; or ``module:attribute`` of one's own.
     gain_labels
         A key of `GAIN_LABELS`, decision D2.
 
@@ -185,15 +235,7 @@ def find_controller(name: str, gain_labels: str = "table2") -> Law:
         law = find_controller(told, gain_labels)
         return EstimatedLaw(name=f"{law.name}{ESTIMATED}", law=law)
     if name not in CONTROLLERS:
-        others = (f"({', '.join(_ESTIMABLE)}){ESTIMATED}", "module:function")
+        others = (f"({', '.join(_ESTIMABLE)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
     controller = CONTROLLERS[name]
-    if not isinstance(controller, Controller):
-        return controller
-    if gain_labels == "table2" or name.endswith("-retuned"):
-        return controller
-    return Controller(
-        name=f"{name}-table1",
-        gain_function=controller.gain_function.relabelled(),
-        belief=controller.belief,
-    )
+    return controller if gain_labels == "table2" else controller.relabelled()

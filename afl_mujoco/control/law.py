@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.compiled_law import CompiledLaw, forces_along, inputs_along, law_force
 from afl_mujoco.errors import LawDomainError
 from afl_mujoco.scenario.parameters import CartPoleParameters
+
+
+class Estimator(NamedTuple):
+    """A law whose M, l and state are estimated, as compiled loops take it.
+
+    Attributes
+    ----------
+    law
+        The law.
+    settings
+        Of the estimator, `EstimatorSettings.record`.
+    """
+
+    law: CompiledLaw
+    settings: Any
 
 
 class Law(Protocol):
@@ -23,15 +38,39 @@ class Law(Protocol):
     belief
         What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
         l(t) (decision D7).
+    interpreted
+        Whether it is called by the interpreter, through `command`, and has no compiled form.
     """
 
     name: str
     belief: CartPoleParameters | None
+    interpreted: ClassVar[bool] = False
 
     @property
     def compiled(self) -> CompiledLaw:
         """The law as compiled loops take it."""
         ...
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """What finds M, l and the state from measured positions, which only sampled mode runs."""
+        return None
+
+    @property
+    def stateful(self) -> bool:
+        """Whether a call depends on those before it.
+
+        Only sampled mode, which calls once a control period and in order, can run it then.
+        """
+        return False
+
+    def relabelled(self) -> Law:
+        """Return the law in the other reading of the paper's gain columns, if it has one."""
+        return self
+
+    def start(self) -> Law:
+        """Return the law as one run uses it, with fresh memory where it keeps any."""
+        return self
 
     def describe(self) -> dict[str, Any]:
         """Return the law as plain data, for provenance."""
@@ -76,6 +115,21 @@ class Law(Protocol):
         if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
             raise LawDomainError("pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad")
         return force
+
+    def command(self, time: float, state: ArrayLike, told: NDArray[np.float64]) -> float:
+        """Return the force [N], NaN where the law has none.
+
+        Parameters
+        ----------
+        time
+            Time [s]; of consequence only to a law in Python.
+        state
+            (z, phi, z_dot, phi_dot), shape (4,).
+        told
+            (M, m, l, g) as the law takes them to be, shape (4,).
+        """
+        x = np.asarray(state, dtype=np.float64).tolist()
+        return float(law_force(*self.compiled, *x, tuple(told.tolist())))
 
     def told(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float

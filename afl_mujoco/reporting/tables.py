@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 from rich.box import SIMPLE_HEAD
@@ -13,11 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 from afl_mujoco.files import write_text
-from afl_mujoco.validation.campaign import Report
 from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.criteria import CRITERIA
 from afl_mujoco.validation.decisions import DECISIONS
 from afl_mujoco.validation.metrics import UNITS, Metrics
+
+if TYPE_CHECKING:
+    from afl_mujoco.validation.campaign import Report
 
 ANY = "any"
 REFERENCE = "ode"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.parameters import require_positive
-from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.scenario import Scenario, Segment
 
 MOST_STEPS = 10_000_000
 """More steps than this are refused: they would fill the memory before they end."""
@@ -76,6 +79,7 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
     return np.sort(np.concatenate([regular[inside], special]))
 
 
+@functools.lru_cache(maxsize=4)
 def steps(scenario: Scenario, period: float) -> Steps:
     """Cut the horizon into steps of at most `period` that end on every breakpoint.
 
@@ -91,18 +95,33 @@ def steps(scenario: Scenario, period: float) -> Steps:
     starts = np.array([segment.start for segment in segments])
     index = np.searchsorted(starts, times[:-1], side="right") - 1
     middles = 0.5 * (times[:-1] + times[1:])
-    elapsed = np.stack([times[:-1], middles, times[1:]], axis=1) - starts[index, None]
-    mass = np.array([segment.cart_mass for segment in segments])[index]
-    length = np.array([segment.half_length for segment in segments])[index]
+    mass, length = parameters_in(
+        segments, index[:, None], np.stack([times[:-1], middles, times[1:]], axis=1)
+    )
     impulse = np.zeros(len(index))
     impulse[np.searchsorted(times, starts)] = [segment.impulse for segment in segments]
-    return Steps(
+    found = Steps(
         times=times,
-        cart_mass=mass[:, :1] + mass[:, 1:] * elapsed,
-        half_length=length[:, :1] + length[:, 1:] * elapsed,
+        cart_mass=mass,
+        half_length=length,
         push=np.array([segment.push for segment in segments])[index],
         impulse=impulse,
     )
+    for array in (times, mass, length, found.push, impulse):
+        array.flags.writeable = False  # several simulators share them
+    return found
+
+
+def parameters_in(
+    segments: Sequence[Segment], index: NDArray[np.intp], times: NDArray[np.floating[Any]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return M [kg] and l [m] at many times, each in the segment of its index."""
+    elapsed = times - np.array([segment.start for segment in segments])[index]
+    mass, length = (
+        np.array([getattr(segment, name) for segment in segments])[index]
+        for name in ("cart_mass", "half_length")
+    )
+    return mass[..., 0] + mass[..., 1] * elapsed, length[..., 0] + length[..., 1] * elapsed
 
 
 def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,7 +1,8 @@
 """The reference integrator: DOP853 from breakpoint to breakpoint.
 
 It knows neither the analytic equations nor MuJoCo: both hand it their own right-hand side, so that
-what differs between two of its results is the right-hand side alone.
+what differs between two of its results is the right-hand side alone. Where the right-hand side is
+compiled, so is the method (`dop853`); any other one, and any other method, is SciPy's.
 """
 
 from __future__ import annotations
@@ -11,12 +12,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.parameter_change import ParameterChange
 from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,
@@ -33,6 +37,13 @@ Derivative = Callable[[float, NDArray[np.float64], Segment], Sequence[float]]
 
 Transition = Callable[[NDArray[np.float64], Segment | None, Segment], NDArray[np.float64]]
 """(state, segment before or None at the start, segment after) -> the state after the breakpoint."""
+
+Solver = Callable[
+    [Segment, NDArray[np.float64], NDArray[np.float64]],
+    tuple[NDArray[np.float64], Outcome | None],
+]
+"""(segment, state at its start, times in it up to its end) -> states at the times reached, and how
+the run ended if it did before the segment's end."""
 
 RTOL = 1e-12
 ATOL = 1e-14
@@ -61,31 +72,26 @@ _divergence_margin.terminal = True  # type: ignore[attr-defined]
 
 def integrate(
     scenario: Scenario,
-    derivative: Derivative,
+    solver: Solver,
     transition: Transition,
     times: NDArray[np.float64],
     *,
     quadratures: int = 0,
-    method: str = "DOP853",
-    rtol: float = RTOL,
-    atol: float = ATOL,
 ) -> tuple[NDArray[np.float64], Outcome]:
-    """Integrate a scenario with a given right-hand side.
+    """Integrate a scenario from breakpoint to breakpoint.
 
     Parameters
     ----------
     scenario
         Gives initial state, breakpoints and parameters.
-    derivative
-        The right-hand side.
+    solver
+        Integrates over a segment: `scipy_solver` or `compiled_solver`.
     transition
         What a breakpoint does to the state.
     times
         Where to report the state [s], increasing, from 0 to the horizon, shape (N,).
     quadratures
         How many integrals are carried along behind the four states, from zero.
-    method, rtol, atol
-        As of `scipy.integrate.solve_ivp`.
 
     Returns
     -------
@@ -94,9 +100,6 @@ def integrate(
     Outcome
         How it ended.
     """
-    if not rtol >= MIN_RTOL:
-        raise InvalidValueError("rtol", f"must be at least {MIN_RTOL:.1e}", rtol)
-    require_positive("atol", atol)
     state = np.array([*scenario.initial_state, *[0.0] * quadratures])
     reached: list[NDArray[np.float64]] = []
     before: Segment | None = None
@@ -105,30 +108,114 @@ def integrate(
         before = segment
         last = segment.end == scenario.duration
         inside = times[(times >= segment.start) & ((times < segment.end) | last)]
-        right_hand_side = partial(_rate, derivative, segment)
-        if (
-            abs(state[1]) >= FALL_ANGLE
-            or not np.isfinite(right_hand_side(segment.start, state)).all()
-        ):
+        if abs(state[1]) >= FALL_ANGLE:
             reached.append(np.atleast_2d(state)[: len(inside)])
-            return np.concatenate(reached), Outcome(_ending(state), segment.start)
+            return np.concatenate(reached), Outcome(FELL, segment.start)
+        wanted = np.union1d(inside, [segment.end])
+        samples, outcome = solver(segment, state, wanted)
+        reached.append(samples[np.isin(wanted[: len(samples)], inside)])
+        if outcome is not None:
+            return np.concatenate(reached), outcome
+        state = samples[-1]
+    return np.concatenate(reached), Outcome(COMPLETED, scenario.duration)
+
+
+def require_tolerances(method: str, rtol: float, atol: float) -> None:
+    """Raise if there is no such method, or a tolerance is out of its bounds."""
+    if method not in METHODS:
+        raise UnknownNameError.among("method", method, METHODS)
+    if not rtol >= MIN_RTOL:
+        raise InvalidValueError("rtol", f"must be at least {MIN_RTOL:.1e}", rtol)
+    require_positive("atol", atol)
+
+
+def scipy_solver(
+    derivative: Derivative, method: str = "DOP853", rtol: float = RTOL, atol: float = ATOL
+) -> Solver:
+    """Return SciPy's integrator of a right-hand side in Python; `method` is one of `METHODS`."""
+    require_tolerances(method, rtol, atol)
+
+    def solve(
+        segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], Outcome | None]:
+        right_hand_side = partial(_rate, derivative, segment)
+        if not np.isfinite(right_hand_side(segment.start, state)).all():
+            return np.atleast_2d(state), Outcome(_ending(state), segment.start)
         solution = solve_ivp(  # type: ignore[call-overload]
             right_hand_side,
             (segment.start, segment.end),
             state,
             method=method,
-            t_eval=np.union1d(inside, [segment.end]),
+            t_eval=times,
             rtol=rtol,
             atol=atol,
             max_step=MAX_STEP,
             events=(_fall_margin, _divergence_margin),
         )
         samples = np.reshape(solution.y, (len(state), -1)).T
-        reached.append(samples[np.isin(solution.t, inside)])
-        if solution.status != 0:
-            return np.concatenate(reached), _premature_end(solution, segment)
-        state = samples[-1]
-    return np.concatenate(reached), Outcome(COMPLETED, scenario.duration)
+        return samples, None if solution.status == 0 else _premature_end(solution, segment)
+
+    return solve
+
+
+def compiled_solver(
+    solve: Callable[..., tuple[int, float, int]],
+    rtol: float = RTOL,
+    atol: float = ATOL,
+    longest: float = MAX_STEP,
+) -> Solver:
+    """Return the compiled integrator as `integrate` takes it.
+
+    Parameters
+    ----------
+    solve
+        Called with the segment, then as `dop853.solve` from `state` on, without `margin`.
+    rtol, atol
+        Tolerances.
+    longest
+        Longest step [s].
+    """
+    options = (rtol, atol, longest)
+    work = np.empty(dop853.WORK)
+
+    def integrate_segment(
+        segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], Outcome | None]:
+        state, found = state.copy(), np.empty((len(times), 4))
+        count, time, status = solve(segment, state, times, options, work, found)
+        samples = found[:count]
+        if status == dop853.REACHED:
+            return samples, None
+        fell = status == dop853.STOPPED and abs(state[1]) > FALL_ANGLE - 1e-9
+        return samples, Outcome(FELL if fell else _ending(state), float(time))
+
+    return integrate_segment
+
+
+def segment_numbers(
+    scenario: Scenario, segment: Segment, change: ParameterChange
+) -> tuple[float, ...]:
+    """Return what a compiled right-hand side is given of a segment.
+
+    Its start [s]; M and its rate [kg, kg/s]; l and its rate [m, m/s]; m [kg]; g [m/s^2]; the push
+    [N]; and the rate of l that acts on the rod [m/s].
+    """
+    return (
+        segment.start,
+        *segment.cart_mass,
+        *segment.half_length,
+        scenario.pole_mass,
+        scenario.gravity,
+        segment.push,
+        segment.half_length[1] if change.stretching else 0.0,
+    )
+
+
+@register_jitable
+def limit_margin(state):
+    """Return how far the state is from where a run ends: its fall, or `STATE_LIMIT`."""
+    largest = max(max(abs(state[0]), abs(state[1])), max(abs(state[2]), abs(state[3])))
+    return min(FALL_ANGLE - abs(state[1]), STATE_LIMIT - largest)
 
 
 def _rate(

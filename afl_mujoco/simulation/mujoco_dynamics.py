@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.scenario.parameter_change import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import mujoco_loops as loops
-from afl_mujoco.simulation.integrator import Derivative, Transition
+from afl_mujoco.simulation.integrator import (
+    Derivative,
+    Solver,
+    Transition,
+    compiled_solver,
+    scipy_solver,
+    segment_numbers,
+)
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike, write_parameters
 from afl_mujoco.simulation.user_law.march import march_own_law
 
 
-def closed_loop(
+def solver(
     model: CartPoleModel, scenario: Scenario, controller: Law, change: ParameterChange
-) -> Derivative:
-    """Return the right-hand side of the closed loop of MuJoCo's forward dynamics and the law.
+) -> Solver:
+    """Return what integrates the closed loop of MuJoCo's forward dynamics and the law.
 
     Parameters
     ----------
@@ -32,27 +40,23 @@ def closed_loop(
     change
         What a change of M and l does.
     """
-    if isinstance(controller, PythonLaw):
-        return _interpreted(model, scenario, controller, change)
-    at, law = model.addresses, tuple(controller.compiled)
-    pole_mass, gravity = scenario.pole_mass, scenario.gravity
+    if controller.interpreted:
+        return scipy_solver(closed_loop(model, scenario, controller, change))
+    law, assumed = tuple(controller.compiled), controller.believed(*[np.nan] * 4)
 
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
-        mass, length = segment.parameters_at(time)
-        true = (mass, pole_mass, length, gravity)
-        rate = segment.half_length[1] if change.stretching else 0.0
-        result: tuple[float, ...] = loops.exact_derivative(
-            at, state, true, controller.believed(*true), law, segment.push, rate
+    def solve(segment: Segment, *rest: Any) -> Any:
+        numbers = segment_numbers(scenario, segment, change)
+        return loops.solve(
+            model.addresses, numbers, assumed, law, segment.start, segment.end, *rest
         )
-        return result
 
-    return derivative
+    return compiled_solver(solve)
 
 
-def _interpreted(
-    model: CartPoleModel, scenario: Scenario, controller: PythonLaw, change: ParameterChange
+def closed_loop(
+    model: CartPoleModel, scenario: Scenario, controller: Law, change: ParameterChange
 ) -> Derivative:
-    """Return the right-hand side under a law in Python; arguments as of `closed_loop`."""
+    """Return the right-hand side of the same loop, called from Python; arguments as of `solver`."""
     at, pole_mass, gravity = model.addresses, scenario.pole_mass, scenario.gravity
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
@@ -69,7 +73,7 @@ def _interpreted(
 
 
 def march_segment(
-    at: NDArray[np.int64],
+    at: Any,
     state: NDArray[np.float64],
     times: NDArray[np.float64],
     cart_mass: NDArray[np.float64],
@@ -89,7 +93,7 @@ def march_segment(
         The law.
     """
     course = (at, state, times, cart_mass, half_length, constants, acting)
-    if not isinstance(controller, PythonLaw):
+    if not controller.interpreted:
         reached: tuple[NDArray[np.float64], int] = loops.march_continuous(
             *course, controller.compiled.kind, law
         )

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from numba.extending import register_jitable
 
-from afl_mujoco.compiled import kernel, load, store
+from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.compiled_law import given_force, law_force
+from afl_mujoco.simulation import dop853
+from afl_mujoco.simulation.integrator import limit_margin
 from afl_mujoco.simulation.mujoco_model import (
-    CONTROL,
-    DATA,
-    MODEL,
-    PHI,
-    PHI_DOT,
-    PUSH,
-    Z_DOT,
-    Z,
     forward,
-    mj_step,
-    strike,
     write_parameters,
-    write_state,
 )
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -53,20 +45,7 @@ def _derivative(at, state, force, push, pole_mass, half_length, rate):
 
 @kernel
 def forced_derivative(at, state, true, force, push, rate):
-    """Return (z_dot, phi_dot, z'', phi'') under a given force; arguments as of `exact_derivative`.
-
-    Parameters
-    ----------
-    force
-        Of the law [N]; NaN where it has none.
-    """
-    write_parameters(at, true[0], true[1], true[2], true[3])
-    return _derivative(at, state, force, push, true[1], true[2], rate)
-
-
-@kernel
-def exact_derivative(at, state, true, believed, law, push, rate):
-    """Return (z_dot, phi_dot, z'', phi'') under the law.
+    """Return (z_dot, phi_dot, z'', phi'') under a given force.
 
     Parameters
     ----------
@@ -74,19 +53,49 @@ def exact_derivative(at, state, true, believed, law, push, rate):
         `CartPoleModel.addresses`.
     state
         (z, phi, z_dot, phi_dot), shape (4,) or longer.
-    true, believed
-        (M, m, l, g) as they are, and as the law takes them to be.
-    law
-        As of `CompiledLaw`.
+    true
+        (M, m, l, g).
+    force
+        Of the law [N]; NaN where it has none.
     push
         Disturbing force [N].
     rate
         Rate of the half-length that acts on the rod [m/s].
     """
+    write_parameters(at, true[0], true[1], true[2], true[3])
+    return _derivative(at, state, force, push, true[1], true[2], rate)
+
+
+@register_jitable
+def loop_rates(arguments, time, state, slopes):
+    """Write (z_dot, phi_dot, z'', phi'') under the law, as of `dop853`.
+
+    `arguments` are `CartPoleModel.addresses`, the numbers of the segment as of
+    `integrator.segment_numbers`, what the law assumes (M, m, l, g) to be, NaN for as they are, and
+    the law as of `CompiledLaw`.
+    """
+    at, numbers, assumed, law = arguments
+    start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = numbers
     kind, table, masses, lengths = law
+    true = (
+        mass + mass_rate * (time - start), pole_mass, length + length_rate * (time - start),
+        gravity,
+    )  # fmt: skip
+    if np.isnan(assumed[0]):
+        assumed = true
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed)
-    return forced_derivative(at, state, true, force, push, rate)
+    force = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
+    found = forced_derivative(at, state, true, force, push, rate)
+    slopes[0], slopes[1], slopes[2], slopes[3] = found
+
+
+@borrowing_kernel
+def solve(at, numbers, assumed, law, start, end, state, times, options, work, found):
+    """Integrate the compiled loop over a segment, as of `dop853.solve`."""
+    return dop853.solve(
+        loop_rates, (at, numbers, assumed, law), limit_margin, start, end, state, times, options,
+        work, found,
+    )  # fmt: skip
 
 
 @kernel
@@ -147,47 +156,3 @@ def march_continuous(
             return states[: k + 1], ending_of(states[k])
         states[k + 1] = after
     return states, _COMPLETED
-
-
-@kernel
-def march_sampled(
-    at, initial_state, hold, cart_mass, half_length, constants, push, impulse, kind, law
-):
-    """March by `mj_step` and return states, shape (K, 4), held forces, shape (K,), and status."""
-    pole_mass, gravity = constants
-    count = len(push)
-    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
-    states[0] = initial_state
-    written = (np.nan, np.nan)
-    force = 0.0
-    write_state(at, initial_state[0], initial_state[1], initial_state[2], initial_state[3])
-    for k in range(count + 1):
-        s = states[k]
-        forces[k] = force
-        if abs(s[1]) >= FALL_ANGLE:
-            return states[: k + 1], forces[: k + 1], _FELL
-        if k == count:
-            break
-        wanted = (cart_mass[k], half_length[k])
-        if wanted != written:
-            write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
-            written = wanted
-        if impulse[k] != 0.0:
-            jump = strike(at, s[0], s[1], s[2], s[3], impulse[k])
-            s[2] += jump[0]
-            s[3] += jump[1]
-            write_state(at, s[0], s[1], s[2], s[3])
-        if k % hold == 0:
-            force = given_force(kind, s, law[k])
-        forces[k] = force
-        if not abs(force) < STATE_LIMIT:
-            return states[: k + 1], forces[: k + 1], ending_of(s)
-        store(at[CONTROL], force)
-        store(at[PUSH], push[k])
-        mj_step(at[MODEL], at[DATA])
-        after = states[k + 1]
-        after[0], after[1] = load(at[Z]), load(at[PHI])
-        after[2], after[3] = load(at[Z_DOT]), load(at[PHI_DOT])
-        if not within_limits(after):
-            return states[: k + 1], forces[: k + 1], ending_of(s)
-    return states, forces, _COMPLETED

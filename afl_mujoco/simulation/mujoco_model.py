@@ -1,6 +1,6 @@
 """The MuJoCo cart-pole, and the only writer of its MjModel.
 
-Compiled loops reach MuJoCo's structures through an array of addresses and its library through
+Compiled loops reach MuJoCo's structures through a record of addresses and its library through
 `numba.types.ExternalFunction`, so that no interpreter stands in their way.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from llvmlite import binding
@@ -19,7 +20,7 @@ from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive
 from afl_mujoco.scenario.realism import IDEAL, Realism
-from afl_mujoco.simulation.rig.description import (
+from afl_mujoco.simulation.mujoco_description import (
     AXIAL_SHARE,
     CART_HALF_SIZE,
     PASSIVE,
@@ -58,12 +59,19 @@ mj_reset_data = types.ExternalFunction("mj_resetData", _void_model_data)
 mj_step = types.ExternalFunction("mj_step", _void_model_data)
 _mj_set_const = types.ExternalFunction("mj_setConst", _void_model_data)
 
-# Places in the array of addresses that compiled code is given.
-MODEL, DATA, SCRATCH = 0, 1, 2
-CART_MASS, CART_INERTIA, POLE_MASS, POLE_INERTIA, POLE_COM = 3, 4, 5, 6, 7
-GEOM_HALF_LENGTH, GEOM_CENTRE, TIP, GRAVITY = 8, 9, 10, 11
-Z, PHI, Z_DOT, PHI_DOT, CONTROL, PUSH, Z_DDOT, PHI_DDOT = 12, 13, 14, 15, 16, 17, 18, 19
-TORQUE, SHAPE, Z_DDOT_SMOOTH, PHI_DDOT_SMOOTH = 20, 21, 22, 23
+ADDRESSES = np.dtype(
+    [
+        (name, np.int64)
+        for name in (
+            *("model", "data", "scratch"),
+            *("cart_mass", "cart_inertia", "pole_mass", "pole_inertia", "pole_com"),
+            *("geom_half_length", "geom_centre", "tip", "gravity", "shape"),
+            *("z", "phi", "z_dot", "phi_dot", "control", "push", "torque"),
+            *("z_ddot", "phi_ddot", "z_ddot_smooth", "phi_ddot_smooth"),
+        )
+    ]
+)
+"""Where compiled code finds MuJoCo's structures, and the numbers in them that it uses."""
 
 
 @kernel
@@ -78,43 +86,49 @@ def write_parameters(at, cart_mass, pole_mass, half_length, gravity):
         M, m [kg], l [m], g [m/s^2].
     """
     x2, y2, z2 = CART_HALF_SIZE[0] ** 2, CART_HALF_SIZE[1] ** 2, CART_HALF_SIZE[2] ** 2
-    store(at[CART_MASS], cart_mass)
-    store(at[CART_INERTIA], cart_mass * ((y2 + z2) / 3.0))
-    store(at[CART_INERTIA] + 8, cart_mass * ((x2 + z2) / 3.0))
-    store(at[CART_INERTIA] + 16, cart_mass * ((x2 + y2) / 3.0))
+    store(at.cart_mass, cart_mass)
+    store(at.cart_inertia, cart_mass * ((y2 + z2) / 3.0))
+    store(at.cart_inertia + 8, cart_mass * ((x2 + z2) / 3.0))
+    store(at.cart_inertia + 16, cart_mass * ((x2 + y2) / 3.0))
     rod = pole_mass * half_length * half_length / 3.0
-    store(at[POLE_MASS], pole_mass)
-    tip_share, radius = load(at[SHAPE]), load(at[SHAPE] + 8)
+    store(at.pole_mass, pole_mass)
+    tip_share, radius = load(at.shape), load(at.shape + 8)
     across = pole_inertia(rod, pole_mass, half_length, tip_share, radius)
-    store(at[POLE_INERTIA], across)
-    store(at[POLE_INERTIA] + 8, across)
-    store(at[POLE_INERTIA] + 16, AXIAL_SHARE * across)
-    store(at[POLE_COM], (1.0 + tip_share) * half_length)
-    store(at[GEOM_HALF_LENGTH], half_length)
-    store(at[GEOM_CENTRE], half_length)
-    store(at[TIP], 2.0 * half_length)
-    store(at[GRAVITY], -gravity)
-    _mj_set_const(at[MODEL], at[SCRATCH])
+    store(at.pole_inertia, across)
+    store(at.pole_inertia + 8, across)
+    store(at.pole_inertia + 16, AXIAL_SHARE * across)
+    store(at.pole_com, (1.0 + tip_share) * half_length)
+    store(at.geom_half_length, half_length)
+    store(at.geom_centre, half_length)
+    store(at.tip, 2.0 * half_length)
+    store(at.gravity, -gravity)
+    _mj_set_const(at.model, at.scratch)
+
+
+@kernel
+def read_state(at):
+    """Return the state in MjData."""
+    return load(at.z), load(at.phi), load(at.z_dot), load(at.phi_dot)
 
 
 @kernel
 def write_state(at, z, phi, z_dot, phi_dot):
     """Write the state into MjData."""
-    store(at[Z], z)
-    store(at[PHI], phi)
-    store(at[Z_DOT], z_dot)
-    store(at[PHI_DOT], phi_dot)
+    store(at.z, z)
+    store(at.phi, phi)
+    store(at.z_dot, z_dot)
+    store(at.phi_dot, phi_dot)
 
 
 @kernel
 def forward(at, z, phi, z_dot, phi_dot, force, push, torque=0.0):
     """Return MuJoCo's (z'', phi'') for a state, an actuator force and generalised forces."""
     write_state(at, z, phi, z_dot, phi_dot)
-    store(at[CONTROL], force)
-    store(at[PUSH], push)
-    store(at[TORQUE], torque)
-    mj_forward(at[MODEL], at[DATA])
-    return load(at[Z_DDOT]), load(at[PHI_DDOT])
+    store(at.control, force)
+    store(at.push, push)
+    store(at.torque, torque)
+    mj_forward(at.model, at.data)
+    return load(at.z_ddot), load(at.phi_ddot)
 
 
 @kernel
@@ -125,9 +139,9 @@ def strike(at, z, phi, z_dot, phi_dot, impulse):
     difference that the force `impulse` makes is the inverse mass matrix times the impulse.
     """
     forward(at, z, phi, z_dot, phi_dot, 0.0, impulse)
-    z_with, phi_with = load(at[Z_DDOT_SMOOTH]), load(at[PHI_DDOT_SMOOTH])
+    z_with, phi_with = load(at.z_ddot_smooth), load(at.phi_ddot_smooth)
     forward(at, z, phi, z_dot, phi_dot, 0.0, 0.0)
-    return z_with - load(at[Z_DDOT_SMOOTH]), phi_with - load(at[PHI_DDOT_SMOOTH])
+    return z_with - load(at.z_ddot_smooth), phi_with - load(at.phi_ddot_smooth)
 
 
 class CartPoleModel:
@@ -153,7 +167,7 @@ class CartPoleModel:
     mj_model, mj_data
         The compiled `mujoco.MjModel` and its `mujoco.MjData`.
     addresses
-        Where compiled code finds them, shape (24,), int64.
+        Where compiled code finds them: a record, fields as of `ADDRESSES`.
 
     Raises
     ------
@@ -239,8 +253,8 @@ def _addresses(
     data: mujoco.MjData,
     scratch: mujoco.MjData,
     shape: NDArray[np.float64],
-) -> NDArray[np.int64]:
-    """Return the addresses of everything that compiled code reads and writes, shape (24,)."""
+) -> Any:
+    """Return the addresses of everything that compiled code reads and writes, a record."""
 
     def element(array: NDArray[np.float64], *index: int) -> int:
         if array.dtype != np.float64:
@@ -253,30 +267,33 @@ def _addresses(
     slider, hinge = model.joint("slider"), model.joint("hinge")
     z, phi = slider.qposadr[0], hinge.qposadr[0]
     z_dof, phi_dof = slider.dofadr[0], hinge.dofadr[0]
-    addresses = [
-        model._address,
-        data._address,
-        scratch._address,
-        element(model.body_mass, cart),
-        element(model.body_inertia, cart, 0),
-        element(model.body_mass, pole),
-        element(model.body_inertia, pole, 0),
-        element(model.body_ipos, pole, 2),
-        element(model.geom_size, geom, 1),
-        element(model.geom_pos, geom, 2),
-        element(model.site_pos, tip, 2),
-        element(model.opt.gravity, 2),
-        element(data.qpos, z),
-        element(data.qpos, phi),
-        element(data.qvel, z_dof),
-        element(data.qvel, phi_dof),
-        element(data.ctrl, model.actuator("force").id),
-        element(data.qfrc_applied, z_dof),
-        element(data.qacc, z_dof),
-        element(data.qacc, phi_dof),
-        element(data.qfrc_applied, phi_dof),
-        element(shape, 0),
-        element(data.qacc_smooth, z_dof),
-        element(data.qacc_smooth, phi_dof),
-    ]
-    return np.array(addresses, dtype=np.int64)
+    addresses = np.zeros(1, ADDRESSES)
+    places = {
+        "model": model._address,
+        "data": data._address,
+        "scratch": scratch._address,
+        "cart_mass": element(model.body_mass, cart),
+        "cart_inertia": element(model.body_inertia, cart, 0),
+        "pole_mass": element(model.body_mass, pole),
+        "pole_inertia": element(model.body_inertia, pole, 0),
+        "pole_com": element(model.body_ipos, pole, 2),
+        "geom_half_length": element(model.geom_size, geom, 1),
+        "geom_centre": element(model.geom_pos, geom, 2),
+        "tip": element(model.site_pos, tip, 2),
+        "gravity": element(model.opt.gravity, 2),
+        "z": element(data.qpos, z),
+        "phi": element(data.qpos, phi),
+        "z_dot": element(data.qvel, z_dof),
+        "phi_dot": element(data.qvel, phi_dof),
+        "control": element(data.ctrl, model.actuator("force").id),
+        "push": element(data.qfrc_applied, z_dof),
+        "z_ddot": element(data.qacc, z_dof),
+        "phi_ddot": element(data.qacc, phi_dof),
+        "torque": element(data.qfrc_applied, phi_dof),
+        "shape": element(shape, 0),
+        "z_ddot_smooth": element(data.qacc_smooth, z_dof),
+        "phi_ddot_smooth": element(data.qacc_smooth, phi_dof),
+    }
+    for name, address in places.items():
+        addresses[name] = address
+    return addresses[0]

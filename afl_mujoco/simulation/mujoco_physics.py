@@ -8,92 +8,78 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel, load, store
+from afl_mujoco.compiled import kernel, load
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.sampling import impulses_by_step, whole_steps
+from afl_mujoco.scenario.realism import IDEAL
+from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
-from afl_mujoco.simulation.trajectory import STATE_LIMIT
+from afl_mujoco.simulation.sampled.hardware import (
+    RUNNING,
+    Actuator,
+    actuator_of,
+    new_run,
+    no_commands,
+)
+from afl_mujoco.simulation.sampled.loop import (
+    PROFILE,
+    Criterion,
+    Plan,
+    advance,
+    apply_impulse,
+    write_plant,
+)
+from afl_mujoco.simulation.sampled.runs import input_profile
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
 
 choose_backend()
 import mujoco  # noqa: E402  (like dm_control it reads MUJOCO_GL when imported)
 from dm_control.mujoco import Physics as DmPhysics  # noqa: E402
 from dm_control.mujoco import wrapper  # noqa: E402
 
-# Columns of a course: M, l and push of the step that starts at an instant, the impulse at that
-# instant, and M, l at it.
-_M_MIDDLE, _L_MIDDLE, _PUSH, _IMPULSE, _M, _L = range(6)
+_FOREVER = 2**62
+"""More steps than any run has: the environment ends an episode, not the loop."""
 
-
-def _course(scenario: Scenario, timestep: float) -> NDArray[np.float64]:
-    """Return what the plant meets at each instant, shape (N + 1, 6); the last row holds forever."""
-    count = whole_steps("duration", scenario.duration, "timestep", timestep)
-    index = np.arange(count + 1, dtype=np.float64)
-    starts, middles = index * timestep, (index[:-1] + 0.5) * timestep
-    course = np.zeros((count + 1, 6))
-    course[:, _M] = scenario.cart_mass(starts)
-    course[:, _L] = scenario.half_length(starts)
-    course[:, [_M_MIDDLE, _L_MIDDLE]] = course[:, [_M, _L]]
-    course[:-1, _M_MIDDLE] = scenario.cart_mass(middles)
-    course[:-1, _L_MIDDLE] = scenario.half_length(middles)
-    course[:-1, _PUSH] = scenario.pushes(middles)
-    course[:-1, _IMPULSE] = impulses_by_step(scenario, starts)
-    return course
+_NO_COMMANDS = no_commands(actuator_of(IDEAL, 1.0, 1))
 
 
 @kernel
-def _arrive(at, row, constants):
-    """Apply the ideal impulse of an instant, with the parameters of the step that starts there."""
-    pole_mass, gravity = constants
-    if row[_IMPULSE] != 0.0:
-        force = load(at[mm.CONTROL])
-        mm.write_parameters(at, row[_M_MIDDLE], pole_mass, row[_L_MIDDLE], gravity)
-        z, phi = load(at[mm.Z]), load(at[mm.PHI])
-        z_dot, phi_dot = load(at[mm.Z_DOT]), load(at[mm.PHI_DOT])
-        jump = mm.strike(at, z, phi, z_dot, phi_dot, row[_IMPULSE])
-        mm.write_state(at, z, phi, z_dot + jump[0], phi_dot + jump[1])
-        store(at[mm.CONTROL], force)
+def _plan(constants, hold):
+    """Return the numbers of a control period; built here, for Python would take longer."""
+    timestep, pole_mass, gravity = constants
+    endless = Criterion(np.inf, np.inf, np.inf, np.inf, np.inf, 0)
+    return Plan(_FOREVER, hold, timestep, pole_mass, gravity, np.inf, endless)
 
 
 @kernel
-def _within_limits(at):
-    """Return whether the state has not diverged."""
-    return (
-        abs(load(at[mm.Z])) < STATE_LIMIT
-        and abs(load(at[mm.PHI])) < STATE_LIMIT
-        and abs(load(at[mm.Z_DOT])) < STATE_LIMIT
-        and abs(load(at[mm.PHI_DOT])) < STATE_LIMIT
-    )
+def _begin(at, constants, profile, run):
+    """Apply what happens at the start of the first step."""
+    run.written_mass = np.nan
+    write_plant(at, _plan(constants, 1), profile, run, 0)
+    apply_impulse(at, profile, 0)
 
 
 @kernel
-def _advance(at, course, constants, first, count):
-    """Take `count` steps from instant `first` on and return the instant reached.
+def _advance(at, constants, profile, now, run, pending, instant, hold):
+    """Take the steps of a control period under the control in MjData; return the instant reached.
 
-    It stops where the state diverges. Else it leaves model and data as they are at that instant.
+    It stops where the state diverges. Else it leaves model and data as they are at that instant,
+    with the (M, l) that `now` holds for each.
     """
-    pole_mass, gravity = constants
-    last = len(course) - 1
-    written = (np.nan, np.nan)
-    for k in range(first, first + count):
-        if not _within_limits(at):
-            return k
-        row = course[min(k, last)]
-        wanted = (row[_M_MIDDLE], row[_L_MIDDLE])
-        if wanted != written:
-            mm.write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
-            written = wanted
-        store(at[mm.PUSH], row[_PUSH])
-        mm.mj_step(at[mm.MODEL], at[mm.DATA])
-        if course[min(k + 1, last), _IMPULSE] != 0.0:
-            _arrive(at, course[min(k + 1, last)], constants)
-            written = (np.nan, np.nan)
-    if _within_limits(at):
-        row = course[min(first + count, last)]
-        mm.write_parameters(at, row[_M], pole_mass, row[_L], gravity)
-        mm.mj_forward(at[mm.MODEL], at[mm.DATA])
-    return first + count
+    plan, ideal = _plan(constants, hold), Actuator(np.inf, np.inf, 0, 0.0, 0.0)
+    if not within_limits(mm.read_state(at)):
+        return instant
+    run.step, run.status, run.written_mass = instant, RUNNING, np.nan
+    write_plant(at, plan, profile, run, instant)
+    force = load(at.control)
+    advance(at, plan, ideal, profile, run, pending, np.empty((0, 5)), force)
+    if not within_limits(mm.read_state(at)):
+        return run.step + 1
+    i = min(instant + hold, len(now) - 1)
+    mm.write_parameters(at, now[i, 0], plan.pole_mass, now[i, 1], plan.gravity)
+    mm.mj_forward(at.model, at.data)
+    return instant + hold
 
 
 class Physics(DmPhysics):  # type: ignore[misc]
@@ -117,8 +103,15 @@ class Physics(DmPhysics):  # type: ignore[misc]
     def __init__(self, scenario: Scenario, *, timestep: float, integrator: str) -> None:
         scenario.require_ideal()
         self.scenario = scenario
-        self._course = _course(scenario, timestep)
-        self._constants = (scenario.pole_mass, scenario.gravity)
+        count = whole_steps("duration", scenario.duration, "timestep", timestep)
+        self._profile = np.zeros(count + 1, PROFILE)  # whose last row holds forever
+        self._profile[:-1] = input_profile(scenario, timestep, count, count)
+        instants = np.arange(count + 1) * timestep
+        masses, lengths = scenario.cart_mass(instants), scenario.half_length(instants)
+        self._now = np.stack([masses, lengths], axis=1)
+        self._profile["cart_mass"][-1], self._profile["half_length"][-1] = self._now[-1]
+        self._run = new_run()
+        self._constants = (float(timestep), scenario.pole_mass, scenario.gravity)
         self._timestep, self._integrator = timestep, integrator
         self._model = mm.CartPoleModel(
             scenario.parameters_at(0.0), file="scene.xml", timestep=timestep, integrator=integrator
@@ -133,18 +126,14 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """Number of steps since t = 0."""
         return round(float(self.data.ptr.time) / self._timestep)
 
-    def _now(self) -> NDArray[np.float64]:
-        """Return the row of the course that starts now, shape (6,)."""
-        row: NDArray[np.float64] = self._course[min(self._instant, len(self._course) - 1)]
-        return row
-
     def parameters(self) -> NDArray[np.float64]:
         """Return (M, l) [kg, m] now, after the jump where there is one, shape (2,)."""
-        return self._now()[[_M, _L]]
+        now: NDArray[np.float64] = self._now[min(self._instant, len(self._now) - 1)]
+        return now.copy()
 
     def diverged(self) -> bool:
         """Return whether the state exceeds `STATE_LIMIT` or is not finite."""
-        return not _within_limits(self._model.addresses)
+        return not within_limits(mm.read_state(self._model.addresses))
 
     def begin(self, state: Sequence[float]) -> None:
         """Put the plant at t = 0 into `state`, then apply the impulses that strike there.
@@ -156,7 +145,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """
         self.data.ptr.time = 0.0
         mm.write_state(self._model.addresses, *(float(x) for x in state))
-        _arrive(self._model.addresses, self._now(), self._constants)
+        _begin(self._model.addresses, self._constants, self._profile, self._run)
         self.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
@@ -172,8 +161,9 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
     def forward(self) -> None:
         """Make everything in model and data what it is at this instant, for this state."""
-        row, (pole_mass, gravity) = self._now(), self._constants
-        mm.write_parameters(self._model.addresses, row[_M], pole_mass, row[_L], gravity)
+        mass, length = self.parameters()
+        s = self.scenario
+        mm.write_parameters(self._model.addresses, mass, s.pole_mass, length, s.gravity)
         super().forward()
 
     def step(self, nstep: int = 1) -> None:
@@ -195,8 +185,9 @@ class Physics(DmPhysics):  # type: ignore[misc]
         if not abs(force) < STATE_LIMIT:
             raise InvalidValueError("control", f"must be below {STATE_LIMIT:g} N", f"{force:g} N")
         reached = _advance(
-            self._model.addresses, self._course, self._constants, self._instant, nstep
-        )
+            self._model.addresses, self._constants, self._profile, self._now, self._run,
+            _NO_COMMANDS, self._instant, nstep,
+        )  # fmt: skip
         self.data.ptr.time = reached * self._timestep
 
     def __getstate__(self) -> tuple[Any, ...]:

@@ -8,19 +8,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.controllers import as_controller, require_stateless
 from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
-from afl_mujoco.scenario.realism import IDEAL
-from afl_mujoco.scenario.sampling import impulses_by_step, steps, time_grid, whole_steps
+from afl_mujoco.scenario.sampling import steps, time_grid, whole_steps
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation import mujoco_loops as loops
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
-from afl_mujoco.simulation.mujoco_dynamics import closed_loop, march_segment, transition
+from afl_mujoco.simulation.mujoco_dynamics import march_segment, solver, transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.rig.runs import control_period_of, simulate_rig
+from afl_mujoco.simulation.sampled.runs import control_period_of, simulate_sampled
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     OUTCOMES,
@@ -35,7 +32,7 @@ MODES = ("exact", "continuous", "sampled")
 
 def simulate_mujoco(
     scenario: Scenario,
-    controller: Law,
+    controller: Any,
     mode: str = "exact",
     *,
     timestep: float = 1e-3,
@@ -52,7 +49,7 @@ def simulate_mujoco(
     scenario
         What happens.
     controller
-        What is commanded.
+        What is commanded; as of `as_controller`.
     mode
         ``"exact"``: MuJoCo's forward dynamics under the integrator of `simulate_ode`;
         ``"continuous"``: RK4 around MuJoCo's forward dynamics, law and parameters in every stage,
@@ -84,8 +81,10 @@ def simulate_mujoco(
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)
+    controller = as_controller(controller)
     if mode != "sampled":
         scenario.require_ideal()
+        require_stateless(controller, f"{mode} mode")
     model = CartPoleModel(
         scenario.parameters_at(0.0),
         timestep=timestep,
@@ -101,9 +100,7 @@ def simulate_mujoco(
         if not change.is_the_papers:
             raise InvalidValueError("dynamics and jumps", "must be the paper's in sampled mode")
         settings |= {"control_period": period, "integrator": integrator}
-        if scenario.realism != IDEAL or isinstance(controller, PythonLaw | EstimatedLaw):
-            return simulate_rig(scenario, controller, **settings, model=model)
-        return _sampled(model, scenario, controller, settings)
+        return simulate_sampled(scenario, controller, **settings, model=model)
     settings |= change.describe()
     if mode == "continuous":
         return _continuous(model, scenario, controller, change, settings)
@@ -122,7 +119,7 @@ def _exact(
     law_along(scenario, controller, times)  # raises before the run if a gain is not positive
     states, outcome = integrate(
         scenario,
-        closed_loop(model, scenario, controller, change),
+        solver(model, scenario, controller, change),
         transition(model, scenario, change),
         times,
     )
@@ -169,31 +166,4 @@ def _continuous(
     outcome = Outcome(status, float(march.times[len(all_states) - 1]))
     return assemble(
         scenario, controller, "mujoco continuous", settings, march.times, all_states, outcome
-    )
-
-
-def _sampled(
-    model: CartPoleModel, scenario: Scenario, controller: Law, settings: dict[str, Any]
-) -> Trajectory:
-    """As deployed: `mj_step`, the control held, the parameters of each step's middle."""
-    timestep, period = settings["timestep"], settings["control_period"]
-    hold = whole_steps("control_period", period, "timestep", timestep)
-    count = whole_steps("duration", scenario.duration, "timestep", timestep)
-    index = np.arange(count + 1)
-    starts, middles = index * timestep, (index[:-1] + 0.5) * timestep
-    states, forces, status = loops.march_sampled(
-        model.addresses,
-        np.array(scenario.initial_state),
-        hold,
-        scenario.cart_mass(middles),
-        scenario.half_length(middles),
-        (scenario.pole_mass, scenario.gravity),
-        scenario.pushes(middles),
-        impulses_by_step(scenario, starts),
-        controller.compiled.kind,
-        law_along(scenario, controller, starts),
-    )
-    outcome = Outcome(OUTCOMES[status], float(starts[len(states) - 1]))
-    return assemble(
-        scenario, controller, "mujoco sampled", settings, starts, states, outcome, forces
     )

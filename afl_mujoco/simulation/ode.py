@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.compiled_law import law_force
+from afl_mujoco.control.controllers import as_controller, require_stateless
 from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
-from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
     mass_matrix,
@@ -21,15 +24,21 @@ from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, Param
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,
-    METHODS,
+    MAX_STEP,
     RTOL,
     Derivative,
     Transition,
+    compiled_solver,
     integrate,
+    limit_margin,
+    require_tolerances,
+    scipy_solver,
+    segment_numbers,
 )
-from afl_mujoco.simulation.trajectory import STATE_LIMIT, Trajectory, assemble, law_along
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, Outcome, Trajectory, assemble, law_along
 
 SAMPLE_PERIOD = 1e-3
 """Spacing of the reported instants [s]."""
@@ -37,7 +46,7 @@ SAMPLE_PERIOD = 1e-3
 
 def simulate_ode(
     scenario: Scenario,
-    controller: Law,
+    controller: Any,
     *,
     sample_period: float = SAMPLE_PERIOD,
     method: str = "DOP853",
@@ -53,7 +62,7 @@ def simulate_ode(
     scenario
         What happens.
     controller
-        What is commanded, continuously in time.
+        What is commanded, continuously in time; as of `as_controller`.
     sample_period
         Spacing of the reported instants [s]; breakpoints are reported as well.
     method, rtol, atol
@@ -74,77 +83,112 @@ def simulate_ode(
     AflMujocoError
         If a setting breaks its rule.
     """
-    if method not in METHODS:
-        raise UnknownNameError.among("method", method, METHODS)
-    scenario.require_ideal()
-    change = ParameterChange(dynamics=dynamics, jumps=jumps)
-    times = time_grid(scenario, sample_period)
-    law_along(scenario, controller, times)  # raises before the run if a gain is not positive
-    states, outcome = integrate(
+    change, controller = ParameterChange(dynamics=dynamics, jumps=jumps), as_controller(controller)
+    times, states, outcome = solve_ode(
         scenario,
-        closed_loop(scenario, controller, change),
-        transition(scenario, change),
-        times,
+        controller,
+        sample_period=sample_period,
         method=method,
         rtol=rtol,
         atol=atol,
+        change=change,
     )
     settings = {"method": method, "rtol": rtol, "atol": atol, "sample_period": sample_period}
     settings |= change.describe()
     return assemble(scenario, controller, "ode", settings, times, states, outcome)
 
 
-@kernel
-def _acting(force, push):
-    """Return the force on the cart; NaN beyond `STATE_LIMIT`, where a run ends."""
-    return force + push if abs(force) < STATE_LIMIT else np.nan
+def solve_ode(
+    scenario: Scenario,
+    controller: Law,
+    *,
+    sample_period: float,
+    method: str = "DOP853",
+    rtol: float = RTOL,
+    atol: float = ATOL,
+    longest_step: float = MAX_STEP,
+    change: ParameterChange | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
+    """Return times [s], states reached and outcome as `simulate_ode` finds them, and nothing else.
+
+    Parameters
+    ----------
+    longest_step
+        Of the compiled method [s].
+    change
+        What a change of M and l does; the paper's by default.
+    """
+    scenario.require_ideal()
+    require_stateless(controller, "the ODE")
+    change = ParameterChange() if change is None else change
+    times = time_grid(scenario, sample_period)
+    law_along(scenario, controller, times)  # raises before the run if a gain is not positive
+    if method != "DOP853" or controller.interpreted:
+        loop = closed_loop(scenario, controller, change)
+        solver = scipy_solver(loop, method, rtol, atol)
+    else:
+        require_tolerances(method, rtol, atol)
+        solver = compiled_solver(
+            compiled_loop(scenario, controller, change), rtol, atol, longest_step
+        )
+    states, outcome = integrate(scenario, solver, transition(scenario, change), times)
+    return times[: len(states)], states, outcome
 
 
 @kernel
-def _commanded(state, believed, law):
-    """Return the force of a compiled law [N]."""
-    kind, table, masses, lengths = law
-    return law_force(kind, table, masses, lengths, state[0], state[1], state[2], state[3], believed)
+def _write_rates(state, cart_mass, pole_mass, half_length, gravity, push, force, rate, slopes):
+    """Write (z_dot, phi_dot, z'', phi'') under a force of the law, NaN where it has none.
 
-
-@kernel
-def _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, force):
-    """Return (z_dot, phi_dot, z'', phi'') under a force of the law, NaN where it has none."""
+    The rod stretches at `rate` [m/s], zero where the paper's frozen l is meant.
+    """
     phi, phi_dot = state[1], state[3]
-    force = _acting(force, push)
-    return (
-        state[2],
-        phi_dot,
-        cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity),
-        pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity),
-    )
+    force = force + push if abs(force) < STATE_LIMIT else np.nan  # where a run ends
+    plant = (cart_mass, pole_mass, half_length, gravity)
+    slopes[0], slopes[1] = state[2], phi_dot
+    if rate != 0.0:
+        slopes[2], slopes[3] = stretching_accelerations(phi, phi_dot, force, *plant, rate)
+    else:
+        slopes[2] = cart_acceleration(phi, phi_dot, force, *plant)
+        slopes[3] = pole_acceleration(phi, phi_dot, force, *plant)
 
 
-@kernel
-def _stretching(state, cart_mass, pole_mass, half_length, gravity, push, force, rate):
-    """Return the same for a rod whose half-length grows at `rate` [m/s]."""
-    z_ddot, phi_ddot = stretching_accelerations(
-        state[1], state[3], _acting(force, push), cart_mass, pole_mass, half_length, gravity, rate
-    )
-    return state[2], state[3], z_ddot, phi_ddot
+@register_jitable
+def loop_rates(arguments, time, state, slopes):
+    """Write the rates of the loop of plant and compiled law, as of `dop853`."""
+    plant, assumed, law = arguments
+    start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = plant
+    kind, table, masses, lengths = law
+    mass, length = mass + mass_rate * (time - start), length + length_rate * (time - start)
+    if np.isnan(assumed[0]):
+        assumed = (mass, pole_mass, length, gravity)
+    force = law_force(kind, table, masses, lengths, state[0], state[1], state[2], state[3], assumed)
+    _write_rates(state, mass, pole_mass, length, gravity, push, force, rate, slopes)
 
 
-@kernel
-def _loop(state, cart_mass, pole_mass, half_length, gravity, push, believed, law):
-    """Return the rates of the quasi-static loop of plant and compiled law."""
-    force = _commanded(state, believed, law)
-    return _quasi_static(state, cart_mass, pole_mass, half_length, gravity, push, force)
+@borrowing_kernel
+def _solve(plant, assumed, law, start, end, state, times, options, work, found):
+    """Integrate the compiled loop over a segment."""
+    return dop853.solve(
+        loop_rates, (plant, assumed, law), limit_margin, start, end, state, times, options, work,
+        found,
+    )  # fmt: skip
 
 
-@kernel
-def _stretching_loop(state, cart_mass, pole_mass, half_length, gravity, push, believed, law, rate):
-    """Return the same for a rod whose half-length grows at `rate` [m/s]."""
-    force = _commanded(state, believed, law)
-    return _stretching(state, cart_mass, pole_mass, half_length, gravity, push, force, rate)
+def compiled_loop(
+    scenario: Scenario, controller: Law, change: ParameterChange
+) -> Callable[..., tuple[int, float, int]]:
+    """Return what solves the closed loop over a segment, as `compiled_solver` takes it."""
+    law, assumed = tuple(controller.compiled), controller.believed(*[np.nan] * 4)
+
+    def solve(segment: Segment, *rest: Any) -> Any:
+        plant = segment_numbers(scenario, segment, change)
+        return _solve(plant, assumed, law, segment.start, segment.end, *rest)
+
+    return solve
 
 
 def closed_loop(scenario: Scenario, controller: Law, change: ParameterChange) -> Derivative:
-    """Return the right-hand side of the closed loop of plant and law.
+    """Return the right-hand side of the closed loop of plant and law, called from Python.
 
     Parameters
     ----------
@@ -155,40 +199,16 @@ def closed_loop(scenario: Scenario, controller: Law, change: ParameterChange) ->
     change
         What a change of M and l does.
     """
-    if isinstance(controller, PythonLaw):
-        return _interpreted(scenario, controller, change)
-    pole_mass, gravity = scenario.pole_mass, scenario.gravity
-    law = tuple(controller.compiled)
-
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
-        mass, length = segment.parameters_at(time)
-        believed = controller.believed(mass, pole_mass, length, gravity)
-        plant = (mass, pole_mass, length, gravity, segment.push, believed, law)
-        result: tuple[float, ...] = (
-            _stretching_loop(state, *plant, segment.half_length[1])
-            if change.stretching
-            else _loop(state, *plant)
-        )
-        return result
-
-    return derivative
-
-
-def _interpreted(scenario: Scenario, controller: PythonLaw, change: ParameterChange) -> Derivative:
-    """Return the right-hand side under a law in Python; arguments as of `closed_loop`."""
     pole_mass, gravity = scenario.pole_mass, scenario.gravity
 
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
         mass, length = segment.parameters_at(time)
-        told = np.array(controller.believed(mass, pole_mass, length, gravity))
-        force = controller.command(time, state[:4], told)
-        plant = (mass, pole_mass, length, gravity, segment.push, force)
-        result: tuple[float, ...] = (
-            _stretching(state, *plant, segment.half_length[1])
-            if change.stretching
-            else _quasi_static(state, *plant)
-        )
-        return result
+        assumed = controller.believed(mass, pole_mass, length, gravity)
+        force = controller.command(time, state[:4], np.array(assumed))
+        rate = segment.half_length[1] if change.stretching else 0.0
+        slopes = np.empty(4)
+        _write_rates(state, mass, pole_mass, length, gravity, segment.push, force, rate, slopes)
+        return slopes
 
     return derivative
 

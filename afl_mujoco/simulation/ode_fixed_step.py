@@ -7,17 +7,19 @@ parameters, the disturbances. So the cost of each can be told from that of the o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.compiled_law import given_force
-from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.controllers import as_controller, require_stateless
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
-from afl_mujoco.scenario.sampling import Steps, steps, whole_steps
+from afl_mujoco.scenario.sampling import Steps, parameters_in, steps, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -36,7 +38,7 @@ from afl_mujoco.simulation.user_law.march import march_own_law
 SUBSTEPS = 8
 """RK4 steps within each held step: they leave an error some 4000 times below RK4 at the step."""
 
-_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
+_COMPLETED, _FELL, _RUNNING = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL), -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ class Holds:
     disturbance: bool = False
 
 
-def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1e-3) -> Trajectory:
+def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1e-3) -> Trajectory:
     """March the closed loop by textbook RK4, steps ending on every breakpoint.
 
     Parameters
@@ -74,6 +76,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1
         The run.
     """
     scenario.require_ideal()
+    require_stateless(controller := as_controller(controller), "the ODE")
     march = steps(scenario, timestep)
     law = controller.law_inputs(
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
@@ -88,7 +91,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Law, *, timestep: float = 1
 
 def simulate_ode_held(
     scenario: Scenario,
-    controller: Law,
+    controller: Any,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -121,13 +124,16 @@ def simulate_ode_held(
         If a setting breaks its rule.
     """
     scenario.require_ideal()
+    controller = as_controller(controller)
     if substeps < 1:
         raise InvalidValueError("substeps", "must be at least 1", substeps)
     if holds is None:
         period = timestep if control_period is None else control_period
         holds = Holds(control_period=period, schedule=True, disturbance=True)
     hold = 0
-    if holds.control_period is not None:
+    if holds.control_period is None:
+        require_stateless(controller, "a force that is not held")
+    else:
         hold = whole_steps("control_period", holds.control_period, "timestep", timestep)
     count = whole_steps("duration", scenario.duration, "timestep", timestep)
     fine = steps(scenario, timestep / substeps)
@@ -136,13 +142,16 @@ def simulate_ode_held(
     update = np.zeros(len(fine.push) if hold else 0, dtype=np.bool_)
     if hold:
         update[start_of[:-1:hold]] = True
-    law_stages = slice(0, 1) if hold else slice(None)
+    looked_up = update if hold else np.s_[:]  # a held force needs its gains where it is taken
+    stages = np.s_[:1] if hold else np.s_[:]
     law = controller.law_inputs(
-        fine.cart_mass[:, law_stages],
-        fine.half_length[:, law_stages],
+        fine.cart_mass[looked_up][:, stages],
+        fine.half_length[looked_up][:, stages],
         scenario.pole_mass,
         scenario.gravity,
     )
+    if hold:
+        law = law[np.cumsum(update) - 1]
     mass, length, push, impulse = _held_inputs(scenario, fine, start_of, timestep, holds)
     plant = _plants(mass, length, scenario)
     course = (np.array(scenario.initial_state), fine.times, plant, push, impulse)
@@ -166,11 +175,10 @@ def _held_inputs(
     segments = scenario.segments
     inside = np.searchsorted([s.start for s in segments], middles, side="right") - 1
     if holds.schedule:
-        frozen = np.array(
-            [segments[i].parameters_at(t) for i, t in zip(inside, middles.tolist(), strict=True)]
+        mass, length = (
+            np.repeat(frozen[step_of, None], 3, axis=1)
+            for frozen in parameters_in(segments, inside, middles)
         )
-        mass = np.repeat(frozen[step_of, :1], 3, axis=1)
-        length = np.repeat(frozen[step_of, 1:], 3, axis=1)
     if holds.disturbance:
         push = np.array([segments[i].push for i in inside])[step_of]
         struck = np.zeros(len(start_of) - 1)
@@ -193,44 +201,81 @@ def _plants(
 
 
 def _marched(controller, initial_state, times, plant, push, impulse, law, update):
-    """Return what `_march` does, of a law in Python too."""
-    if not isinstance(controller, PythonLaw):
+    """Return states, forces and status of a run, the force held from each `update` to the next.
+
+    With no `update` the force is that of the law in every stage.
+    """
+    if not controller.interpreted:
         kind = controller.compiled.kind
-        return _march(initial_state, times, plant, push, impulse, kind, law, update)
+        course = (initial_state, times, plant, push, impulse, kind, law)
+        return _march_held(*course, update) if len(update) else _march_followed(*course)
+    if len(update):
+        return _march_held_by(controller, initial_state, times, plant, push, impulse, law, update)
 
     def slope(k, stage, x, force):
         return _slope(x, force + push[k], plant[k, stage])
 
     def arrive(k, x):
-        return _struck(x, impulse[k], plant[k, 0])
+        return np.array(_struck(tuple(x.tolist()), impulse[k], plant[k, 0]))
 
-    held = update if len(update) else None
-    return march_own_law(controller, initial_state, times, law, arrive, slope, held)
+    return march_own_law(controller, initial_state, times, law, arrive, slope)
 
 
-@kernel
-def _slope(state, force, plant):
-    """Return the right-hand side (z_dot, phi_dot, z'', phi'') by (P3), (P4)."""
-    phi, phi_dot = state[1], state[3]
+def _march_held_by(controller, initial_state, times, plant, push, impulse, law, update):
+    """Return what `_march_held` does, under a Python controller."""
+    ticks = [*np.flatnonzero(update).tolist(), len(push)]
+    states, forces = np.empty((len(push) + 1, 4)), np.zeros(len(push) + 1)
+    states[0] = initial_state
+    last, status = 0, _arrive(states, 0, impulse, plant)
+    own = controller.start()
+    for first, next_ in pairwise(ticks):
+        if status != _RUNNING:
+            break
+        force = own.command(times[first], states[first], law[first, 0])
+        forces[first : next_ + 1] = force
+        last, status = _hold(states, times, plant, push, impulse, force, first, next_)
+    return states[: last + 1], forces[: last + 1], status
+
+
+@register_jitable
+def _slope(x, force, plant):
+    """Return the right-hand side (z_dot, phi_dot, z'', phi'') by (P3), (P4); `x` is a tuple."""
+    phi, phi_dot = x[1], x[3]
     mass, pole, length, gravity = plant[0], plant[1], plant[2], plant[3]
-    return np.array(
-        [
-            state[2],
-            phi_dot,
-            cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
-            pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
-        ]
+    return (
+        x[2],
+        phi_dot,
+        cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
+        pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
+    )
+
+
+@register_jitable
+def _moved(x, h, k):
+    """Return x + h k; tuples, for arrays would be made anew in every stage."""
+    return x[0] + h * k[0], x[1] + h * k[1], x[2] + h * k[2], x[3] + h * k[3]
+
+
+@register_jitable
+def _combined(x, dt, k1, k2, k3, k4):
+    """Return the state after a step, from the slopes of its stages."""
+    sixth = dt / 6.0
+    return (
+        x[0] + sixth * (k1[0] + 2.0 * k2[0] + 2.0 * k3[0] + k4[0]),
+        x[1] + sixth * (k1[1] + 2.0 * k2[1] + 2.0 * k3[1] + k4[1]),
+        x[2] + sixth * (k1[2] + 2.0 * k2[2] + 2.0 * k3[2] + k4[2]),
+        x[3] + sixth * (k1[3] + 2.0 * k2[3] + 2.0 * k3[3] + k4[3]),
     )
 
 
 @kernel
 def rk4_step(state, force, plant, dt):
-    """Return the state after one textbook RK4 step under a constant force.
+    """Return the state (four numbers) after one textbook RK4 step under a constant force.
 
     Parameters
     ----------
     state
-        Shape (4,).
+        Four numbers.
     force
         Force on the cart [N].
     plant
@@ -238,63 +283,103 @@ def rk4_step(state, force, plant, dt):
     dt
         The step [s].
     """
-    k1 = _slope(state, force, plant[0])
-    k2 = _slope(state + 0.5 * dt * k1, force, plant[1])
-    k3 = _slope(state + 0.5 * dt * k2, force, plant[1])
-    k4 = _slope(state + dt * k3, force, plant[2])
-    return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    x = (state[0], state[1], state[2], state[3])
+    k1 = _slope(x, force, plant[0])
+    k2 = _slope(_moved(x, 0.5 * dt, k1), force, plant[1])
+    k3 = _slope(_moved(x, 0.5 * dt, k2), force, plant[1])
+    k4 = _slope(_moved(x, dt, k3), force, plant[2])
+    return _combined(x, dt, k1, k2, k3, k4)
 
 
 @kernel
 def _law_step(x, dt, plant, push, kind, law):
     """Return the state after one textbook RK4 step, law and parameters in every stage."""
     k1 = _slope(x, given_force(kind, x, law[0]) + push, plant[0])
-    x2 = x + 0.5 * dt * k1
+    x2 = _moved(x, 0.5 * dt, k1)
     k2 = _slope(x2, given_force(kind, x2, law[1]) + push, plant[1])
-    x3 = x + 0.5 * dt * k2
+    x3 = _moved(x, 0.5 * dt, k2)
     k3 = _slope(x3, given_force(kind, x3, law[1]) + push, plant[1])
-    x4 = x + dt * k3
+    x4 = _moved(x, dt, k3)
     k4 = _slope(x4, given_force(kind, x4, law[2]) + push, plant[2])
-    return x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return _combined(x, dt, k1, k2, k3, k4)
 
 
 @kernel
 def _struck(x, impulse, plant):
     """Return the state after an impulse [N s]: accelerations are linear in the force."""
-    return x + (_slope(x, impulse, plant) - _slope(x, 0.0, plant)) if impulse != 0.0 else x
+    if impulse == 0.0:
+        return x
+    hit, free = _slope(x, impulse, plant), _slope(x, 0.0, plant)
+    return x[0], x[1], x[2] + (hit[2] - free[2]), x[3] + (hit[3] - free[3])
 
 
 @kernel
-def _march(initial_state, times, plant, push, impulse, kind, law, update):
-    """March by RK4 and return states and forces reached and the status.
-
-    The force is that of the law in every stage if `update` is empty; otherwise it is taken from
-    the law where `update` says so, and held in between.
-    """
-    count, held = len(push), len(update) > 0
+def _march_followed(initial_state, times, plant, push, impulse, kind, law):
+    """Return states, forces and status of a run by RK4, the law followed in every stage."""
+    count = len(push)
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
     states[0] = initial_state
     force = 0.0
     for k in range(count + 1):
-        x = states[k]
-        if abs(x[1]) >= FALL_ANGLE:
-            forces[k] = force
-            return states[: k + 1], forces[: k + 1], _FELL
-        if k == count:
-            break
-        x[:] = _struck(x, impulse[k], plant[k, 0])
-        if not held or update[k]:
-            force = given_force(kind, x, law[k, 0])
+        status = _arrive(states, k, impulse, plant)
+        forces[k] = force
+        if status != _RUNNING:
+            return states[: k + 1], forces[: k + 1], status
+        x = (states[k, 0], states[k, 1], states[k, 2], states[k, 3])
+        force = given_force(kind, x, law[k, 0])
         forces[k] = force
         if not abs(force) < STATE_LIMIT:
             return states[: k + 1], forces[: k + 1], ending_of(x)
-        dt = times[k + 1] - times[k]
-        if held:
-            after = rk4_step(x, force + push[k], plant[k], dt)
-        else:
-            after = _law_step(x, dt, plant[k], push[k], kind, law[k])
+        after = _law_step(x, times[k + 1] - times[k], plant[k], push[k], kind, law[k])
         if not within_limits(after):
             return states[: k + 1], forces[: k + 1], ending_of(x)
-        states[k + 1] = after
-    forces[count] = force
+        states[k + 1, 0], states[k + 1, 1], states[k + 1, 2], states[k + 1, 3] = after
     return states, forces, _COMPLETED
+
+
+@kernel
+def _march_held(initial_state, times, plant, push, impulse, kind, law, update):
+    """Return the same with the force taken from the law where `update` says so, else held."""
+    count = len(push)
+    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
+    states[0] = initial_state
+    force, last, status = 0.0, 0, _arrive(states, 0, impulse, plant)
+    forces[0] = force
+    while status == _RUNNING:
+        first = last
+        force = given_force(kind, states[first], law[first, 0])
+        last = first + 1
+        while last < count and not update[last]:
+            last += 1
+        last, status = _hold(states, times, plant, push, impulse, force, first, last)
+        forces[first : last + 1] = force
+    return states[: last + 1], forces[: last + 1], status
+
+
+@kernel
+def _hold(states, times, plant, push, impulse, force, first, last):
+    """Step from instant `first` to `last` under one force; return where it ended, and how."""
+    for k in range(first, last):
+        x = (states[k, 0], states[k, 1], states[k, 2], states[k, 3])
+        if not abs(force) < STATE_LIMIT:
+            return k, ending_of(x)
+        after = rk4_step(x, force + push[k], plant[k], times[k + 1] - times[k])
+        if not within_limits(after):
+            return k, ending_of(x)
+        states[k + 1, 0], states[k + 1, 1], states[k + 1, 2], states[k + 1, 3] = after
+        status = _arrive(states, k + 1, impulse, plant)
+        if status != _RUNNING:
+            return k + 1, status
+    return last, _RUNNING
+
+
+@kernel
+def _arrive(states, k, impulse, plant):
+    """Reach instant k, apply the impulse there, and return the status."""
+    if abs(states[k, 1]) >= FALL_ANGLE:
+        return _FELL
+    if k == len(impulse):
+        return _COMPLETED
+    x = _struck((states[k, 0], states[k, 1], states[k, 2], states[k, 3]), impulse[k], plant[k, 0])
+    states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x
+    return _RUNNING

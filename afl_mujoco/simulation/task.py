@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.files import find_scenario
@@ -247,7 +246,7 @@ def law_policy(
     InvalidValueError
         If a law in Python is given without the control period.
     """
-    if isinstance(controller, PythonLaw) and control_period is None:
+    if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")
     period, tick = control_period or 0.0, 0
 

@@ -5,23 +5,21 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from afl_mujoco.control.controllers import CONTROLLERS
 from afl_mujoco.control.estimation.estimated_law import refuse_estimated
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.execution.executors import Executor, compute_all, open_executor
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
-from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.trajectory import law_along
 from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.checks.closed_loop_checks import Settings
@@ -33,7 +31,7 @@ from afl_mujoco.validation.claims.ledger import Ledger, judge_claims
 from afl_mujoco.validation.claims.schedules import FULL, QUICK
 from afl_mujoco.validation.curves import Curves
 from afl_mujoco.validation.decisions import DECISIONS
-from afl_mujoco.validation.metrics import metrics, objective_scales, with_objective
+from afl_mujoco.validation.metrics import nominal_scales, with_objective
 from afl_mujoco.validation.pair import Run, judge, pair_name
 
 DECISIVE = "mujoco continuous"
@@ -112,6 +110,7 @@ def run_campaign(
     settings: Settings,
     *,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], None] = lambda done: None,
 ) -> Report:
     """Judge every scenario with every controller.
@@ -124,6 +123,8 @@ def run_campaign(
         Step sizes.
     workers
         Processes to share the work among; the result does not depend on it.
+    executor
+        What computes, instead of processes of its own.
     progress
         Called with the name of each pair as it is done.
 
@@ -145,8 +146,9 @@ def run_campaign(
         swings = free_swings()
         checks += [*reference_checks(swings), plateau_check()]
         studies += swings
-    scales = nominal_scales(settings)
-    with open_executor(min(workers, len(pairs))) as executor:
+    scales = nominal_scales(settings.timestep)
+    processes = open_executor(min(workers, len(pairs)))
+    with processes if executor is None else nullcontext(executor) as executor:
         judged = compute_all(judge, pairs, executor, lambda i: progress(pair_name(pairs[i])))
         runs = tuple(
             replace(run, metrics=with_objective(run.metrics, scales))
@@ -173,19 +175,6 @@ def run_campaign(
         curves=tuple(pair.curves for pair in judged),
         settings=settings,
     )
-
-
-def nominal_scales(settings: Settings) -> ObjectiveScales:
-    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
-
-    Parameters
-    ----------
-    settings
-        Gives the grid on which the integrals are taken.
-    """
-    scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
-    run = simulate_ode(scenario, controller, sample_period=settings.timestep)
-    return objective_scales(metrics(scenario, controller, run))
 
 
 def require_runnable(

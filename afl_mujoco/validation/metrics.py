@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.control.controllers import CONTROLLERS
 from afl_mujoco.control.law import Law
+from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales, objective
+from afl_mujoco.simulation.ode import simulate_ode, solve_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, law_along
 
 Metrics = dict[str, float | None]
@@ -23,6 +27,9 @@ TERMS = ("iae_z", "iae_phi", "max_force")
 STATES = ("z", "phi", "z_dot", "phi_dot")
 BANDS = {"2pc": 0.02, "5pc": 0.05}
 """Settling bands as a share of the peak of the state."""
+
+COARSE: Any = {"sample_period": 2e-3, "rtol": 1e-9, "atol": 1e-11, "longest_step": 0.1}
+"""How `ideal_objective` solves the equations."""
 
 UNITS: Mapping[str, str] = {
     "objective": "1",
@@ -92,6 +99,32 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
     iae_z, iae_phi, max_force = (figures[name] for name in TERMS)
     known = None not in (iae_z, iae_phi, max_force)
     return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
+
+
+def ideal_objective(scenario: Scenario, controller: Law, scales: ObjectiveScales) -> float | None:
+    """Return the objective (O1) on the ideal equations, for thousands of runs; None if it fell.
+
+    It is that of `simulate_ode` to 1e-6, relatively, without the run itself.
+    """
+    times, states, outcome = solve_ode(scenario, controller, **COARSE)
+    if outcome.kind != COMPLETED:
+        return None
+    forces = controller.forces(states, law_along(scenario, controller, times), times)
+    iae_z, iae_phi = (_integral(np.abs(states[:, column]), times) for column in (0, 1))
+    return float(objective(iae_z, iae_phi, np.abs(forces).max(), scales))
+
+
+def nominal_scales(sample_period: float) -> ObjectiveScales:
+    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
+
+    Parameters
+    ----------
+    sample_period
+        Of the grid on which the integrals are taken [s].
+    """
+    scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
+    run = simulate_ode(scenario, controller, sample_period=sample_period)
+    return objective_scales(metrics(scenario, controller, run))
 
 
 def objective_scales(figures: Metrics) -> ObjectiveScales:

@@ -26,9 +26,9 @@ from afl_mujoco.validation.baseline import (
     changes,
     load_baseline,
 )
-from afl_mujoco.validation.campaign import nominal_scales, require_runnable
+from afl_mujoco.validation.campaign import require_runnable
 from afl_mujoco.validation.checks.closed_loop_checks import closed_loop_runs
-from afl_mujoco.validation.metrics import with_objective
+from afl_mujoco.validation.metrics import nominal_scales, with_objective
 from afl_mujoco.validation.pair import Pair, pair_name, reported_runs
 
 REGRESSED = ("fixed", "adaptive")
@@ -86,7 +86,7 @@ def record_all(
     """
     require_runnable(scenarios, controllers, SETTINGS, workers)
     pairs = [(s, c, SETTINGS) for s in scenarios for c in controllers]
-    scales = nominal_scales(SETTINGS)
+    scales = nominal_scales(SETTINGS.timestep)
     with open_executor(min(workers, len(pairs))) as executor:
         recorded = compute_all(record, pairs, executor, lambda i: progress(pair_name(pairs[i])))
     fresh = {}

@@ -118,13 +118,13 @@ def along(memory, settings, measured, forces, dt):
             out[k, 0], out[k, 1] = estimator.update(
                 memory, settings, measured[k, 0], measured[k, 1], force, dt
             )
-        out[k, 2], out[k, 3], out[k, 4] = memory[2], memory[3], memory[estimator.SURPRISE]
+        out[k, 2], out[k, 3], out[k, 4] = memory.state[2], memory.state[3], memory.surprise
     return out
 
 
 def run_estimator(settings, measured, forces, dt=DT):
-    memory = estimator.blank_memory()
-    return along(memory, settings.array, np.ascontiguousarray(measured), np.asarray(forces), dt), (
+    memory = estimator.new_filter()
+    return along(memory, settings.record, np.ascontiguousarray(measured), np.asarray(forces), dt), (
         memory
     )
 
@@ -219,7 +219,7 @@ def test_it_is_the_textbook_s_filter(settings, dt, rng):
         expected.append([*np.exp(book.x[4:]), *book.x[2:4], book.nis])
     # two orders of the same sums, and their rounding fed back over 1200 updates
     np.testing.assert_allclose(out, expected, rtol=1e-7, atol=1e-8)
-    covariance = memory[estimator.COVARIANCE : estimator.SURPRISE].reshape(6, 6)
+    covariance = memory["covariance"]
     np.testing.assert_allclose(covariance, book.P, rtol=1e-6, atol=1e-12)
 
 
@@ -244,8 +244,8 @@ def test_its_errors_are_as_large_as_it_says_and_its_surprises_as_frequent():
         measured = states[:, :2] + noise
         for column, end in enumerate((50, 150, count)):
             out, memory = run_estimator(s, measured[: end + 1], forces[:end])
-            error = memory[:6] - states[end]
-            covariance = memory[estimator.COVARIANCE : estimator.SURPRISE].reshape(6, 6)
+            error = memory["state"] - states[end]
+            covariance = memory["covariance"]
             nees[i, column] = error @ np.linalg.solve(covariance, error)
         surprises[i] = out[1:, 4]
     low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], 6 * runs) / runs
@@ -291,7 +291,7 @@ def test_it_finds_both_again_after_a_step(told, rng):
 def test_at_rest_and_upright_nothing_moves_an_estimate():
     out, memory = run_estimator(EstimatorSettings(), np.zeros((20_001, 2)), np.zeros(20_000))
     np.testing.assert_array_equal(out[:, :2], np.broadcast_to(out[0, :2], (20_001, 2)))
-    assert np.isfinite(memory).all()
+    assert all(np.isfinite(memory[name]).all() for name in ("state", "covariance"))
 
 
 def test_what_it_has_learned_it_keeps_at_rest_to_the_last_bit_whatever_the_noise(told, rng):
@@ -327,10 +327,10 @@ def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
         out, memory = run_estimator(
             settings, np.stack([z, phi], axis=1), forces, float(10 ** rng.uniform(-4, -2))
         )
-        assert np.isfinite(memory).all()
+        assert all(np.isfinite(memory[name]).all() for name in ("state", "covariance"))
         assert (out[:, :2] >= least * (1 - 1e-12)).all()
         assert (out[:, :2] <= largest * (1 + 1e-12)).all()
-        covariance = memory[estimator.COVARIANCE : estimator.SURPRISE].reshape(6, 6)
+        covariance = memory["covariance"]
         np.testing.assert_array_equal(covariance, covariance.T)
         scale = np.sqrt(np.diag(covariance))
         assert np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() > -1e-9
@@ -338,7 +338,7 @@ def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
 
 def test_an_update_allocates_nothing(rng):
     measured, forces = rng.standard_normal((100, 2)), rng.standard_normal(99)
-    memory, settings = estimator.blank_memory(), EstimatorSettings().array
+    memory, settings = estimator.new_filter(), EstimatorSettings().record
     along(memory, settings, measured[:2], forces[:1], DT)
     counts = []
     _nrt_python.memsys_enable_stats()

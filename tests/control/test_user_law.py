@@ -296,8 +296,8 @@ def test_a_loaded_law_reaches_a_worker_by_its_name(module):
         ("x = 1", "m:f", "which has no 'f'"),
         ("x = 1", "m:x", "must be callable, got 1"),
         ("def f(t, x): return 0.0", "m:f", "must take (time, state, belief): "),
-        ("x = 1", "m:", "must be module:function"),
-        ("x = 1", "a-b:f", "must be module:function"),
+        ("x = 1", "m:", "must be module:attribute"),
+        ("x = 1", "a-b:f", "must be module:attribute"),
     ],
     ids=["none", "needs", "syntax", "raises", "exits", "lacks", "number", "two", "empty", "name"],
 )
@@ -335,3 +335,80 @@ def test_the_command_simulates_a_law_of_one_s_own(module, tmp_path, capsys):
     assert error == (
         "afl-mujoco: controller 'mine_cli.broken' raised OSError at t = 0 s: no such sensor\n"
     )
+
+
+# Memory: fresh for each run, refused where it is undefined
+
+
+class Integrating:
+    """Counts its calls, and pushes as many newtons."""
+
+    def __init__(self):
+        self.count = 0
+
+    def __call__(self, time, state, belief):
+        self.count += 1
+        return float(self.count)
+
+
+class Resettable(Integrating):
+    def reset(self):
+        self.count = 0
+
+
+def factory():
+    return Integrating()
+
+
+STATEFUL = {"class": Integrating, "factory": factory, "instance with reset()": Resettable()}
+
+
+@pytest.mark.parametrize("given", STATEFUL.values(), ids=list(STATEFUL))
+def test_memory_is_fresh_in_every_run(smooth_scenario, given):
+    scenario = replace(smooth_scenario, duration=0.02)
+    for _ in range(2):
+        run = afl.simulate_mujoco(scenario, given, "sampled", control_period=0.005)
+        assert run.force.tolist() == [*[1.0] * 5, *[2.0] * 5, *[3.0] * 5, *[4.0] * 6]
+    one, other = (afl.run_rollouts([scenario] * n, given) for n in (1, 2))
+    assert one.peak_z[0] == other.peak_z[0] == other.peak_z[1]
+    held = afl.simulate_ode_held(scenario, given, control_period=0.005)
+    assert held.force.tolist() == run.force.tolist()
+
+
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
+def test_memory_is_refused_where_it_is_undefined(smooth_scenario, simulate):
+    own = law(Integrating)
+    try:
+        simulate(smooth_scenario, own)
+    except InvalidValueError as error:
+        assert str(error).startswith("controller 'mine' keeps memory, which ")
+    else:
+        assert simulate in (SIMULATORS["sampled"], SIMULATORS["held"])
+
+
+def test_a_class_is_loaded_by_name_and_made_anew_in_a_worker(module):
+    module(
+        "stateful_mine",
+        "class Mine:\n    def __init__(self):\n        self.n = 0\n"
+        "    def __call__(self, time, state, belief):\n"
+        "        self.n += 1\n        return self.n\n",
+    )
+    own = pickle.loads(pickle.dumps(find_controller("stateful_mine:Mine")))
+    assert own.stateful
+    for _ in range(2):
+        assert own.start().command(0.0, STATE, TOLD) == 1.0
+    assert own.describe()["law"] == "stateful_mine.Mine"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (type("Needy", (), {"__init__": lambda self, gain: None}), "cannot be started: TypeError"),
+        (type("Lame", (), {}), "must be callable"),
+        (lambda: 3.0, "must be callable, got 3.0"),
+    ],
+    ids=["needs an argument", "no call", "a number"],
+)
+def test_what_makes_no_controller_is_refused_in_one_line(given, said):
+    with pytest.raises(InvalidValueError, match=rf"^controller 'mine' {said}"):
+        law(given)

@@ -9,7 +9,7 @@ import pytest
 from afl_mujoco import Scenario, piecewise_linear, step
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.sampling import time_grid
-from afl_mujoco.simulation.integrator import integrate
+from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 
 TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of order 1
@@ -34,7 +34,7 @@ def _run(scenario, derivative=_particle, strike=_kick, period=0.25):
         jump = strike(state, *after.parameters_at(after.start), after.impulse)
         return state + np.array([0.0, 0.0, *jump])
 
-    states, outcome = integrate(scenario, rate, arrive, times)
+    states, outcome = integrate(scenario, scipy_solver(rate), arrive, times)
     return times, states, outcome
 
 

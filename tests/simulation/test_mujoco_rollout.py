@@ -23,8 +23,8 @@ from afl_mujoco import (
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.scenario.disturbances import Impulse
+from afl_mujoco.scenario.sampling import impulses_by_step
 from afl_mujoco.simulation.mujoco_model import forward, strike
-from afl_mujoco.simulation.mujoco_rollout import impulses_by_step
 
 # The limits of verification.md.
 A1, B1, B2B, B3 = 1e-11, 1e-9, 1e-10, 1e-8

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_law import CompiledLaw
 from afl_mujoco.control.estimation.settings import EstimatorSettings
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.law import Estimator, Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
@@ -60,6 +60,11 @@ class EstimatedLaw(Law):
         rule = "is told by an estimator, which only sampled mode simulates"
         raise InvalidValueError(f"controller {self.name!r}", rule)
 
+    @property
+    def estimator(self) -> Estimator:
+        """Law and settings as compiled loops take them."""
+        return Estimator(self.law.compiled, self.settings.record)
+
     def law_inputs(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[Any]:
@@ -96,5 +101,5 @@ def refuse_estimated(laws: Iterable[Law]) -> None:
         If there is one.
     """
     for law in laws:
-        if isinstance(law, EstimatedLaw):
+        if law.estimator is not None:
             _ = law.compiled

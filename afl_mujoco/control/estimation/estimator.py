@@ -1,17 +1,17 @@
 """The estimator of M and l: an extended Kalman filter that forgets no more than it learns.
 
-Compiled, on a flat float64 memory that the caller holds, one for each run. `start` it with the
+Compiled, on a record that the caller holds, one for each run. `start` it with the
 first measurement, then `update` it once in each control period with the measurement at its end and
 the force over it. Equation numbers: docs/estimation.md.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.estimation import settings as given
 from afl_mujoco.control.estimation.prediction import (
     STATES,
     fill_transition,
@@ -19,96 +19,92 @@ from afl_mujoco.control.estimation.prediction import (
     moved,
 )
 
-# Places in the memory: the state, its covariance row by row, the surprise, the excitations of M
-# and l, and room to work in.
-COVARIANCE = STATES
-SURPRISE = COVARIANCE + STATES * STATES
-EXCITATION = SURPRISE + 1
-_TRANSITION = EXCITATION + 2
-_PRODUCT = _TRANSITION + STATES * STATES
-_ROWS = _PRODUCT + STATES * STATES
-MEMORY_SIZE = _ROWS + 2 * STATES
-"""Length of the memory."""
+FILTER = np.dtype(
+    [
+        *(("state", np.float64, (STATES,)), ("covariance", np.float64, (STATES, STATES))),
+        *(("excitation", np.float64, (2,)), ("surprise", np.float64)),
+        *((name, np.float64, (STATES, STATES)) for name in ("transition", "product")),
+        *((name, np.float64, (STATES,)) for name in ("cart_row", "pole_row", "gain", "row")),
+    ]
+)
+"""State (z, phi, z', phi', ln M, ln l) and covariance; moving means of z'' and l phi'' [m/s^2]; the
+squared innovations of the last update over their variances; room to work in."""
 
 LARGEST_TURN = 0.5
 """The filter starts anew, with the M and l it has, when the pole would turn more in a period [rad]:
 no such state has been measured, and none can be predicted on."""
 
-_LN_START, _LN_VARIANCE = given.LN_START, given.LN_VARIANCE
-_LN_LOWEST, _LN_HIGHEST = given.LN_LOWEST, given.LN_HIGHEST
-_LEAST_VARIANCE, _LEAST_EXCITATION = given.LEAST_VARIANCE, given.LEAST_EXCITATION
-_POSITION_VARIANCE, _ANGLE_VARIANCE = given.POSITION_VARIANCE, given.ANGLE_VARIANCE
-_SPEED_VARIANCE, _RATE_VARIANCE = given.SPEED_VARIANCE, given.RATE_VARIANCE
-_EXCITATION_MEMORY = given.EXCITATION_MEMORY
-_ACCELERATION_INTENSITY = given.ACCELERATION_INTENSITY
-_POLE_MASS, _GRAVITY = given.POLE_MASS, given.GRAVITY
 
-
-def blank_memory() -> NDArray[np.float64]:
-    """Return a memory for `start`."""
-    return np.zeros(MEMORY_SIZE)
+def new_filter() -> Any:
+    """Return a filter for `start`."""
+    return np.zeros(1, FILTER)[0]
 
 
 @kernel
-def estimate(memory):
+def estimate(filter_):
     """Return the estimates of M [kg] and l [m].
 
     Parameters
     ----------
-    memory
-        Of an estimator that was started.
+    filter_
+        From `new_filter`, started.
     """
-    return np.exp(memory[4]), np.exp(memory[5])
+    return np.exp(filter_.state[4]), np.exp(filter_.state[5])
 
 
 @kernel
-def filtered_state(memory):
+def filtered_state(filter_):
     """Return the filtered (z, phi, z_dot, phi_dot).
 
     Parameters
     ----------
-    memory
-        Of an estimator that was started.
+    filter_
+        From `new_filter`, started.
     """
-    return memory[0], memory[1], memory[2], memory[3]
+    x = filter_.state
+    return x[0], x[1], x[2], x[3]
 
 
 @kernel
-def start(memory, settings, z, phi):
+def start(filter_, settings, z, phi):
     """Begin with the first measurement and return the initial beliefs of M [kg] and l [m].
 
     Parameters
     ----------
-    memory
-        Written, shape (MEMORY_SIZE,).
+    filter_
+        From `new_filter`; written.
     settings
-        `EstimatorSettings.array`.
+        `EstimatorSettings.record`.
     z, phi
         Measured position [m] and angle [rad].
     """
-    memory[:] = 0.0
-    memory[0], memory[1] = z, phi
-    covariance = memory[COVARIANCE:SURPRISE].reshape(STATES, STATES)
-    covariance[0, 0] = settings[_POSITION_VARIANCE]
-    covariance[1, 1] = settings[_ANGLE_VARIANCE]
-    covariance[2, 2] = settings[_SPEED_VARIANCE]
-    covariance[3, 3] = settings[_RATE_VARIANCE]
+    filter_.surprise = 0.0
+    for i in range(STATES):
+        filter_.state[i] = 0.0
+        for j in range(STATES):
+            filter_.covariance[i, j] = 0.0
+    filter_.state[0], filter_.state[1] = z, phi
+    filter_.covariance[0, 0] = settings.position_variance
+    filter_.covariance[1, 1] = settings.angle_variance
+    filter_.covariance[2, 2] = settings.speed_variance
+    filter_.covariance[3, 3] = settings.rate_variance
     for i in range(2):
-        memory[4 + i] = settings[_LN_START + i]
-        covariance[4 + i, 4 + i] = settings[_LN_VARIANCE + i]
-    return estimate(memory)
+        filter_.excitation[i] = 0.0
+        filter_.state[4 + i] = settings.ln_start[i]
+        filter_.covariance[4 + i, 4 + i] = settings.ln_variance[i]
+    return estimate(filter_)
 
 
 @kernel
-def update(memory, settings, z, phi, force, dt):
+def update(filter_, settings, z, phi, force, dt):
     """Take in one control period and return the estimates of M [kg] and l [m].
 
     Parameters
     ----------
-    memory
-        Of an estimator that was started; changed.
+    filter_
+        From `new_filter`, started; changed.
     settings
-        `EstimatorSettings.array`.
+        `EstimatorSettings.record`.
     z, phi
         Position [m] and angle [rad] measured at the end of the period.
     force
@@ -116,60 +112,57 @@ def update(memory, settings, z, phi, force, dt):
     dt
         Length of the period [s].
     """
-    covariance = memory[COVARIANCE:SURPRISE].reshape(STATES, STATES)
-    _predict(memory, settings, force, dt, covariance)
-    if not abs(memory[3]) * dt < LARGEST_TURN:
-        return _start_anew(memory, settings, z, phi)
-    learns_mass = _learns(memory, settings, covariance, 0)
-    learns_length = _learns(memory, settings, covariance, 1)
-    learns = (learns_mass, learns_length)
-    product = memory[_PRODUCT:_ROWS]
-    surprise = _correct(memory, covariance, 0, z, settings[_POSITION_VARIANCE], learns, product)
-    surprise += _correct(memory, covariance, 1, phi, settings[_ANGLE_VARIANCE], learns, product)
-    memory[SURPRISE] = surprise
+    _predict(filter_, settings, force, dt)
+    if not abs(filter_.state[3]) * dt < LARGEST_TURN:
+        return _start_anew(filter_, settings, z, phi)
+    learns = (_learns(filter_, settings, 0), _learns(filter_, settings, 1))
+    surprise = _correct(filter_, 0, z, settings.position_variance, learns)
+    surprise += _correct(filter_, 1, phi, settings.angle_variance, learns)
+    filter_.surprise = surprise
     for i in range(2):
         j = 4 + i
-        if _excited(memory, settings, i):
-            covariance[j, j] = max(covariance[j, j], settings[_LEAST_VARIANCE + i])
-        memory[j] = min(max(memory[j], settings[_LN_LOWEST + i]), settings[_LN_HIGHEST + i])
-    return estimate(memory)
+        if _excited(filter_, settings, i):
+            filter_.covariance[j, j] = max(filter_.covariance[j, j], settings.least_variance[i])
+        within = max(filter_.state[j], settings.ln_lowest[i])
+        filter_.state[j] = min(within, settings.ln_highest[i])
+    return estimate(filter_)
 
 
 @kernel
-def _start_anew(memory, settings, z, phi):
-    """Begin again with a measurement, but with the M and l that are believed."""
-    kept = (memory[4], memory[5])
-    start(memory, settings, z, phi)
-    memory[4], memory[5] = kept
-    return estimate(memory)
+def _start_anew(filter_, settings, z, phi):
+    """Begin again with a measurement, but with the estimates of M and l."""
+    mass, length = filter_.state[4], filter_.state[5]
+    start(filter_, settings, z, phi)
+    filter_.state[4], filter_.state[5] = mass, length
+    return estimate(filter_)
 
 
 @kernel
-def _excited(memory, settings, i):
+def _excited(filter_, settings, i):
     """Return whether the motion says something about M (0) or l (1)."""
-    return abs(memory[EXCITATION + i]) > settings[_LEAST_EXCITATION + i]
+    return abs(filter_.excitation[i]) > settings.least_excitation[i]
 
 
 @kernel
-def _learns(memory, settings, covariance, i):
+def _learns(filter_, settings, i):
     """Return whether M (0) or l (1) may change: it is excited, or not yet known."""
-    variance = covariance[4 + i, 4 + i]
-    return _excited(memory, settings, i) or variance > settings[_LEAST_VARIANCE + i]
+    variance = filter_.covariance[4 + i, 4 + i]
+    return _excited(filter_, settings, i) or variance > settings.least_variance[i]
 
 
 @kernel
-def _predict(memory, settings, force, dt, covariance):
+def _predict(filter_, settings, force, dt):
     """Move state, covariance and excitations on by a period, Eqs. (E2)-(E5)."""
-    plant = (np.exp(memory[4]), settings[_POLE_MASS], np.exp(memory[5]), settings[_GRAVITY])
-    after = moved(memory[0], memory[1], memory[2], memory[3], force, plant, dt)
-    phi = 0.5 * (memory[1] + after[1])
-    phi_dot = 0.5 * (memory[3] + after[3])
-    cart_row, pole_row = memory[_ROWS : _ROWS + STATES], memory[_ROWS + STATES :]
+    x, covariance = filter_.state, filter_.covariance
+    plant = (np.exp(x[4]), settings.pole_mass, np.exp(x[5]), settings.gravity)
+    after = moved(x[0], x[1], x[2], x[3], force, plant, dt)
+    phi = 0.5 * (x[1] + after[1])
+    phi_dot = 0.5 * (x[3] + after[3])
+    cart_row, pole_row = filter_.cart_row, filter_.pole_row
     coupling, cart, pole = linearise(phi, phi_dot, force, plant, cart_row, pole_row)
-    transition = memory[_TRANSITION:_PRODUCT].reshape(STATES, STATES)
+    transition, product = filter_.transition, filter_.product
     fill_transition(cart_row, pole_row, dt, transition)
-    product = memory[_PRODUCT:_ROWS].reshape(STATES, STATES)
-    noise = 0.5 * dt * settings[_ACCELERATION_INTENSITY]
+    noise = 0.5 * dt * settings.acceleration_intensity
     _add_noise(covariance, noise, coupling)
     for i in range(STATES):
         for j in range(STATES):
@@ -184,10 +177,11 @@ def _predict(memory, settings, force, dt, covariance):
                 sum_ += product[i, k] * transition[j, k]
             covariance[i, j] = covariance[j, i] = sum_
     _add_noise(covariance, noise, coupling)
-    memory[0], memory[1], memory[2], memory[3] = after
-    share = dt / (dt + settings[_EXCITATION_MEMORY])
-    memory[EXCITATION] += share * (cart - memory[EXCITATION])
-    memory[EXCITATION + 1] += share * (plant[2] * pole - memory[EXCITATION + 1])
+    x[0], x[1], x[2], x[3] = after
+    share = dt / (dt + settings.excitation_memory)
+    excitation = filter_.excitation
+    excitation[0] += share * (cart - excitation[0])
+    excitation[1] += share * (plant[2] * pole - excitation[1])
 
 
 @kernel
@@ -200,18 +194,18 @@ def _add_noise(covariance, noise, coupling):
 
 
 @kernel
-def _correct(memory, covariance, which, measured, variance, learns, product):
+def _correct(filter_, which, measured, variance, learns):
     """Take in one measured coordinate, Joseph's form; return its squared innovation over variance.
 
-    Eqs. (E6)-(E8). `product` is room for two vectors.
+    Eqs. (E6)-(E8).
     """
-    gain, row = product[:STATES], product[STATES : 2 * STATES]
-    innovation = measured - memory[which]
+    x, covariance, gain, row = filter_.state, filter_.covariance, filter_.gain, filter_.row
+    innovation = measured - x[which]
     expected = covariance[which, which] + variance
     for i in range(STATES):
         row[i] = covariance[which, i]
         gain[i] = row[i] / expected if i < 4 or learns[i - 4] else 0.0
-        memory[i] += gain[i] * innovation
+        x[i] += gain[i] * innovation
     for i in range(STATES):
         for j in range(i, STATES):
             left = covariance[i, j] - gain[i] * row[j]

@@ -1,23 +1,33 @@
-"""The settings of the estimator of M and l, and how compiled code finds them in an array."""
+"""The settings of the estimator of M and l, and the record of them for compiled code."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL, require_positive, require_type
 
-# Places in the array of settings.
-POSITION_VARIANCE, ANGLE_VARIANCE, ACCELERATION_INTENSITY = 0, 1, 2
-LEAST_VARIANCE, LEAST_EXCITATION = 3, 5  # each of M, then of l
-LN_START, LN_VARIANCE, LN_LOWEST, LN_HIGHEST = 7, 9, 11, 13  # each of M, then of l
-SPEED_VARIANCE, RATE_VARIANCE, EXCITATION_MEMORY, POLE_MASS, GRAVITY = 15, 16, 17, 18, 19
-FORCE_SENSED = 20
-SIZE = 21
+SETTINGS = np.dtype(
+    [
+        *(("position_variance", np.float64), ("angle_variance", np.float64)),
+        ("acceleration_intensity", np.float64),
+        *(
+            (name, np.float64, (2,))  # of M, then of l
+            for name in (
+                *("least_variance", "least_excitation"),
+                *("ln_start", "ln_variance", "ln_lowest", "ln_highest"),
+            )
+        ),
+        *(("speed_variance", np.float64), ("rate_variance", np.float64)),
+        *(("excitation_memory", np.float64), ("pole_mass", np.float64), ("gravity", np.float64)),
+        ("force_sensed", np.int64),
+    ]
+)
+"""The settings as the compiled estimator takes them, SI units."""
 
 _RANGES = ("cart_mass_range", "half_length_range")
 
@@ -102,31 +112,30 @@ class EstimatorSettings:
                 raise InvalidValueError(f"initial_{name}", rule, value)
 
     @property
-    def array(self) -> NDArray[np.float64]:
-        """The settings as the compiled estimator takes them, shape (21,)."""
-        starts = (self.initial_cart_mass, self.initial_half_length)
-        ends = zip(self.cart_mass_range, self.half_length_range, strict=True)
-        return np.array(
-            [
-                self.position_noise**2,
-                self.angle_noise**2,
-                self.acceleration_noise**2,
-                self.cart_mass_accuracy**2,
-                self.half_length_accuracy**2,
-                self.least_cart_acceleration,
-                self.least_pole_acceleration,
-                *np.log(starts),
-                self.cart_mass_spread**2,
-                self.half_length_spread**2,
-                *np.log([*ends]).ravel(),
-                self.speed_spread**2,
-                self.rate_spread**2,
-                self.excitation_memory,
-                self.pole_mass,
-                self.gravity,
-                self.force_sensed,
-            ]
-        )
+    def record(self) -> Any:
+        """The settings as the compiled estimator takes them, fields as of `SETTINGS`."""
+        found = np.zeros(1, SETTINGS)
+        lowest, highest = np.log([self.cart_mass_range, self.half_length_range]).T
+        values = {
+            "position_variance": self.position_noise**2,
+            "angle_variance": self.angle_noise**2,
+            "acceleration_intensity": self.acceleration_noise**2,
+            "least_variance": (self.cart_mass_accuracy**2, self.half_length_accuracy**2),
+            "least_excitation": (self.least_cart_acceleration, self.least_pole_acceleration),
+            "ln_start": np.log((self.initial_cart_mass, self.initial_half_length)),
+            "ln_variance": (self.cart_mass_spread**2, self.half_length_spread**2),
+            "ln_lowest": lowest,
+            "ln_highest": highest,
+            "speed_variance": self.speed_spread**2,
+            "rate_variance": self.rate_spread**2,
+            "excitation_memory": self.excitation_memory,
+            "pole_mass": self.pole_mass,
+            "gravity": self.gravity,
+            "force_sensed": self.force_sensed,
+        }
+        for name, value in values.items():
+            found[name] = value
+        return found[0]
 
 
 def _range(name: str, value: object) -> tuple[float, float]:

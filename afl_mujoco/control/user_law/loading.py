@@ -5,49 +5,20 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from afl_mujoco.control.user_law.python_law import Function, PythonLaw, require_law_function
+from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
-@dataclass(frozen=True, slots=True)
-class LoadedFunction:
-    """A function that a worker process loads again by its name.
-
-    Attributes
-    ----------
-    spec
-        ``"module:function"``.
-    function
-        The function.
-    """
-
-    spec: str
-    function: Function
-
-    def __call__(self, time: float, state: NDArray[np.float64], belief: CartPoleParameters) -> Any:
-        """Return what the function returns."""
-        return self.function(time, state, belief)
-
-    def __reduce__(self) -> tuple[Callable[[str], LoadedFunction], tuple[str]]:
-        """Pickle by name."""
-        return load_function, (self.spec,)
-
-
 def load_python_law(spec: str, belief: CartPoleParameters | None = None) -> PythonLaw:
-    """Return the law that a module defines, under the name ``module.function``.
+    """Return the controller that a module defines, under the name ``module.attribute``.
 
     Parameters
     ----------
     spec
-        ``"module:function"``; the module is looked for among the installed ones, then in the
+        ``"module:attribute"``; the module is looked for among the installed ones, then in the
         working directory.
     belief
         As of `PythonLaw`.
@@ -57,16 +28,17 @@ def load_python_law(spec: str, belief: CartPoleParameters | None = None) -> Pyth
     InvalidValueError
         If there is no such function, or it cannot be a law.
     """
-    return PythonLaw(name=spec.replace(":", "."), function=load_function(spec), belief=belief)
+    name = spec.replace(":", ".")
+    return PythonLaw(name=name, function=load_attribute(spec), belief=belief, spec=spec)
 
 
-def load_function(spec: str) -> LoadedFunction:
-    """Return the function that a module defines.
+def load_attribute(spec: str) -> Any:
+    """Return the function, class, factory or instance that a module defines.
 
     Parameters
     ----------
     spec
-        ``"module:function"``.
+        ``"module:attribute"``.
 
     Raises
     ------
@@ -76,7 +48,7 @@ def load_function(spec: str) -> LoadedFunction:
     thing = f"controller {spec!r}"
     module_name, _, function_name = spec.partition(":")
     if not all(x.isidentifier() for x in (*module_name.split("."), *function_name.split("."))):
-        raise InvalidValueError(thing, "must be module:function")
+        raise InvalidValueError(thing, "must be module:attribute")
     folder = os.getcwd()
     if folder not in sys.path:
         sys.path.append(folder)  # last, lest a file of the user's hide an installed module
@@ -95,5 +67,4 @@ def load_function(spec: str) -> LoadedFunction:
             file = getattr(found, "__file__", None) or module_name
             raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
-    require_law_function(spec, found)
-    return LoadedFunction(spec, found)
+    return found

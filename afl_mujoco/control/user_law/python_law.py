@@ -10,9 +10,9 @@ import signal
 import threading
 import time as clock
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +39,7 @@ class _Overrun(BaseException):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PythonLaw(Law):
-    """A law of one's own, called by the interpreter.
+    """A controller of one's own, called by the interpreter.
 
     Where a simulator follows it continuously it is also called at states that the run does not go
     through, and more than once at an instant: there it must not remember anything. Sampled mode
@@ -50,25 +50,54 @@ class PythonLaw(Law):
     name
         Name for reports and files.
     function
-        ``function(time, state, belief) -> force``. NaN, or a `LawDomainError`, says that the law
-        has no force there, and ends the run.
+        ``function(time, state, belief) -> force``; or a class or factory without arguments whose
+        instances are such functions, one for each run; or such an instance with a method
+        ``reset()``, called before each run. NaN, or a `LawDomainError`, says that it has no force
+        there, and ends the run.
     belief
-        What the law takes the plant to be, whatever it is; ``None`` tells it M(t) and l(t).
+        What it takes the plant to be, whatever it is; ``None`` gives it M(t) and l(t).
     call_limit
         How long one call may take [s].
+    spec
+        ``"module:attribute"`` if it was loaded by name, by which a worker process loads it again.
     """
 
     name: str
-    function: Function
+    function: Any
     belief: CartPoleParameters | None = None
     call_limit: float = CALL_LIMIT
+    spec: str | None = None
+    interpreted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Validate the kind of every field."""
+        """Validate the kind of every field, and that a run can be started."""
         require_type("controller name", self.name, str)
         require_type("belief", self.belief, CartPoleParameters | None)
         require_positive("call_limit", self.call_limit)
-        require_law_function(self.name, self.function)
+        self._fresh()
+
+    @property
+    def stateful(self) -> bool:
+        """Whether it is made, or reset, for each run."""
+        return _makes_controllers(self.function) or callable(getattr(self.function, "reset", None))
+
+    def start(self) -> PythonLaw:
+        """Return the controller as one run uses it: made anew or reset, if it keeps any memory."""
+        return replace(self, function=self._fresh()) if self.stateful else self
+
+    def _fresh(self) -> Function:
+        """Return the function for one run, or raise if there is none."""
+        name, function = self.spec or self.name, self.function
+        try:
+            if _makes_controllers(function):
+                function = function()
+            elif callable(reset := getattr(function, "reset", None)):
+                reset()
+        except (Exception, SystemExit) as error:
+            rule = f"cannot be started: {type(error).__name__}: {error}"
+            raise InvalidValueError(f"controller {name!r}", rule) from error
+        require_law_function(name, function)
+        return function  # type: ignore[no-any-return]
 
     @property
     def compiled(self) -> CompiledLaw:
@@ -132,22 +161,7 @@ class PythonLaw(Law):
         raise LawError(f"controller {self.name!r}", rule, got)
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, NaN where the law has none.
-
-        Parameters
-        ----------
-        state
-            (z, phi, z_dot, phi_dot), shape (4,).
-        truth
-            The plant's true parameters now.
-        time
-            Time [s].
-
-        Raises
-        ------
-        LawError
-            As of `command`.
-        """
+        """Return the force [N] at one state, NaN where the law has none; as of `Law.force`."""
         p = truth
         told = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
         return self.command(time, state, np.array(told))
@@ -185,18 +199,49 @@ class PythonLaw(Law):
         rows = zip(clock_times.tolist(), states, law, strict=True)
         return np.array([self.command(*row) for row in rows])
 
+    def __reduce__(self) -> Any:
+        """Pickle by name what was loaded by name."""
+        values = (self.name, self.function, self.belief, self.call_limit)
+        if self.spec is None:
+            return _restored, values
+        from afl_mujoco.control.user_law.loading import load_python_law
+
+        return load_python_law, (self.spec, self.belief)
+
     def describe(self) -> dict[str, Any]:
         """Return the law as plain data, for provenance: its name and a hash of its file."""
         function = self.function
-        plain = getattr(function, "function", function)
-        code = getattr(plain, "__qualname__", type(plain).__qualname__)
-        module = getattr(plain, "__module__", type(plain).__module__)
+        named = function if hasattr(function, "__qualname__") else type(function)
         return {
             "name": self.name,
-            "law": f"{module}.{code}",
-            "source": _source_hash(plain),
+            "law": f"{named.__module__}.{named.__qualname__}",
+            "source": _source_hash(named),
             "belief": belief_as_data(self.belief),
         }
+
+
+_ARGUMENTS = (0.0, np.zeros(4), None)  # as many as a law's function takes
+
+
+def _takes(function: Any, arguments: tuple[Any, ...]) -> bool:
+    """Return whether a function can be called with these arguments; False if it does not say."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def _restored(*values: Any) -> PythonLaw:
+    """Return a controller from its pickled fields."""
+    return PythonLaw(**dict(zip(("name", "function", "belief", "call_limit"), values, strict=True)))
+
+
+def _makes_controllers(function: Any) -> bool:
+    """Return whether something is a class, or a factory that is called without arguments."""
+    if inspect.isclass(function):
+        return True
+    return not _takes(function, _ARGUMENTS) and _takes(function, ())
 
 
 def require_law_function(name: str, function: object) -> None:
@@ -221,7 +266,7 @@ def require_law_function(name: str, function: object) -> None:
     except ValueError:  # one in C that does not say what it takes
         return
     try:
-        signature.bind(0.0, np.zeros(4), None)
+        signature.bind(*_ARGUMENTS)
     except TypeError as error:
         rule = f"must take (time, state, belief): {error}"
         raise InvalidValueError(f"controller {name!r}", rule) from None

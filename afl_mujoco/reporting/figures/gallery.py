@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.execution.executors import Executor, compute_all, open_executor
 from afl_mujoco.reporting.figures.budget import draw_budget
 from afl_mujoco.reporting.figures.claims import draw_claims
 from afl_mujoco.reporting.figures.energy import draw_energy
@@ -61,6 +62,7 @@ def write_figures(
     folder: Path,
     *,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], None] = lambda done: None,
 ) -> list[dict[str, str]]:
     """Draw every figure for which there are data and write it as SVG and PNG.
@@ -73,6 +75,8 @@ def write_figures(
         Where; it must exist.
     workers
         Processes to share the work among; the files do not depend on it.
+    executor
+        What computes, instead of processes of its own.
     progress
         Called with the name of each figure as it is written.
 
@@ -84,7 +88,8 @@ def write_figures(
     """
     planned = plans(report, curves)
     names, units = list(planned), [(draw, folder) for draw in planned.values()]
-    with open_executor(max(1, min(workers, len(units)))) as executor:
+    processes = open_executor(max(1, min(workers, len(units))))
+    with processes if executor is None else nullcontext(executor) as executor:
         return compute_all(_write, units, executor, lambda i: progress(names[i]))
 
 

@@ -195,7 +195,6 @@ def lay_out(figure: Figure) -> None:
     if engine is not None:
         with styled():
             engine.execute(figure)
-            engine.execute(figure)  # once more, now that the ticks are those of the final size
         figure.set_layout_engine(None)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from afl_mujoco.errors import FileError, reading
+from afl_mujoco.execution.executors import Executor
 from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
@@ -53,6 +54,7 @@ def write_gallery(
     curves: Sequence[Curves],
     *,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], None] = lambda done: None,
 ) -> Path:
     """Draw every figure and list them, with what they were drawn from.
@@ -65,6 +67,8 @@ def write_gallery(
         What these files hold.
     workers
         Processes to share the work among; the files do not depend on it.
+    executor
+        What computes, instead of processes of its own.
     progress
         Called with the name of each figure as it is written.
 
@@ -74,7 +78,9 @@ def write_gallery(
         The list.
     """
     place = output_folder(folder / FIGURES)
-    figures = write_figures(report, curves, place, workers=workers, progress=progress)
+    figures = write_figures(
+        report, curves, place, workers=workers, executor=executor, progress=progress
+    )
     listing = {"schema": 1, "drawn_from": _fingerprints(folder), "figures": figures}
     write_text(place / LISTING, json.dumps(listing, indent=1, ensure_ascii=False) + "\n")
     return place / LISTING

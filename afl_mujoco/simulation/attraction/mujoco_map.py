@@ -7,11 +7,11 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from afl_mujoco.compiled import kernel, load, store
-from afl_mujoco.control.compiled_law import given_force
+from afl_mujoco.compiled import kernel
 from afl_mujoco.control.law import Law
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
+from afl_mujoco.scenario.realism import IDEAL
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.attraction.cells import (
     FALLEN,
@@ -21,23 +21,20 @@ from afl_mujoco.simulation.attraction.cells import (
     AttractionMap,
     Cells,
     Settling,
-    within,
 )
-from afl_mujoco.simulation.mujoco_model import (
-    CONTROL,
-    DATA,
-    MODEL,
-    PHI,
-    PHI_DOT,
-    Z_DOT,
-    CartPoleModel,
-    Z,
-    mj_reset_data,
-    mj_step,
-    write_parameters,
-    write_state,
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.sampled.hardware import (
+    RUNNING,
+    actuator_of,
+    new_run,
+    no_commands,
+    sensors_of,
 )
-from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT, within_limits
+from afl_mujoco.simulation.sampled.loop import PROFILE, Criterion, Plan, run_to_end
+from afl_mujoco.simulation.sampled.loop import SETTLED as ENDED_SETTLED
+from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, OUTCOMES
+
+_COMPLETED = OUTCOMES.index(COMPLETED)
 
 TIMESTEP = 2e-3
 """Physics step, and how long the control is held [s]."""
@@ -90,24 +87,36 @@ def map_in_mujoco(
         CartPoleModel(NOMINAL, timestep=timestep, integrator=integrator, edit=_without_unused)
         for _ in range(require_threads(threads))
     ]
-    rules = (
-        whole_steps("dwell", settling.dwell, "timestep", timestep),
-        whole_steps("horizon", settling.horizon, "timestep", timestep),
-        timestep,
-        cells.pole_mass,
-        cells.gravity,
+    plan = Plan(
+        steps=whole_steps("horizon", settling.horizon, "timestep", timestep),
+        hold=1,
+        timestep=timestep,
+        pole_mass=cells.pole_mass,
+        gravity=cells.gravity,
+        criterion=Criterion(
+            FALL_ANGLE,
+            *settling.bands,
+            dwell=whole_steps("dwell", settling.dwell, "timestep", timestep),
+        ),
     )
+    sensors, actuator = sensors_of(IDEAL, timestep), actuator_of(IDEAL, timestep, plan.steps)
     kind = controller.compiled.kind  # raises if the law is no compiled one
     masses, lengths = cells.plants.T
     law = controller.law_inputs(masses, lengths, cells.pole_mass, cells.gravity)
-    bands = np.array(settling.bands)
+    profiles = np.zeros((len(cells.starts), 1), PROFILE)
+    profiles["cart_mass"][:, 0], profiles["half_length"][:, 0] = cells.plants.T
     found = np.empty((len(cells.starts), len(FOUND)))
 
     def march_on(model: CartPoleModel) -> Task:
-        return lambda part: march_cells(
-            model.addresses, kind, cells.starts[part], law[part], cells.plants[part],
-            bands, rules, found[part],
-        )  # fmt: skip
+        run = new_run()
+
+        def march(part: slice) -> None:
+            _run_cells(
+                model.addresses, plan, run, no_commands(actuator), sensors, actuator, kind,
+                cells.starts[part], law[part], profiles[part], found[part],
+            )  # fmt: skip
+
+        return march
 
     share(len(found), [march_on(model) for model in models], progress)
     settings = settling.describe() | {"timestep": timestep, "integrator": integrator}
@@ -121,59 +130,33 @@ def _without_unused(spec: mujoco.MjSpec) -> None:
 
 
 @kernel
-def _march(at, kind, start, law, bands, rules, found):
-    """March one rollout to its end and write what is found."""
-    dwell, count, timestep = rules
-    state, outcome = start.copy(), UNDECIDED
-    peak_z, peak_force, stayed, done = 0.0, 0.0, -1, 0
-    write_state(at, state[0], state[1], state[2], state[3])
-    while True:
-        peak_z = max(peak_z, abs(state[0]))
-        stayed = stayed + 1 if within(state, bands) else -1
-        if abs(state[1]) >= FALL_ANGLE or not within_limits(state):
-            outcome = FALLEN
-        elif stayed >= dwell:
-            outcome = SETTLED
-        if outcome != UNDECIDED or done == count:
-            break
-        force = given_force(kind, state, law)
-        if not abs(force) < STATE_LIMIT:
-            outcome = FALLEN
-            break
-        peak_force = max(peak_force, abs(force))
-        store(at[CONTROL], force)
-        mj_step(at[MODEL], at[DATA])
-        state[0], state[1] = load(at[Z]), load(at[PHI])
-        state[2], state[3] = load(at[Z_DOT]), load(at[PHI_DOT])
-        done += 1
-    found[0], found[1], found[2], found[3] = outcome, done * timestep, peak_z, peak_force
-
-
-@kernel
-def march_cells(at, kind, starts, laws, plants, bands, rules, found):
-    """March rollouts one after the other, each from data that are reset.
+def _run_cells(at, plan, run, pending, sensors, actuator, kind, starts, laws, profiles, found):
+    """Run the rollouts of cells one after the other and write what is found of each.
 
     Parameters
     ----------
-    at
-        `CartPoleModel.addresses`.
-    kind
-        Of law, as of `compiled_law`.
+    at, plan, run, pending, sensors, actuator, kind
+        As of `loop.run_to_end`; nothing of the hardware but the hold of the force departs from the
+        ideal, so that none of its memory outlasts a run.
     starts
         Initial states, shape (N, 4).
     laws
         What the law is given on each plant, shape (N, 7) or (N, 8).
-    plants
-        (M, l), shape (N, 2).
-    bands
-        Of the four states, shape (4,).
-    rules
-        Dwell and horizon in steps, timestep [s], m [kg], g [m/s^2].
+    profiles
+        The plants, shape (N, 1).
     found
         Takes what `FOUND` names, shape (N, 4).
     """
-    dwell, count, timestep, pole_mass, gravity = rules
+    nothing = np.empty((0, 5))
     for i in range(len(starts)):
-        mj_reset_data(at[MODEL], at[DATA])
-        write_parameters(at, plants[i, 0], pole_mass, plants[i, 1], gravity)
-        _march(at, kind, starts[i], laws[i], bands, (dwell, count, timestep), found[i])
+        run.written_mass, run.status, run.unsettled, run.at_stop = np.nan, RUNNING, 0, -1
+        run.peak_z, run.max_force = 0.0, 0.0
+        run_to_end(
+            at, plan, profiles[i], run, pending, nothing, starts[i], sensors, actuator, kind,
+            laws[i : i + 1],
+        )  # fmt: skip
+        if run.status == ENDED_SETTLED:
+            found[i, 0] = SETTLED
+        else:
+            found[i, 0] = UNDECIDED if run.status == _COMPLETED else FALLEN
+        found[i, 1], found[i, 2], found[i, 3] = run.step * plan.timestep, run.peak_z, run.max_force

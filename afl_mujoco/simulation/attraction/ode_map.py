@@ -1,7 +1,7 @@
 """The map of attraction by the paper's equations (P3), (P4), the law followed in time.
 
-Each rollout is marched by the Runge-Kutta pair of Dormand and Prince of order 5(4) with a step size
-of its own. `simulate_ode`, a hundred times slower, is what the tests hold it to.
+Each rollout is integrated by the steps of the reference (`dop853`), to a looser tolerance, until
+it has settled or fallen; the tests hold the maps to `simulate_ode`.
 """
 
 from __future__ import annotations
@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.integrate import RK45
+from numba.extending import register_jitable
 
-from afl_mujoco.compiled import borrowing_kernel, kernel
+from afl_mujoco.compiled import kernel
 from afl_mujoco.control.compiled_law import given_force
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.attraction.cells import (
     FALLEN,
     FOUND,
@@ -41,9 +42,6 @@ FIRST_STEP, SMALLEST_STEP = 1e-3, 1e-12
 
 FALL_RESOLUTION = 1e-6
 """How exactly the time of a fall is found [s]."""
-
-# The tableau of Dormand and Prince: stages, the solution of order 5, its difference to order 4.
-_STAGES, _SOLUTION, _ERROR = RK45.A.copy(), RK45.B.copy(), RK45.E.copy()
 
 
 def map_by_ode(
@@ -95,67 +93,40 @@ def map_by_ode(
     marches: list[Task] = [march] * require_threads(threads)
     share(len(found), marches, progress)
     settings = settling.describe() | {
-        "method": "Dormand-Prince 5(4)",
+        "method": "DOP853",
         "tolerance": tolerance,
         "max_step": MAX_STEP,
     }
     return AttractionMap.of(cells, controller.name, "ode", settings, found)
 
 
-@borrowing_kernel
-def _rates(kind, state, law, plant, rates):
-    """Write (z_dot, phi_dot, z'', phi'') under the law and return the force, or NaN."""
-    cart_mass, half_length, pole_mass, gravity = plant
-    phi, phi_dot = state[1], state[3]
+@register_jitable
+def _force(arguments, state):
+    """Return the force of the law [N], NaN beyond `STATE_LIMIT`."""
+    kind, law, _ = arguments
     force = given_force(kind, state, law)
-    if not abs(force) < STATE_LIMIT:
-        force = np.nan
-    rates[0], rates[1] = state[2], phi_dot
-    rates[2] = cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity)
-    rates[3] = pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity)
-    return force
+    return force if abs(force) < STATE_LIMIT else np.nan
 
 
-@borrowing_kernel
-def _step(kind, law, plant, state, step, rates, after):
-    """Try a step: write its stages' rates and the state after it, return the force there."""
-    for stage in range(1, 6):
-        for i in range(4):
-            slope = 0.0
-            for j in range(stage):
-                slope += _STAGES[stage, j] * rates[j, i]
-            after[i] = state[i] + step * slope
-        _rates(kind, after, law, plant, rates[stage])
-    for i in range(4):
-        slope = 0.0
-        for j in range(6):
-            slope += _SOLUTION[j] * rates[j, i]
-        after[i] = state[i] + step * slope
-    return _rates(kind, after, law, plant, rates[6])
-
-
-@borrowing_kernel
-def _error(step, rates, after, tolerance):
-    """Return the error of a step, 1 being allowed; infinite where something is not a number."""
-    worst = 0.0
-    for i in range(4):
-        slope = 0.0
-        for j in range(7):
-            slope += _ERROR[j] * rates[j, i]
-        error = step * abs(slope) / (tolerance * (1.0 + abs(after[i])))
-        if not error < np.inf:
-            return np.inf
-        worst = max(worst, error)
-    return worst
+@register_jitable
+def _rates(arguments, time, state, slopes):
+    """Write (z_dot, phi_dot, z'', phi'') under the law, as of `dop853`."""
+    plant = arguments[2]
+    phi, phi_dot, force = state[1], state[3], _force(arguments, state)
+    slopes[0], slopes[1] = state[2], phi_dot
+    slopes[2] = cart_acceleration(phi, phi_dot, force, *plant)
+    slopes[3] = pole_acceleration(phi, phi_dot, force, *plant)
 
 
 @kernel
 def _march(kind, start, law, plant, bands, rules, found):
     """March one rollout to its end and write what is found."""
     dwell, horizon, tolerance = rules
-    state, after, rates = start.copy(), np.empty(4), np.empty((7, 4))
+    arguments = (kind, law, plant)
+    state, after, slopes = start.copy(), np.empty(4), np.empty((dop853.ROWS, 4))
     time, step, since, outcome = 0.0, FIRST_STEP, -1.0, UNDECIDED
-    force = _rates(kind, state, law, plant, rates[0])
+    _rates(arguments, time, state, slopes[0])
+    force = _force(arguments, state)
     peak_z, peak_force = abs(state[0]), abs(force)
     if abs(state[1]) >= FALL_ANGLE or not within_limits(state) or np.isnan(force):
         outcome, peak_force, horizon = FALLEN, 0.0, 0.0
@@ -169,18 +140,21 @@ def _march(kind, start, law, plant, bands, rules, found):
         if outcome == SETTLED or time >= horizon:
             break
         step = min(step, MAX_STEP, horizon - time)
-        force = _step(kind, law, plant, state, step, rates, after)
-        error = _error(step, rates, after, tolerance)
+        dop853.try_step(_rates, arguments, time, state, step, slopes, after)
+        error = dop853.error_of(step, slopes, state, after, tolerance, tolerance)
         gone = abs(after[1]) >= FALL_ANGLE or not within_limits(after)
-        if not error <= 1.0 or (gone and step > FALL_RESOLUTION):
-            step *= max(0.2, 0.9 * error**-0.2) if error > 1.0 else 0.5
+        if not error < 1.0 or (gone and step > FALL_RESOLUTION):
+            step *= 0.5 if error < 1.0 else dop853.step_factor(error, True)
             if step < SMALLEST_STEP:
                 outcome = FALLEN
             continue
         time = horizon if step == horizon - time else time + step
-        state[:], rates[0] = after, rates[6]
-        peak_z, peak_force = max(peak_z, abs(state[0])), max(peak_force, abs(force))
-        step *= 0.9 * max(error, 1e-4) ** -0.2
+        state[:], slopes[0] = after, slopes[dop853.STAGES]
+        peak_z, peak_force = (
+            max(peak_z, abs(state[0])),
+            max(peak_force, abs(_force(arguments, state))),
+        )
+        step *= dop853.step_factor(error, False)
         if gone:
             outcome = FALLEN
     found[0], found[1], found[2], found[3] = outcome, time, peak_z, peak_force
@@ -209,5 +183,5 @@ def march_cells(kind, starts, laws, plants, bands, rules, found):
     """
     dwell, horizon, tolerance, pole_mass, gravity = rules
     for i in range(len(starts)):
-        plant = (plants[i, 0], plants[i, 1], pole_mass, gravity)
+        plant = (plants[i, 0], pole_mass, plants[i, 1], gravity)
         _march(kind, starts[i], laws[i], plant, bands, (dwell, horizon, tolerance), found[i])

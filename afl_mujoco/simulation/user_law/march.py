@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.law import Law
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FALL_ANGLE,
@@ -29,15 +29,14 @@ _STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
 
 
 def march_own_law(
-    law: PythonLaw,
+    law: Law,
     initial_state: Array,
     times: Array,
     told: Array,
     arrive: Arrival,
     slope: Slope,
-    update: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array, int]:
-    """March by textbook RK4 until the run ends.
+    """March by textbook RK4, the law in every stage, until the run ends.
 
     Parameters
     ----------
@@ -49,12 +48,9 @@ def march_own_law(
         Ends of the steps [s], shape (N + 1,).
     told
         (M, m, l, g) as the law takes them to be at the start, the middle and the end of each step,
-        shape (N, 3, 4); (N, 1, 4) is enough where the force is held.
+        shape (N, 3, 4).
     arrive, slope
         What the plant does.
-    update
-        In which steps the force is taken from the law, to be held from then on, shape (N,); by
-        default it is that of the law in every stage.
 
     Returns
     -------
@@ -78,12 +74,11 @@ def march_own_law(
         if k == count:
             break
         x[:] = arrive(k, x)
-        if update is None or update[k]:
-            force = forces[k] = law.command(times[k], x, told[k, 0])
+        force = forces[k] = law.command(times[k], x, told[k, 0])
         dt, slopes = times[k + 1] - times[k], np.full((4, 4), np.nan)
         for i, (stage, share) in enumerate(_STAGES):
             state, acting = x + (share * dt) * slopes[i - 1] if i else x, force
-            if update is None and i:
+            if i:
                 acting = law.command(times[k] + share * dt, state, told[k, stage])
             if not abs(acting) < STATE_LIMIT:
                 return states[: k + 1], forces[: k + 1], ending_of(x)

@@ -9,6 +9,7 @@ import numpy as np
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.law import Law
+from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
@@ -141,8 +142,11 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     plants[..., 0], plants[..., 1] = scenario.cart_mass(middles)[:, None], scenario.pole_mass
     plants[..., 2], plants[..., 3] = scenario.half_length(middles)[:, None], scenario.gravity
     forces = run.force[:-1] + scenario.pushes(middles)
-    ends = (run.time[1:] + SLACK).tolist()
-    struck = np.array([scenario.impulse_within(end - timestep, end) for end in ends]) != 0.0
+    struck = np.zeros(len(forces), dtype=np.bool_)
+    for disturbance in scenario.disturbances:
+        if isinstance(disturbance, Impulse):
+            ends = run.time[1:] + SLACK
+            struck |= (ends - timestep <= disturbance.time) & (disturbance.time < ends)
     return float(_one_step_difference(run.state, forces, plants, timestep, struck))
 
 
@@ -157,7 +161,8 @@ def _one_step_difference(states, forces, plants, timestep, struck):
         if struck[k]:
             continue
         after = rk4_step(states[k], forces[k], plants[k], timestep)
-        difference = np.abs(states[k + 1] - after).max()
-        if not difference <= worst:
-            worst = difference
+        for i in range(4):
+            difference = abs(states[k + 1, i] - after[i])
+            if not difference <= worst:
+                worst = difference
     return worst

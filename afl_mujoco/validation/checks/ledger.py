@@ -16,7 +16,7 @@ from afl_mujoco.scenario.parameter_change import ParameterChange
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation.integrator import integrate
+from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.mujoco_dynamics import closed_loop, momenta, transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, write_parameters
 
@@ -108,7 +108,7 @@ def ledger(scenario: Scenario, controller: Law) -> Ledger:
         return arrived
 
     times = time_grid(scenario, SAMPLE_PERIOD)
-    states, _ = integrate(scenario, derivative, book, times, quadratures=6)
+    states, _ = integrate(scenario, scipy_solver(derivative), book, times, quadratures=6)
     return _close(model, scenario, controller, times[: len(states)], states)
 
 

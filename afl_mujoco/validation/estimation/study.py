@@ -19,12 +19,10 @@ from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-from afl_mujoco.simulation.rig.estimated import EstimatedRun, simulate_estimated
+from afl_mujoco.simulation.sampled.estimated import EstimatedRun, simulate_estimated
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
-from afl_mujoco.validation.campaign import nominal_scales
-from afl_mujoco.validation.checks.closed_loop_checks import Settings
 from afl_mujoco.validation.estimation.tracking import FOUND, WINDOWS, Tracking, tracking
-from afl_mujoco.validation.metrics import Metrics, metrics, with_objective
+from afl_mujoco.validation.metrics import Metrics, metrics, nominal_scales, with_objective
 
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 """The paper's four schedules."""
@@ -206,7 +204,7 @@ def _case(
 @functools.cache
 def _scales() -> ObjectiveScales:
     """Return the scales of the objective (O1)."""
-    return nominal_scales(Settings())
+    return nominal_scales(1e-3)
 
 
 def _loop(told: str, scenario: Scenario, law: Law, runs: Sequence[Trajectory]) -> Loop:

@@ -13,7 +13,7 @@ from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import LawError
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.validation.ladder.rungs import (
     LADDER,

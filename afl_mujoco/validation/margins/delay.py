@@ -18,7 +18,7 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
-from afl_mujoco.simulation.rig.runs import simulate_rig
+from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.validation.ladder.thresholds import BETWEEN, find_threshold, scan_levels
 from afl_mujoco.validation.margins.linearization import linearize
@@ -272,7 +272,7 @@ def motion_decays(
         initial_state=(0.0, START, 0.0, 0.0),
         realism=Realism(delay=delay),
     )
-    run = simulate_rig(scenario, law, timestep=period / steps, control_period=period)
+    run = simulate_sampled(scenario, law, timestep=period / steps, control_period=period)
     if run.outcome.kind != COMPLETED:
         return False
     peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, OUTCOMES
 
 LAW_FAILED = "law failed"

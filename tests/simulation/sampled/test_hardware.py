@@ -7,15 +7,16 @@ import pytest
 
 from afl_mujoco import CartPoleModel
 from afl_mujoco.scenario.realism import Realism
-from afl_mujoco.simulation.rig.channels import (
+from afl_mujoco.simulation.sampled.hardware import (
     actuate,
     actuator_of,
-    blank_memory,
+    new_run,
+    no_commands,
     sense,
     sensors_of,
     within_reach,
 )
-from afl_mujoco.simulation.rig.noise import normals
+from afl_mujoco.simulation.sampled.noise import normals
 
 H = 1e-3
 T = 4e-3  # control period
@@ -29,20 +30,23 @@ def model(odd_parameters):
 def measured(model, realism, states, period=T):
     """What is measured of one state a tick, shape (N, 4)."""
     sensors, data = sensors_of(realism, period), model.mj_data
-    memory = blank_memory(actuator_of(realism, H, 1))
+    run = new_run()
     seen = []
     for tick, state in enumerate(states):
         data.qpos[:], data.qvel[:] = state[:2], state[2:]
-        seen.append(sense(model.addresses, sensors, memory, tick))
+        seen.append(sense(model.addresses, sensors, run, tick))
     return np.array(seen)
 
 
 def forces(realism, commands, h=H):
     """The mean force in each step under one command a step, shape (N,)."""
     actuator = actuator_of(realism, h, len(commands))
-    memory = blank_memory(actuator)
+    run, pending = new_run(), no_commands(actuator)
     return np.array(
-        [actuate(actuator, memory, within_reach(actuator, c), k) for k, c in enumerate(commands)]
+        [
+            actuate(actuator, run, pending, within_reach(actuator, c), k)
+            for k, c in enumerate(commands)
+        ]
     )
 
 

@@ -10,27 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.controllers import as_controller
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.rig import channels as places
-from afl_mujoco.simulation.rig.runs import perform, prepare
+from afl_mujoco.simulation.sampled.runs import perform, prepare
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
 
 DWELL = 1.0
 """For how long a run must stay settled, up to its end, to be said to have settled [s]."""
 
-_SUMMED = {
-    "peak_z": places.PEAK_Z,
-    "peak_phi": places.PEAK_PHI,
-    "max_force": places.MAX_FORCE,
-    "iae_z": places.IAE_Z,
-    "iae_phi": places.IAE_PHI,
-}
+_SUMMED = ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,7 +75,7 @@ class Rollouts:
 
 def run_rollouts(
     scenarios: Sequence[Scenario],
-    law: Law,
+    law: Any,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -100,7 +92,7 @@ def run_rollouts(
     scenarios
         What happens, and what departs from the ideal.
     law
-        What is commanded.
+        What is commanded; as of `as_controller`.
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     threads
@@ -118,6 +110,7 @@ def run_rollouts(
         If a setting breaks its rule.
     """
     require_threads(threads)
+    law = as_controller(law)
     count = len(scenarios)
     status = np.zeros(count, dtype=np.int64)
     figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:]}
@@ -125,9 +118,9 @@ def run_rollouts(
 
     def run(model: CartPoleModel, i: int) -> None:
         model.set_realism(scenarios[i].realism, scenarios[i].parameters_at(0.0))
-        memory, _ = perform(model, prepare(scenarios[i], law, **settings), law, record=False)
-        status[i] = memory[places.STATUS]
-        for name, value in _figures(memory, timestep).items():
+        done, _ = perform(model, prepare(scenarios[i], law, **settings), law, record=False)
+        status[i] = done["status"]
+        for name, value in _figures(done, timestep).items():
             figures[name][i] = value
 
     def march_on(model: CartPoleModel) -> Task:
@@ -137,7 +130,7 @@ def run_rollouts(
 
         return march
 
-    alone = isinstance(law, PythonLaw)  # threads gain it nothing; here one that hangs is stopped
+    alone = law.interpreted  # threads gain it nothing; here one that hangs is stopped
     models = [
         CartPoleModel(NOMINAL, timestep=timestep, integrator=integrator)
         for _ in range(1 if alone else min(threads, max(count, 1)))
@@ -146,15 +139,14 @@ def run_rollouts(
     return Rollouts(status=status, **figures)
 
 
-def _figures(memory: NDArray[np.float64], timestep: float) -> dict[str, float]:
+def _figures(run: Any, timestep: float) -> dict[str, float]:
     """Return the figures of a run."""
-    steps, settled = memory[places.STEP], memory[places.UNSETTLED]
+    steps, settled = int(run["step"]), int(run["unsettled"])
     rested = (steps - settled) * timestep >= DWELL - SNAP * timestep
-    completed = OUTCOMES[int(memory[places.STATUS])] == COMPLETED
-    at_stop = memory[places.AT_STOP]
+    completed = OUTCOMES[int(run["status"])] == COMPLETED
     return {
-        "end_time": float(steps * timestep),
-        **{name: float(memory[place]) for name, place in _SUMMED.items()},
-        "settling_time": float(settled * timestep) if completed and rested else math.nan,
-        "stop_time": float(at_stop * timestep) if at_stop >= 0.0 else math.nan,
+        "end_time": steps * timestep,
+        **{name: float(run[name]) for name in _SUMMED},
+        "settling_time": settled * timestep if completed and rested else math.nan,
+        "stop_time": run["at_stop"] * timestep if run["at_stop"] >= 0 else math.nan,
     }

@@ -20,8 +20,8 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.realism import Realism
-from afl_mujoco.simulation.rig.loop import BAND_PHI, BAND_Z
-from afl_mujoco.simulation.rig.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
+from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.validation.metrics import metrics
 
 FIGURES = Rollouts.__slots__

@@ -1,28 +1,41 @@
-"""The sensors and the actuator of a rig, compiled, and the memory they keep between steps."""
+"""The sensors and the actuator of the hardware, compiled, and what a run remembers."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import borrowing_kernel, load
+from afl_mujoco.compiled import borrowing_kernel
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.sampling import SNAP
-from afl_mujoco.simulation.mujoco_model import PHI, PHI_DOT, Z_DOT, Z
-from afl_mujoco.simulation.rig.noise import normals
+from afl_mujoco.simulation.mujoco_model import read_state
+from afl_mujoco.simulation.sampled.noise import normals
 
-# Places in the memory of a run: what is written in the model, what was seen, the actuator's state,
-# how far the run is, figures of it, what the drive was asked for and exerted over the last control
-# period, commands under way.
-CART_MASS, HALF_LENGTH, SEEN_Z, SEEN_PHI, SEEN_Z_DOT, SEEN_PHI_DOT, DEMAND, FORCE = range(8)
-STATUS, STEP, PEAK_Z, PEAK_PHI, MAX_FORCE, IAE_Z, IAE_PHI, UNSETTLED, AT_STOP = range(8, 17)
-COMMAND, MEAN_FORCE, RING = 17, 18, 19
+RUN = np.dtype(
+    [
+        *(("written_mass", np.float64), ("written_length", np.float64)),
+        *((f"seen_{name}", np.float64) for name in ("z", "phi", "z_dot", "phi_dot")),
+        *((name, np.float64) for name in ("demand", "force", "command", "mean_force")),
+        *(("status", np.int64), ("step", np.int64)),
+        *((name, np.float64) for name in ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")),
+        *(("unsettled", np.int64), ("at_stop", np.int64)),
+    ]
+)
+"""What a run remembers from step to step.
+
+``written_mass``, ``written_length``: M [kg] and l [m] in the model. ``seen_...``: the last
+measurement. ``demand``, ``force``: what the drive aims at and exerts [N]; ``command``,
+``mean_force``: what it was asked for and exerted over the last control period [N]. ``status``:
+`RUNNING`, `SETTLED` or an index into `OUTCOMES`; ``step``: how far the run is. Peaks and integrals
+up to there; ``unsettled``: the first step from which on the state has stayed within the bands;
+``at_stop``: the step at which the cart reached an end stop, -1 if it never did.
+"""
 
 RUNNING = -1
-"""The status of a run that has not ended; else it is an index into `OUTCOMES`."""
+"""The status of a run that has not ended."""
 
 
 class Sensors(NamedTuple):
@@ -84,7 +97,7 @@ class Actuator(NamedTuple):
 
 
 def sensors_of(realism: Realism, period: float) -> Sensors:
-    """Return how a rig measures.
+    """Return how the hardware measures.
 
     Parameters
     ----------
@@ -103,7 +116,7 @@ def sensors_of(realism: Realism, period: float) -> Sensors:
 
 
 def actuator_of(realism: Realism, timestep: float, steps: int) -> Actuator:
-    """Return how a rig acts.
+    """Return how the hardware acts.
 
     Parameters
     ----------
@@ -126,21 +139,20 @@ def actuator_of(realism: Realism, timestep: float, steps: int) -> Actuator:
     )
 
 
-def blank_memory(actuator: Actuator) -> NDArray[np.float64]:
-    """Return the memory of a run that has not begun: no force, nothing seen, nothing written.
+def new_run() -> Any:
+    """Return the memory of a run that has not begun: no force, nothing seen, nothing written."""
+    run = np.zeros(1, RUN)
+    run["written_mass"], run["status"], run["at_stop"] = np.nan, RUNNING, -1
+    return run[0]
 
-    Parameters
-    ----------
-    actuator
-        Says how many commands can be under way.
-    """
-    memory = np.zeros(RING + actuator.late + 2)
-    memory[CART_MASS], memory[STATUS], memory[AT_STOP] = np.nan, RUNNING, -1.0
-    return memory
+
+def no_commands(actuator: Actuator) -> NDArray[np.float64]:
+    """Return room for the commands [N] that can be under way in a drive, none yet."""
+    return np.zeros(actuator.late + 2)
 
 
 @borrowing_kernel
-def sense(at, sensors, memory, tick):
+def sense(at, sensors, run, tick):
     """Return (z, phi, z_dot, phi_dot) as the law gets them.
 
     Parameters
@@ -149,12 +161,12 @@ def sense(at, sensors, memory, tick):
         `CartPoleModel.addresses`; the state is read from MjData.
     sensors
         A `Sensors`.
-    memory
-        From `blank_memory`.
+    run
+        From `new_run`.
     tick
         Number of the control tick; each is measured once, in order.
     """
-    z, phi, z_dot, phi_dot = load(at[Z]), load(at[PHI]), load(at[Z_DOT]), load(at[PHI_DOT])
+    z, phi, z_dot, phi_dot = read_state(at)
     if sensors.noisy:
         n = normals(sensors.seed, tick)
         z, phi = z + sensors.noise_z * n[0], phi + sensors.noise_phi * n[1]
@@ -165,14 +177,14 @@ def sense(at, sensors, memory, tick):
     if sensors.step_phi > 0.0:
         phi = sensors.step_phi * np.rint(phi / sensors.step_phi)
     if sensors.differentiated:
-        z_dot = (z - memory[SEEN_Z]) / sensors.period if tick > 0 else 0.0
-        phi_dot = (phi - memory[SEEN_PHI]) / sensors.period if tick > 0 else 0.0
-        memory[SEEN_Z], memory[SEEN_PHI] = z, phi
+        z_dot = (z - run.seen_z) / sensors.period if tick > 0 else 0.0
+        phi_dot = (phi - run.seen_phi) / sensors.period if tick > 0 else 0.0
+        run.seen_z, run.seen_phi = z, phi
     if sensors.filter_share < 1.0:
         if tick > 0:
-            z_dot = memory[SEEN_Z_DOT] + sensors.filter_share * (z_dot - memory[SEEN_Z_DOT])
-            phi_dot = memory[SEEN_PHI_DOT] + sensors.filter_share * (phi_dot - memory[SEEN_PHI_DOT])
-        memory[SEEN_Z_DOT], memory[SEEN_PHI_DOT] = z_dot, phi_dot
+            z_dot = run.seen_z_dot + sensors.filter_share * (z_dot - run.seen_z_dot)
+            phi_dot = run.seen_phi_dot + sensors.filter_share * (phi_dot - run.seen_phi_dot)
+        run.seen_z_dot, run.seen_phi_dot = z_dot, phi_dot
     return z, phi, z_dot, phi_dot
 
 
@@ -187,36 +199,36 @@ def within_reach(actuator, command):
 
 
 @borrowing_kernel
-def _follow(memory, start, rate, length, lag):
+def _follow(run, start, rate, length, lag):
     """Return the integral of the force, lagging a demand that changes at a constant rate.
 
     In steps and newtons: the demand goes from `start` at `rate` for `length`.
     """
     if lag == 0.0:
         return (start + 0.5 * rate * length) * length
-    excess = memory[FORCE] - start + rate * lag
+    excess = run.force - start + rate * lag
     lost = -math.expm1(-length / lag)
-    memory[FORCE] = start + rate * (length - lag) + excess * (1.0 - lost)
+    run.force = start + rate * (length - lag) + excess * (1.0 - lost)
     return (start + rate * (0.5 * length - lag)) * length + excess * lag * lost
 
 
 @borrowing_kernel
-def _obey(actuator, memory, command, length):
+def _obey(actuator, run, command, length):
     """Return the integral of the force while a command stands for a length, a step at most."""
-    demand, ramp = memory[DEMAND], 0.0
-    memory[DEMAND] = command
+    demand, ramp = run.demand, 0.0
+    run.demand = command
     integral = 0.0
     if command != demand and actuator.slew < np.inf:
         rate = math.copysign(actuator.slew, command - demand)
         ramp = min((command - demand) / rate, length)
-        integral = _follow(memory, demand, rate, ramp, actuator.lag)
+        integral = _follow(run, demand, rate, ramp, actuator.lag)
         if ramp == length:
-            memory[DEMAND] = demand + rate * length
-    return integral + _follow(memory, command, 0.0, length - ramp, actuator.lag)
+            run.demand = demand + rate * length
+    return integral + _follow(run, command, 0.0, length - ramp, actuator.lag)
 
 
 @borrowing_kernel
-def actuate(actuator, memory, command, k):
+def actuate(actuator, run, pending, command, k):
     """Return the mean force on the cart over a physics step.
 
     Delay, slew limit and lag act continuously in time, one after the other, on a command that is
@@ -227,8 +239,8 @@ def actuate(actuator, memory, command, k):
     ----------
     actuator
         An `Actuator`.
-    memory
-        From `blank_memory`.
+    run, pending
+        From `new_run` and `no_commands`.
     command
         From `within_reach` [N], the command now.
     k
@@ -236,11 +248,11 @@ def actuate(actuator, memory, command, k):
     """
     before, share = command, actuator.later_share
     if actuator.late > 0 or share > 0.0:
-        size = len(memory) - RING
-        memory[RING + k % size] = command
-        command = memory[RING + (k - actuator.late) % size]
-        before = memory[RING + (k - actuator.late - 1) % size]
+        size = len(pending)
+        pending[k % size] = command
+        command = pending[(k - actuator.late) % size]
+        before = pending[(k - actuator.late - 1) % size]
     if actuator.lag == 0.0 and actuator.slew == np.inf:
         return command if share == 0.0 else command + share * (before - command)
-    integral = _obey(actuator, memory, before, share) if share > 0.0 else 0.0
-    return integral + _obey(actuator, memory, command, 1.0 - share)
+    integral = _obey(actuator, run, before, share) if share > 0.0 else 0.0
+    return integral + _obey(actuator, run, command, 1.0 - share)

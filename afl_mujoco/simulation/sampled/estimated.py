@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.rig.runs import control_period_of, simulate_rig
+from afl_mujoco.simulation.sampled.runs import control_period_of, simulate_sampled
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
@@ -58,15 +58,15 @@ def simulate_estimated(
         If a setting breaks its rule.
     """
     period = control_period_of(scenario, control_period, timestep)
-    beliefs = np.full((int(scenario.duration / period) + 2, 2), np.nan)
-    run = simulate_rig(
+    estimates = np.full((int(scenario.duration / period) + 2, 2), np.nan)
+    run = simulate_sampled(
         scenario,
         law,
         timestep=timestep,
         control_period=control_period,
         integrator=integrator,
-        beliefs=beliefs,
+        estimates=estimates,
     )
-    told = beliefs[~np.isnan(beliefs[:, 0])]
+    told = estimates[~np.isnan(estimates[:, 0])]
     time = np.asarray(np.arange(len(told)) * period, dtype=np.float64)
     return EstimatedRun(run=run, time=time, cart_mass=told[:, 0], half_length=told[:, 1])

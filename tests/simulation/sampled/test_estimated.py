@@ -14,11 +14,11 @@ from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.reporting.films.replay import Deployment, record
 from afl_mujoco.scenario.realism import Realism
-from afl_mujoco.simulation.rig import loop
-from afl_mujoco.simulation.rig.channels import STATUS, STEP, blank_memory, sense
-from afl_mujoco.simulation.rig.estimated import simulate_estimated
-from afl_mujoco.simulation.rig.rollouts import run_rollouts
-from afl_mujoco.simulation.rig.runs import prepare
+from afl_mujoco.simulation.sampled import loop
+from afl_mujoco.simulation.sampled.estimated import simulate_estimated
+from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
+from afl_mujoco.simulation.sampled.rollouts import run_rollouts
+from afl_mujoco.simulation.sampled.runs import prepare
 
 REAL = Realism(
     noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004,
@@ -39,16 +39,17 @@ def by_hand(scenario, law):
     """
     run = prepare(scenario, law, timestep=1e-3)
     model = CartPoleModel(scenario.parameters_at(0.0), realism=scenario.realism)
-    memory, rows = blank_memory(run.actuator), np.empty((run.plan.steps + 1, 5))
-    filtering, settings = estimator.blank_memory(), law.settings.array
-    loop.start(model.addresses, run.plan, run.course, memory, rows, run.initial_state)
+    pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 5))
+    plant = (model.addresses, run.plan, run.profile, memory := new_run())
+    filtering, settings = estimator.new_filter(), law.settings.record
+    loop.start(*plant, rows, run.initial_state)
     tick, command = 0, 0.0
-    while memory[STATUS] == loop.RUNNING:
+    while memory["status"] == loop.RUNNING:
         z, phi, _, _ = sense(model.addresses, run.sensors, memory, tick)
         if tick == 0:
             mass, length = estimator.start(filtering, settings, z, phi)
         else:
-            k = int(memory[STEP])
+            k = int(memory["step"])
             force = max(min(command, 8.0), -8.0)
             if law.settings.force_sensed:
                 force = float(rows[k - 1, 4] / 2 + rows[k - 2, 4] / 2)
@@ -56,9 +57,9 @@ def by_hand(scenario, law):
         believed = (mass, law.settings.pole_mass, length, law.settings.gravity)
         state = estimator.filtered_state(filtering)
         command = law_force(*law.law.compiled, *state, believed)
-        loop.advance(model.addresses, run.plan, run.actuator, run.course, memory, rows, command)
+        loop.advance(*plant[:2], run.actuator, *plant[2:], pending, rows, command)
         tick += 1
-    count = int(memory[STEP])
+    count = int(memory["step"])
     return rows[: count + 1, :4], rows[: count + 1, 4], (mass, length)
 
 

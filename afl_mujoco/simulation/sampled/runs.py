@@ -1,30 +1,28 @@
-"""One run of a rig: prepared in Python, marched by the compiled loop or round a law in Python."""
+"""One sampled run: prepared in Python, run by the compiled loop or round a Python controller."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
-from afl_mujoco.control.estimation.estimator import blank_memory as blank_estimator
+from afl_mujoco.control.estimation.estimator import new_filter
 from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.sampling import SNAP, impulses_by_step, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.rig import loop
-from afl_mujoco.simulation.rig.channels import (
+from afl_mujoco.simulation.sampled import loop
+from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
-    STATUS,
-    STEP,
     Actuator,
     Sensors,
     actuator_of,
-    blank_memory,
+    new_run,
+    no_commands,
     sense,
     sensors_of,
 )
@@ -32,25 +30,25 @@ from afl_mujoco.simulation.trajectory import OUTCOMES, Outcome, Trajectory, asse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class PreparedRun:
     """A run that is ready to go.
 
     Attributes
     ----------
     plan, sensors, actuator
         Its numbers.
-    course, initial_state
+    profile, initial_state
         What happens to the plant, as of `loop.start`.
-    given
-        What the law is told at each control tick, as of `loop.commanded`.
+    inputs
+        What the controller is given at each control tick, as of `loop.run_to_end`.
     """
 
     plan: loop.Plan
     sensors: Sensors
     actuator: Actuator
-    course: NDArray[np.float64]
+    profile: NDArray[Any]
     initial_state: NDArray[np.float64]
-    given: NDArray[np.float64]
+    inputs: NDArray[np.float64]
 
 
 def control_period_of(scenario: Scenario, given: float | None, timestep: float) -> float:
@@ -84,7 +82,7 @@ def prepare(
     *,
     timestep: float,
     control_period: float | None = None,
-) -> Run:
+) -> PreparedRun:
     """Sample everything prescribed on the steps and ticks of a run.
 
     Parameters
@@ -114,9 +112,9 @@ def prepare(
     ticks = _grid(min(math.ceil(told_until / period) + 2, -(-count // hold)))
     told_at = ticks * hold * timestep - (r.belief_delay - SNAP * timestep if r.belief_delay else 0)
     mass_error, length_error = r.mass_error, r.length_error
-    if isinstance(law, EstimatedLaw):  # nobody tells it anything
+    if law.estimator is not None:  # what it assumes is its own
         mass_error = length_error = 0.0
-    return Run(
+    return PreparedRun(
         plan=loop.Plan(
             steps=count,
             hold=hold,
@@ -127,9 +125,9 @@ def prepare(
         ),
         sensors=sensors_of(r, period),
         actuator=actuator_of(r, timestep, count),
-        course=_course(s, timestep, changing, count),
+        profile=input_profile(s, timestep, changing, count),
         initial_state=np.array(s.initial_state),
-        given=law.law_inputs(
+        inputs=law.law_inputs(
             s.cart_mass(told_at) * (1.0 + mass_error),
             s.half_length(told_at) * (1.0 + length_error),
             s.pole_mass,
@@ -138,16 +136,26 @@ def prepare(
     )
 
 
-def _course(scenario: Scenario, timestep: float, changing: int, count: int) -> NDArray[np.float64]:
-    """Return what happens to the plant in each step until nothing changes any more."""
+def input_profile(scenario: Scenario, timestep: float, changing: int, count: int) -> NDArray[Any]:
+    """Return what happens to the plant in each step until nothing changes any more.
+
+    Parameters
+    ----------
+    scenario
+        What happens.
+    timestep
+        Physics step [s].
+    changing, count
+        How many steps change anything, and how many there are.
+    """
     starts = _grid(min(changing + 1, count) + 1) * timestep
     middles = (_grid(len(starts) - 1) + 0.5) * timestep
-    course = np.empty((len(middles), 4))
-    course[:, loop.COURSE_MASS] = scenario.cart_mass(middles)
-    course[:, loop.COURSE_LENGTH] = scenario.half_length(middles)
-    course[:, loop.COURSE_PUSH] = scenario.pushes(middles)
-    course[:, loop.COURSE_IMPULSE] = impulses_by_step(scenario, starts)
-    return course
+    profile = np.empty(len(middles), loop.PROFILE)
+    profile["cart_mass"] = scenario.cart_mass(middles)
+    profile["half_length"] = scenario.half_length(middles)
+    profile["push"] = scenario.pushes(middles)
+    profile["impulse"] = impulses_by_step(scenario, starts)
+    return profile
 
 
 def _grid(count: int) -> NDArray[np.float64]:
@@ -157,59 +165,60 @@ def _grid(count: int) -> NDArray[np.float64]:
 
 def perform(
     model: CartPoleModel,
-    run: Run,
+    prepared: PreparedRun,
     law: Law,
     *,
     record: bool,
-    beliefs: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """March a run from start to end.
+    estimates: NDArray[np.float64] | None = None,
+) -> tuple[Any, NDArray[np.float64]]:
+    """Run the loop from start to end.
 
     Parameters
     ----------
     model
-        With the realism of the scenario; its state is of no consequence.
-    run
+        With the passive physics of the scenario; its state is of no consequence.
+    prepared
         From `prepare`.
     law
-        The law that it was prepared for.
+        The controller that it was prepared for.
     record
         Whether to keep every state and force.
-    beliefs
-        Takes what an `EstimatedLaw` believes of M [kg] and l [m] at each control tick, shape
-        (T, 2).
+    estimates
+        Takes the M [kg] and l [m] that an estimator finds at each control tick, shape (T, 2).
 
     Returns
     -------
-    memory
-        How the run ended and its figures, places as of `channels`.
+    run
+        How the run ended and its figures, a record as of `hardware.RUN`.
     record
         States and forces, shape (N + 1, 5), of which a run that ends early fills the first; (0, 5)
         if they are not to be kept.
     """
-    at, plan, memory = model.addresses, run.plan, blank_memory(run.actuator)
+    at, plan, actuator = model.addresses, prepared.plan, prepared.actuator
+    run, pending = new_run(), no_commands(actuator)
     rows = np.empty((plan.steps + 1 if record else 0, 5))
-    march = (at, plan, run.course, memory, rows, run.initial_state)
-    if isinstance(law, EstimatedLaw):
-        kept = np.empty((0, 2)) if beliefs is None else beliefs
-        told = (law.law.compiled, blank_estimator(), law.settings.array, kept)
-        loop.march_estimating(*march, run.sensors, run.actuator, *told)
-        return memory, rows
-    if not isinstance(law, PythonLaw):
-        loop.march(*march, run.sensors, run.actuator, law.compiled.kind, run.given)
-        return memory, rows
-    loop.start(*march)
-    tick = 0
-    while memory[STATUS] == RUNNING:
-        measured = sense(at, run.sensors, memory, tick)
-        time = tick * plan.hold * plan.timestep
-        command = law.command(time, measured, run.given[min(tick, len(run.given) - 1)])
-        loop.advance(at, plan, run.actuator, run.course, memory, rows, command)
-        tick += 1
-    return memory, rows
+    plant = (at, plan, prepared.profile, run)
+    devices = (prepared.initial_state, prepared.sensors, actuator)
+    if (estimator := law.estimator) is not None:
+        kept = np.empty((0, 2)) if estimates is None else estimates
+        filter_ = (estimator.law, new_filter(), estimator.settings, kept)
+        loop.run_estimating(*plant, pending, rows, *devices, *filter_)
+    elif not law.interpreted:
+        loop.run_to_end(*plant, pending, rows, *devices, law.compiled.kind, prepared.inputs)
+    else:
+        own, tick = law.start(), 0
+        loop.start(*plant, rows, prepared.initial_state)
+        while run["status"] == RUNNING:
+            measured = sense(at, prepared.sensors, run, tick)
+            time = tick * plan.hold * plan.timestep
+            given = prepared.inputs[min(tick, len(prepared.inputs) - 1)]
+            command = own.command(time, measured, given)
+            loop.advance(at, plan, actuator, *plant[2:], pending, rows, command)
+            tick += 1
+    return run, rows
 
 
-def simulate_rig(
+def simulate_sampled(
     scenario: Scenario,
     law: Law,
     *,
@@ -217,7 +226,7 @@ def simulate_rig(
     control_period: float | None = None,
     integrator: str = "RK4",
     model: CartPoleModel | None = None,
-    beliefs: NDArray[np.float64] | None = None,
+    estimates: NDArray[np.float64] | None = None,
 ) -> Trajectory:
     """Simulate a scenario with all its realism, as `simulate_mujoco` does in sampled mode.
 
@@ -226,12 +235,12 @@ def simulate_rig(
     scenario
         What happens, and what departs from the ideal.
     law
-        What is commanded; a `PythonLaw` runs in Python, an `EstimatedLaw` with its estimator.
+        What is commanded.
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     model
         The model to use instead of a fresh one, its timestep and integrator as given here.
-    beliefs
+    estimates
         As of `perform`.
 
     Raises
@@ -239,7 +248,7 @@ def simulate_rig(
     AflMujocoError
         If a setting breaks its rule.
     """
-    run = prepare(scenario, law, timestep=timestep, control_period=control_period)
+    prepared = prepare(scenario, law, timestep=timestep, control_period=control_period)
     if model is None:
         model = CartPoleModel(
             scenario.parameters_at(0.0),
@@ -247,12 +256,12 @@ def simulate_rig(
             integrator=integrator,
             realism=scenario.realism,
         )
-    memory, rows = perform(model, run, law, record=True, beliefs=beliefs)
-    count = int(memory[STEP])
-    times = _grid(run.plan.steps + 1) * timestep
+    run, rows = perform(model, prepared, law, record=True, estimates=estimates)
+    count = int(run["step"])
+    times = _grid(prepared.plan.steps + 1) * timestep
     settings = {
         "timestep": timestep,
-        "control_period": run.sensors.period,
+        "control_period": prepared.sensors.period,
         "integrator": integrator,
     }
     return assemble(
@@ -262,6 +271,6 @@ def simulate_rig(
         settings,
         times,
         rows[: count + 1, :4],
-        Outcome(OUTCOMES[int(memory[STATUS])], float(times[count])),
+        Outcome(OUTCOMES[int(run["status"])], float(times[count])),
         rows[: count + 1, 4],
     )

@@ -1,0 +1,303 @@
+"""The closed loop with the force held, compiled round MuJoCo's `mj_step`.
+
+`start`, `advance` to the next control tick, and the whole loop made of the two. Every sampled run
+goes through them: with ideal hardware and without, one or thousands, the dm_control environment's
+and the maps of attraction's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from afl_mujoco.compiled import borrowing_kernel, load, store
+from afl_mujoco.control.compiled_law import given_force, law_force
+from afl_mujoco.control.estimation.estimator import filtered_state
+from afl_mujoco.control.estimation.estimator import start as begin_estimate
+from afl_mujoco.control.estimation.estimator import update as update_estimate
+from afl_mujoco.simulation.mujoco_model import (
+    mj_reset_data,
+    mj_step,
+    read_state,
+    strike,
+    write_parameters,
+    write_state,
+)
+from afl_mujoco.simulation.sampled.hardware import RUNNING, actuate, sense, within_reach
+from afl_mujoco.simulation.trajectory import (
+    COMPLETED,
+    FALL_ANGLE,
+    FELL,
+    OUTCOMES,
+    STATE_LIMIT,
+    ending_of,
+    within_limits,
+)
+
+BAND_Z, BAND_PHI = 0.05, 0.02
+"""A run is settled while ``|z|`` and ``|phi|`` stay within these [m, rad]."""
+
+SETTLED = len(OUTCOMES)
+"""The status of a run that ended early, settled for the dwell of its criterion."""
+
+PROFILE = np.dtype([(name, np.float64) for name in ("cart_mass", "half_length", "push", "impulse")])
+"""What happens to the plant in a step: M [kg], l [m], disturbing force [N], and the jump of the
+momentum along z at the step's start [N s]. The last row of a profile stays in force."""
+
+_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
+
+
+class Criterion(NamedTuple):
+    """When a run ends before its horizon, and when it counts as settled.
+
+    Attributes
+    ----------
+    fall_angle
+        It ends as fallen where ``|phi|`` reaches this [rad].
+    z, phi, z_dot, phi_dot
+        Half-widths of the bands within which a run is settled [m, rad, m/s, rad/s].
+    dwell
+        It ends as settled after so many steps within the bands; 0 for never.
+    """
+
+    fall_angle: float = FALL_ANGLE
+    z: float = BAND_Z
+    phi: float = BAND_PHI
+    z_dot: float = math.inf
+    phi_dot: float = math.inf
+    dwell: int = 0
+
+
+class Plan(NamedTuple):
+    """The numbers of a run.
+
+    Attributes
+    ----------
+    steps
+        Physics steps of the run.
+    hold
+        Physics steps of a control period.
+    timestep
+        Physics step [s].
+    pole_mass, gravity
+        m [kg] and g [m/s^2].
+    rail
+        The cart's travel to either side [m].
+    criterion
+        When it ends early.
+    """
+
+    steps: int
+    hold: int
+    timestep: float
+    pole_mass: float
+    gravity: float
+    rail: float = math.inf
+    criterion: Criterion = Criterion()
+
+
+@borrowing_kernel
+def write_plant(at, plan, profile, run, k):
+    """Give the model the parameters of step k, unless it has them."""
+    i = min(k, len(profile) - 1)
+    mass, length = profile[i].cart_mass, profile[i].half_length
+    if not (mass == run.written_mass and length == run.written_length):
+        write_parameters(at, mass, plan.pole_mass, length, plan.gravity)
+        run.written_mass, run.written_length = mass, length
+
+
+@borrowing_kernel
+def apply_impulse(at, profile, k):
+    """Apply the impulse at the start of step k, with the parameters that are in the model."""
+    impulse = profile[min(k, len(profile) - 1)].impulse
+    if impulse != 0.0:
+        z, phi, z_dot, phi_dot = read_state(at)
+        force = load(at.control)
+        jump = strike(at, z, phi, z_dot, phi_dot, impulse)
+        store(at.control, force)
+        write_state(at, z, phi, z_dot + jump[0], phi_dot + jump[1])
+
+
+@borrowing_kernel
+def _settled(criterion, state):
+    """Return whether the state is within the bands."""
+    return (
+        abs(state[0]) <= criterion.z
+        and abs(state[1]) <= criterion.phi
+        and abs(state[2]) <= criterion.z_dot
+        and abs(state[3]) <= criterion.phi_dot
+    )
+
+
+@borrowing_kernel
+def _enter(at, plan, profile, run, record, k, force):
+    """Reach instant k: end the run there, or let it go on; record state and force."""
+    state, criterion = read_state(at), plan.criterion
+    z, phi = abs(state[0]), abs(state[1])
+    run.step = k
+    run.peak_z, run.peak_phi = max(run.peak_z, z), max(run.peak_phi, phi)
+    if not _settled(criterion, state):
+        run.unsettled = k + 1
+    if z >= plan.rail and run.at_stop < 0:
+        run.at_stop = k
+    if phi >= criterion.fall_angle:
+        run.status = _FELL
+    elif criterion.dwell > 0 and k - run.unsettled >= criterion.dwell:
+        run.status = SETTLED
+    elif k == plan.steps:
+        run.status = _COMPLETED
+    else:
+        write_plant(at, plan, profile, run, k)
+        apply_impulse(at, profile, k)
+    if len(record) > 0:
+        row = record[k]
+        row[0], row[1], row[2], row[3] = read_state(at)
+        row[4] = force
+
+
+@borrowing_kernel
+def start(at, plan, profile, run, record, initial_state):
+    """Put the plant at the start of its run.
+
+    Parameters
+    ----------
+    at
+        `CartPoleModel.addresses`.
+    plan
+        A `Plan`.
+    profile
+        What happens to the plant in each step, fields as of `PROFILE`.
+    run
+        From `new_run`.
+    record
+        Takes state and force from each instant on, shape (N + 1, 5), or (0, 5) for no record.
+    initial_state
+        (z, phi, z_dot, phi_dot), shape (4,).
+    """
+    x = initial_state
+    mj_reset_data(at.model, at.data)
+    write_state(at, x[0], x[1], x[2], x[3])
+    _enter(at, plan, profile, run, record, 0, 0.0)
+
+
+@borrowing_kernel
+def advance(at, plan, actuator, profile, run, pending, record, command):
+    """Go on to the next control tick, or to where the run ends.
+
+    Parameters
+    ----------
+    at, plan, profile, run, record
+        As of `start`.
+    actuator, pending
+        An `Actuator`, and from `no_commands`.
+    command
+        What the controller commands [N]; NaN, or a force beyond all bounds that no limit of the
+        drive cuts off, ends the run.
+    """
+    first, half = run.step, 0.5 * plan.timestep
+    command = within_reach(actuator, command)
+    before = read_state(at)
+    if not abs(command) < STATE_LIMIT:
+        run.status = ending_of(before)
+        if len(record) > 0:
+            record[first, 4] = command
+        return
+    run.command, run.mean_force = command, 0.0
+    for k in range(first, min(first + plan.hold, plan.steps)):
+        force = actuate(actuator, run, pending, command, k)
+        if len(record) > 0:
+            record[k, 4] = force
+        before = read_state(at)
+        store(at.control, force)
+        store(at.push, profile[min(k, len(profile) - 1)].push)
+        mj_step(at.model, at.data)
+        after = read_state(at)
+        if not within_limits(after):
+            run.status = ending_of(before)
+            return
+        run.mean_force += force / plan.hold
+        run.max_force = max(run.max_force, abs(force))
+        run.iae_z += half * (abs(before[0]) + abs(after[0]))
+        run.iae_phi += half * (abs(before[1]) + abs(after[1]))
+        _enter(at, plan, profile, run, record, k + 1, force)
+        if run.status != RUNNING:
+            return
+
+
+@borrowing_kernel
+def run_to_end(
+    at, plan, profile, run, pending, record, initial_state, sensors, actuator, kind, inputs
+):
+    """Run the closed loop with a compiled controller from start to end.
+
+    Parameters
+    ----------
+    at, plan, profile, run, record, initial_state
+        As of `start`.
+    pending, actuator
+        As of `advance`.
+    sensors
+        A `Sensors`.
+    kind, inputs
+        Of the controller, as of `CompiledLaw`, and what it is given at each tick, as of
+        `Law.law_inputs`; the last row stays in force.
+    """
+    start(at, plan, profile, run, record, initial_state)
+    tick = 0
+    while run.status == RUNNING:
+        measured = sense(at, sensors, run, tick)
+        command = given_force(kind, measured, inputs[min(tick, len(inputs) - 1)])
+        advance(at, plan, actuator, profile, run, pending, record, command)
+        tick += 1
+
+
+@borrowing_kernel
+def run_estimating(
+    at,
+    plan,
+    profile,
+    run,
+    pending,
+    record,
+    initial_state,
+    sensors,
+    actuator,
+    law,
+    filter_,
+    settings,
+    estimates,
+):
+    """Run the closed loop with a controller whose M, l and state are estimated.
+
+    Parameters
+    ----------
+    at, plan, profile, run, pending, record, initial_state, sensors, actuator
+        As of `run_to_end`; the estimator gets the measured positions, and the force that was
+        commanded over each control period, cut off at the limit; if its settings say that the drive
+        reports the force, the mean of what it exerted.
+    law
+        A `CompiledLaw`.
+    filter_, settings
+        Of the estimator, as of `estimator.start`.
+    estimates
+        Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
+    """
+    kind, table, masses, lengths = law
+    start(at, plan, profile, run, record, initial_state)
+    tick = 0
+    while run.status == RUNNING:
+        z, phi, _, _ = sense(at, sensors, run, tick)
+        if tick == 0:
+            mass, length = begin_estimate(filter_, settings, z, phi)
+        else:
+            force = run.mean_force if settings.force_sensed else run.command
+            mass, length = update_estimate(filter_, settings, z, phi, force, sensors.period)
+        z, phi, z_dot, phi_dot = filtered_state(filter_)
+        if tick < len(estimates):
+            estimates[tick, 0], estimates[tick, 1] = mass, length
+        assumed = (mass, settings.pole_mass, length, settings.gravity)
+        command = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
+        advance(at, plan, actuator, profile, run, pending, record, command)
+        tick += 1

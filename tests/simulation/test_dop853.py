@@ -1,0 +1,70 @@
+"""The compiled DOP853 is SciPy's: the same states, falls and refusals, from the same equations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.compiled_law import LINEAR
+from afl_mujoco.scenario.parameter_change import MOMENTA, STRETCHING_ROD, ParameterChange
+from afl_mujoco.scenario.sampling import time_grid
+from afl_mujoco.simulation import mujoco_dynamics, ode
+from afl_mujoco.simulation.integrator import integrate, scipy_solver
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+
+SCENARIO = replace(afl.SCENARIOS["step-trapezoid-impulse"], duration=12.0)
+PAPER = ParameterChange()
+WHOLE = ParameterChange(dynamics=STRETCHING_ROD, jumps=MOMENTA)
+
+
+def by_scipy(scenario, controller, change=PAPER, period=1e-2, **tolerances):
+    loop = ode.closed_loop(scenario, controller, change)
+    times = time_grid(scenario, period)
+    solver = scipy_solver(loop, **tolerances)
+    return integrate(scenario, solver, ode.transition(scenario, change), times)
+
+
+@pytest.mark.parametrize("change", [PAPER, WHOLE], ids=["paper", "stretching rod"])
+@pytest.mark.parametrize(
+    ("name", "limit"),  # interpolated gains have kinks, where round-off decides between two steps
+    [("adaptive", 1e-11), ("adaptive-nominal", 1e-11), ("lqr", 1e-9), ("pole-placement", 1e-9)],
+)
+def test_the_reference_is_scipys_to_its_tolerance(name, limit, change):
+    controller = afl.CONTROLLERS[name]
+    run = afl.simulate_ode(SCENARIO, controller, sample_period=1e-2, **change.describe())
+    states, outcome = by_scipy(SCENARIO, controller, change)
+    assert run.outcome == outcome
+    assert run.state.shape == states.shape
+    assert np.abs(run.state - states).max() < limit
+
+
+def test_steps_are_scipys_at_a_loose_tolerance_too():
+    # where the error control decides: another step size would be seen
+    controller, tolerances = afl.CONTROLLERS["adaptive"], {"rtol": 1e-5, "atol": 1e-7}
+    run = afl.simulate_ode(SCENARIO, controller, sample_period=1e-2, **tolerances)
+    states, _ = by_scipy(SCENARIO, controller, **tolerances)
+    assert np.abs(run.state - states).max() < 1e-9
+
+
+def test_exact_mode_is_scipys_on_mujocos_dynamics():
+    controller = afl.CONTROLLERS["adaptive"]
+    run = afl.simulate_mujoco(SCENARIO, controller, "exact", timestep=1e-2)
+    model = CartPoleModel(SCENARIO.parameters_at(0.0))
+    loop = mujoco_dynamics.closed_loop(model, SCENARIO, controller, PAPER)
+    arrive = mujoco_dynamics.transition(model, SCENARIO, PAPER)
+    states, _ = integrate(SCENARIO, scipy_solver(loop), arrive, time_grid(SCENARIO, 1e-2))
+    assert np.abs(run.state - states).max() < 1e-11
+
+
+@pytest.mark.parametrize("start", [(0, 1.2, 0, 3.0), (0, -1.56, 0, -0.01), (0, 0.3, 0, 9.0)])
+def test_a_fall_is_found_when_scipy_finds_it(start):
+    scenario = replace(afl.SCENARIOS["nominal"], initial_state=start)
+    controller = afl.StateFeedback(
+        name="none", kind=LINEAR, gains=afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
+    )
+    run = afl.simulate_ode(scenario, controller)
+    states, outcome = by_scipy(scenario, controller, period=1e-3)
+    assert run.outcome.kind == outcome.kind == "fell"
+    assert run.outcome.time == pytest.approx(outcome.time, abs=1e-11)
+    assert np.abs(run.state - states).max() < 1e-9
