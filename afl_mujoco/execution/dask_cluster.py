@@ -43,7 +43,7 @@ def open_cluster(address: str) -> Iterator[Executor]:
         asyncio.run(identity())  # a client that fails would be left half open
         client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except Exception as error:  # whatever Dask makes of an address, or of the answer there
-        raise _error(address, f"is no Dask scheduler that answers: {_reason(error)}") from None
+        raise _error(address, f"cannot be used: {_reason(error)}") from None
 
     def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         try:
@@ -85,4 +85,5 @@ def _error(address: str, rule: str, value: object = None) -> AflMujocoError:
 
 def _reason(error: Exception) -> str:
     """Return what an error says, in one line."""
-    return " ".join(str(error).split()) or type(error).__name__
+    silent = "no answer" if isinstance(error, TimeoutError) else type(error).__name__
+    return " ".join(str(error).split()) or silent

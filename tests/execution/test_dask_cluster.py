@@ -170,7 +170,7 @@ def test_an_address_of_no_scheduler_is_refused_in_one_line_and_soon(
         said, _ = process.communicate(timeout=PATIENCE)
     assert time.monotonic() - begun < SOON
     assert process.returncode == 2
-    assert said.startswith(f"cluster {address} is no Dask scheduler that answers: ")
+    assert said.startswith(f"cluster {address} cannot be used: ")
     assert said.count("\n") == 1, said
 
 
