@@ -65,7 +65,7 @@ class Simulate:
         integrator = self.integrator or replay.get("integrator", "RK4")
         controller = find_controller(name, self.gain_labels)
 
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.figures.runs import draw_runs
         from afl_mujoco.reporting.figures.style import save_figure
         from afl_mujoco.reporting.tables import print_metrics

@@ -81,7 +81,7 @@ class Attraction:
         from rich.console import Console
 
         from afl_mujoco.cli.survival.ending import finish, require_page
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.survival.attraction_figures import attraction_figures
         from afl_mujoco.reporting.survival.attraction_table import print_attraction
         from afl_mujoco.reporting.survival.study import remove_study, write_study
@@ -106,11 +106,11 @@ class Attraction:
         """Return laws, cells and criterion, or raise at what breaks a rule."""
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.errors import UnknownNameError
+        from afl_mujoco.execution.threads import require_threads
         from afl_mujoco.scenario.parameters import require_distinct
         from afl_mujoco.scenario.sampling import whole_steps
         from afl_mujoco.simulation.attraction.cells import Settling
         from afl_mujoco.simulation.mujoco_model import INTEGRATORS
-        from afl_mujoco.sweep.threads import require_threads
 
         require_distinct("controller", self.controllers)
         require_distinct("plane", self.planes)

@@ -41,7 +41,7 @@ class Estimation:
     def run(self) -> int:
         """Study, write the files, print where they are."""
         from afl_mujoco.cli.survival.ending import finish, require_page
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.survival.estimation_figures import draw_estimation
         from afl_mujoco.reporting.survival.study import write_study
         from afl_mujoco.validation.estimation.study import (

@@ -67,7 +67,7 @@ class Ladder:
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
     cluster: str | None = None
-    """Address of a Dask scheduler, or local, instead of processes."""
+    """Address of a Dask scheduler, tcp://host:port, whose workers share it instead."""
     out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None
@@ -86,7 +86,7 @@ class Ladder:
 
         from afl_mujoco.cli.survival.ending import finish, require_page
         from afl_mujoco.control.controllers import find_controller
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.survival.ladder.figures import draw_ladder
         from afl_mujoco.reporting.survival.ladder.table import print_ladder
         from afl_mujoco.reporting.survival.study import write_study

@@ -68,7 +68,7 @@ class Margins:
         from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
         from afl_mujoco.control.controllers import find_controller
         from afl_mujoco.control.estimation.estimated_law import refuse_estimated
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.survival.tables import measured_text
         from afl_mujoco.reporting.survival.margins_figures import draw_margins
         from afl_mujoco.reporting.survival.margins_table import print_margins

@@ -15,7 +15,7 @@ from afl_mujoco.cli.terminal import FILMS, SUCCESS, SURVIVAL, count_bar, typed
 
 if TYPE_CHECKING:
     from afl_mujoco.control.law import Law
-    from afl_mujoco.sweep.executors import Executor
+    from afl_mujoco.execution.executors import Executor
     from afl_mujoco.validation.montecarlo.campaign import Campaign
     from afl_mujoco.validation.montecarlo.search import Budget
     from afl_mujoco.validation.montecarlo.trial import Settings
@@ -58,7 +58,7 @@ class MonteCarloOptions:
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
     cluster: str | None = None
-    """Share it among the workers of a Dask cluster: tcp://host:port, or local."""
+    """Share it among the workers of a Dask cluster: tcp://host:port."""
     out: Path = SURVIVAL
     """Folder for the files."""
     validation: Path | None = None
@@ -73,12 +73,12 @@ class MonteCarloOptions:
         from rich.console import Console
 
         from afl_mujoco.cli.survival.ending import finish, require_page
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.execution.executors import open_executor
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.survival.rates import replay_command
         from afl_mujoco.reporting.survival.montecarlo_figures import draw_montecarlo
         from afl_mujoco.reporting.survival.montecarlo_table import print_montecarlo
         from afl_mujoco.reporting.survival.study import remove_study, write_study
-        from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.validation.montecarlo.files import require_ours, write_scenarios
 
         require_page("montecarlo", self.out, self.validation, self.films)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from afl_mujoco.errors import FileError, reading
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.reporting.figures.style import Drawn, write_drawn
 
 SCHEMA = 1

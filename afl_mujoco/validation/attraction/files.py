@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.errors import reading
-from afl_mujoco.output import atomic_file
+from afl_mujoco.files import atomic_file
 from afl_mujoco.simulation.attraction.cells import FOUND, AttractionMap, Cells
 from afl_mujoco.validation.attraction.comparison import Comparison
 

@@ -11,12 +11,11 @@ from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.realism import IDEAL
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.ladder.climb import (
     Rise,
     Settings,

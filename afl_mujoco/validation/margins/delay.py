@@ -13,14 +13,13 @@ import numpy as np
 
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.ladder.thresholds import BETWEEN, find_threshold, scan_levels
 from afl_mujoco.validation.margins.linearization import linearize
 from afl_mujoco.validation.margins.loop_margins import loop_margins

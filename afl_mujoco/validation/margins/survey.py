@@ -17,9 +17,8 @@ from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.control.estimation.estimated_law import refuse_estimated
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.margins.linearization import STEP, linearize
 from afl_mujoco.validation.margins.loop_margins import Margins, loop_margins
 

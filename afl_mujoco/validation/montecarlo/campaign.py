@@ -13,11 +13,10 @@ import numpy as np
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
-from afl_mujoco.sweep.executors import Executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.montecarlo.rates import CONFIDENCE, Pairing, Rate, pair
 from afl_mujoco.validation.montecarlo.space import SampleSpace, sample_scenario
 from afl_mujoco.validation.montecarlo.trial import ENDINGS, Settings, Trial, run_trials

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from afl_mujoco.control.law import Law
+from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.sweep.executors import Executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.montecarlo.campaign import Campaign, ending_of
 from afl_mujoco.validation.montecarlo.search import Budget, Point, minimise
 from afl_mujoco.validation.montecarlo.space import SampleSpace, sample_point, search_generator

@@ -14,9 +14,9 @@ import afl_mujoco as afl
 from afl_mujoco.control.user_law.loading import load_python_law
 from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
 from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.scenario.files import load_scenario
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
-from afl_mujoco.sweep.executors import open_executor
 from afl_mujoco.validation.montecarlo import campaign as module
 from afl_mujoco.validation.montecarlo.campaign import Campaign, run_campaign
 from afl_mujoco.validation.montecarlo.files import failure_file, write_scenarios

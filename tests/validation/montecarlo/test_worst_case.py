@@ -7,7 +7,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.sweep.executors import open_executor
+from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.validation.montecarlo import worst_case
 from afl_mujoco.validation.montecarlo.campaign import Campaign, run_campaign
 from afl_mujoco.validation.montecarlo.search import Budget, minimise
