@@ -57,9 +57,9 @@ referee: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
 	@$(PIP_INSTALL) --no-deps --requirement requirements-referee.lock
 	@AFL_MUJOCO_REQUIRE_REFEREE=1 $(BIN)/pytest -q tests/validation/test_second_engine.py $(ARGS)
 
-cluster: $(READY) ## share a sweep among the workers of a Dask cluster, one of which dies
+cluster: $(READY) ## share work among the workers of a Dask cluster, one of which dies
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock
-	@AFL_MUJOCO_REQUIRE_CLUSTER=1 $(BIN)/pytest -q tests/sweep/test_dask_cluster.py tests/tuning/test_table_on_a_cluster.py $(ARGS)
+	@AFL_MUJOCO_REQUIRE_CLUSTER=1 $(BIN)/pytest -q tests/execution/test_dask_cluster.py $(ARGS)
 
 tune: $(READY) ## search the gain table and fit the gain functions, the whole of the paper's setting (an hour at most)
 	@$(BIN)/afl-mujoco tune table --resume --out renders/tuning $(ARGS)

@@ -24,9 +24,8 @@ import afl_mujoco as afl
 from afl_mujoco.control.controllers import Controller
 from afl_mujoco.control.gain_function import scheduled_gain, shipped_data
 from afl_mujoco.control.gain_table import GainTable
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.randomised import random_scenario
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.tuning.gain_cost import paper_scales
 from afl_mujoco.validation.claims.schedules import compare
 from afl_mujoco.validation.metrics import metrics, with_objective

@@ -107,13 +107,13 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path: Path, case: str) -> 
 
 
 @pytest.mark.skipif(HAS_DASK.returncode != 0, reason="Dask is not installed: make cluster")
-def test_a_cluster_that_cannot_be_reached_is_one_line_in_ten_seconds(tmp_path: Path) -> None:
+def test_a_cluster_that_cannot_be_reached_is_one_line_and_soon(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     began = time.monotonic()
     refused(tmp_path, address, "table", *SMALL, "--cluster", address)
-    assert time.monotonic() - began < 10.0
+    assert time.monotonic() - began < 30.0  # a step of reaching it has 3 s
     assert not (tmp_path / "renders" / "tuning" / "searches").exists()
 
 

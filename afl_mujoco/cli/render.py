@@ -55,8 +55,8 @@ class Render:
     def run(self) -> int:
         """Make the films, or the stills."""
         from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.files import output_folder
         from afl_mujoco.graphics import require_backend
-        from afl_mujoco.output import output_folder
         from afl_mujoco.scenario.catalogue import SCENARIOS
         from afl_mujoco.scenario.files import find_scenario
 

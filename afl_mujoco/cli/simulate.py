@@ -66,7 +66,7 @@ class Simulate:
         controller = find_controller(name, self.gain_labels)
 
         from afl_mujoco.document.style import save_figure
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.figures.runs import draw_runs
         from afl_mujoco.reporting.tables import print_metrics
         from afl_mujoco.validation.metrics import metrics, nominal_scales, with_objective

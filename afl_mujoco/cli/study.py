@@ -37,13 +37,17 @@ class StudyCommand:
     def run(self) -> int:
         """Run the study, write its files, print them, put it into the report."""
         study, configuration = self.study, self.configuration
+        from afl_mujoco.execution.dask_cluster import require_address
+
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
         study.check(configuration)  # what is quick to check comes first
         if who.get("workers", 1) < 1:
             raise InvalidValueError("workers", "must be at least 1", who["workers"])
+        if who.get("cluster") is not None:
+            require_address(who["cluster"])
 
         from afl_mujoco.document.terminal import print_sections
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.studies.record import Record, save_record
 
         self._require_report()
@@ -117,7 +121,7 @@ class Cluster:
     """For a study whose work can be done elsewhere."""
 
     cluster: str | None = None
-    """Share it among the workers of a Dask cluster: tcp://host:port, or local."""
+    """Share it among the workers of a Dask cluster: tcp://host:port."""
 
 
 def study_commands() -> list[Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,8 +21,8 @@ class Table:
     Example: afl-mujoco tune table --quick
 
     Writes gain_table.json: gains, and the objective on the ideal ODE and in MuJoCo. Finished plants
-    and every generation are kept as they come; --resume goes on, to the same bits. The whole
-    setting of the paper, 400 plants, takes about half an hour on two cores.
+    are kept as they come, and those under way every second; --resume goes on, to the same bits. The
+    whole setting of the paper, 400 plants, takes about half an hour on two cores.
     """
 
     quick: bool = False
@@ -47,7 +46,7 @@ class Table:
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
     cluster: str | None = None
-    """Share it among the workers of a Dask cluster: tcp://host:port, or local."""
+    """Share it among the workers of a Dask cluster: tcp://host:port."""
     out: Path | None = None
     """Folder for the table and what is kept on the way; renders/tuning, or renders/tuning-quick."""
 
@@ -57,9 +56,9 @@ class Table:
 
         from afl_mujoco.control.gain_table import GainTable
         from afl_mujoco.errors import FileError
-        from afl_mujoco.output import output_folder
-        from afl_mujoco.sweep.executors import open_executor
-        from afl_mujoco.sweep.sweep import compute_all, run_sweep
+        from afl_mujoco.execution.executors import compute_all, open_executor
+        from afl_mujoco.execution.store import Store
+        from afl_mujoco.files import output_folder
         from afl_mujoco.tuning.gain_cost import paper_scales
         from afl_mujoco.tuning.gain_table import search_pair, table_provenance
         from afl_mujoco.validation.rescoring import mujoco_objective
@@ -71,16 +70,12 @@ class Table:
         if kept.exists() and not self.resume:
             raise FileError(str(kept), "holds a search: pass --resume to go on, or remove it")
         with open_executor(self.workers, self.cluster) as executor:
-            alone = self.cluster in (None, "local")  # a checkpoint is a file of this machine
+            store = Store(output_folder(kept) / "finished.json", provenance)
+            alone = self.cluster is None  # a checkpoint is a file of this machine
             units = self._units(output_folder(kept / "checkpoints") if alone else None)
-            with count_bar(len(units), "searching") as progress:
-                rows = run_sweep(
-                    search_pair,
-                    units,
-                    executor=nullcontext(executor),
-                    store=kept,
-                    fingerprint=provenance,
-                    progress=progress,
+            with progress_bar(len(units), "searching") as advance:
+                rows = compute_all(
+                    search_pair, units, executor, lambda _: advance("searching"), store
                 )
             winners = [(row, paper_scales()) for row in rows]
             with progress_bar(len(units), "scoring in MuJoCo") as advance:
@@ -153,7 +148,7 @@ class Fit:
     def run(self) -> int:
         """Fit, print the fits, write them."""
         from afl_mujoco.control.gain_table import GainTable
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.files import output_folder
         from afl_mujoco.tuning.fit import FITS, damped_slope, fit_table, save_fits
 
         table = GainTable.shipped() if self.table is None else GainTable.load(self.table)

@@ -22,8 +22,8 @@ from afl_mujoco.cli.terminal import (
 
 if TYPE_CHECKING:
     from afl_mujoco.document.blocks import Section
+    from afl_mujoco.execution.executors import Executor
     from afl_mujoco.reporting.page.inputs.films import Film
-    from afl_mujoco.sweep.executors import Executor
     from afl_mujoco.validation.campaign import Report
 
 INDIFFERENT = ("out", "films", "robustness", "page", "workers")
@@ -75,10 +75,10 @@ class Validate:
         from rich.console import Console
 
         from afl_mujoco.control.controllers import find_controller
-        from afl_mujoco.output import output_folder
+        from afl_mujoco.execution.executors import open_executor
+        from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.folder import forget_page
         from afl_mujoco.reporting.tables import print_report, write_report
-        from afl_mujoco.sweep.executors import open_executor
         from afl_mujoco.validation.campaign import require_runnable, run_campaign
         from afl_mujoco.validation.checks.closed_loop_checks import Settings
         from afl_mujoco.validation.claims.schedules import FULL, QUICK

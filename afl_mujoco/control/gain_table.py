@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,22 @@ from numpy.typing import NDArray
 from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_file
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, reading
-from afl_mujoco.output import write_text
+from afl_mujoco.files import FloatArray, read_json, write_json
 
-SCHEMA = 1
 COLUMNS = ("cart_mass", "half_length", *GAIN_NAMES, "objective", "objective_mujoco")
 """M [kg], l [m], K, lambda, Phi, and the objective (O1) on the ideal ODE and in MuJoCo."""
+
+WRONG = "is not a gain table"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _File:
+    """What the file of a table holds."""
+
+    schema: Literal[1]
+    provenance: dict[str, Any]
+    columns: tuple[str, ...]
+    rows: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,36 +62,14 @@ class GainTable:
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Return a column, shape (N,).
-
-        Parameters
-        ----------
-        name
-            One of `COLUMNS`.
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such column.
-        """
+        """Return a column of `COLUMNS`, shape (N,)."""
         if name not in COLUMNS:
             raise UnknownNameError.among("column", name, COLUMNS)
         column: NDArray[np.float64] = self.rows[:, COLUMNS.index(name)]
         return column
 
     def gains(self, cart_mass: float, half_length: float) -> Gains:
-        """Return the gains of a plant of the table.
-
-        Parameters
-        ----------
-        cart_mass, half_length
-            M [kg] and l [m], as the table has them.
-
-        Raises
-        ------
-        InvalidValueError
-            If the table does not hold the plant.
-        """
+        """Return the gains of a plant, M [kg] and l [m], that the table must hold."""
         found = np.flatnonzero(
             np.isclose(self.column("cart_mass"), cart_mass)
             & np.isclose(self.column("half_length"), half_length)
@@ -92,46 +80,20 @@ class GainTable:
         return Gains(**{name: self.column(name)[found[0]] for name in GAIN_NAMES})
 
     def save(self, path: Path) -> None:
-        """Write the table as JSON, a plant a line, whole or not at all.
-
-        Parameters
-        ----------
-        path
-            The file.
-        """
-        head = {"schema": SCHEMA, "provenance": dict(self.provenance), "columns": COLUMNS}
-        plain = [[None if np.isnan(x) else x for x in row] for row in self.rows.tolist()]
-        rows = ",\n".join(json.dumps(row) for row in plain)
-        text = json.dumps(head, indent=1).removesuffix("\n}")
-        write_text(path, f'{text},\n "rows": [\n{rows}\n ]\n}}\n')
+        """Write the table as JSON, a plant a line, whole or not at all."""
+        provenance = dict(self.provenance)
+        write_json(path, _File(schema=1, provenance=provenance, columns=COLUMNS, rows=self.rows))
 
     @classmethod
     def load(cls, path: Path | Traversable) -> GainTable:
-        """Read a table that `save` wrote.
-
-        Parameters
-        ----------
-        path
-            The file.
-
-        Raises
-        ------
-        FileError
-            If it cannot be read or is no such table.
-        """
-        with reading(path, "is not a gain table"):
-            content = json.loads(path.read_text(encoding="utf-8"))
-            if content["schema"] != SCHEMA or tuple(content["columns"]) != COLUMNS:
-                raise InvalidValueError("schema and columns", f"must be {SCHEMA} and {COLUMNS}")
-            return cls(np.array(content["rows"], dtype=np.float64), content["provenance"])
+        """Read a table that `save` wrote; anything else is a `FileError`."""
+        file = read_json(path, _File, WRONG)
+        with reading(path, WRONG):
+            if file.columns != COLUMNS:
+                raise InvalidValueError("columns", f"must be {COLUMNS}", file.columns)
+            return cls(file.rows, file.provenance)
 
     @classmethod
     def shipped(cls) -> GainTable:
-        """Return the table that comes with the package.
-
-        Raises
-        ------
-        FileError
-            If the package's data file is missing or malformed.
-        """
+        """Return the table that comes with the package."""
         return cls.load(shipped_file("gain_table.json"))

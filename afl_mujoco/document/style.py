@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from afl_mujoco.document import blocks
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.output import atomic_file
+from afl_mujoco.files import atomic_file
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#707070"

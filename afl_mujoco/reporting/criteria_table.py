@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.validation.criteria import CRITERIA
 
 

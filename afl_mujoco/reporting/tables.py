@@ -12,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.criteria import CRITERIA
 from afl_mujoco.validation.decisions import DECISIONS

@@ -10,7 +10,7 @@ from typing import Any
 import tomli_w
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.realism import IDEAL, realism_from_table, realism_to_table

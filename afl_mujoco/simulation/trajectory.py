@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError, reading
-from afl_mujoco.output import atomic_file
+from afl_mujoco.files import atomic_file
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.scenario import Scenario
 

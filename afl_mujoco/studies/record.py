@@ -27,7 +27,7 @@ from afl_mujoco.document.blocks import Command, Section, figures_of
 from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figures
 from afl_mujoco.errors import FileError, reading
-from afl_mujoco.output import atomic_file, write_text
+from afl_mujoco.files import atomic_file, write_text
 from afl_mujoco.studies.contract import Study
 from afl_mujoco.studies.registry import studies
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from scipy.optimize import least_squares
 
 from afl_mujoco.control.gain_function import GAIN_NAMES, scheduled_gain
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.tuning.genetic import minimise
 from afl_mujoco.tuning.settings import Box, GeneticSettings
@@ -60,10 +59,6 @@ class Fit:
     method: str
     coefficients: tuple[float, ...]
     rmse: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fit as plain data."""
-        return asdict(self)
 
     def line(self) -> str:
         """Say it in one line."""
@@ -136,7 +131,7 @@ def fit_by_search(
 def fit_by_least_squares(
     name: str, cart_mass: FloatArray, half_length: FloatArray, gain: FloatArray, seed: int
 ) -> Fit:
-    """Fit by SciPy's least squares from many starts in the same box: the referee.
+    """Fit by SciPy's least squares from many starts in the same box, as a check.
 
     Parameters
     ----------
@@ -246,7 +241,7 @@ def save_fits(path: Path, table: GainTable, fits: Sequence[Fit], seed: int) -> N
             "versions": {name: version(name) for name in ("afl_mujoco", "numpy", "scipy")},
             "table": dict(table.provenance),
         },
-        "fits": [fit.to_dict() for fit in fits],
+        "fits": [asdict(fit) for fit in fits],
         "fixed": {name: getattr(nominal, name) for name in GAIN_NAMES},
         "coefficients": {name: list(chosen[name].coefficients) for name in GAIN_NAMES},
     }

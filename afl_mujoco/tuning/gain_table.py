@@ -1,4 +1,4 @@
-"""The gain table: the paper's search on each of its 400 plants, as a sweep of independent units."""
+"""The gain table: the paper's search on each of its 400 plants, as independent units."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PairSearch:
     seed
         Of the table and of the unit within it.
     checkpoint
-        File that the search writes after every generation and resumes from; ``None`` for none.
+        File that the search writes as it goes and resumes from; ``None`` for none.
     """
 
     cart_mass: float

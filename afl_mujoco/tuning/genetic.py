@@ -1,7 +1,9 @@
-"""The paper's multiple-crossover genetic algorithm: a search that asks, and is told the costs."""
+"""The paper's multiple-crossover genetic algorithm: a search by ask and tell."""
 
 from __future__ import annotations
 
+import math
+import time
 from array import array
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.random import PCG64, Generator
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, reading
 from afl_mujoco.tuning import checkpoint as files
 from afl_mujoco.tuning.operators import clip, multiple_crossover, mutate, tournament
 from afl_mujoco.tuning.settings import Box, GeneticSettings, Seed, require_seed
@@ -20,6 +22,9 @@ from afl_mujoco.tuning.settings import Box, GeneticSettings, Seed, require_seed
 __all__ = ["Box", "GeneticSettings", "MultipleCrossoverGA", "SearchResult", "Seed", "minimise"]
 
 FloatArray = NDArray[np.float64]
+
+CHECKPOINT_INTERVAL = 1.0
+"""Time between two checkpoints [s]: what a killed search loses at most, beside a generation."""
 
 
 @final
@@ -48,7 +53,7 @@ class MultipleCrossoverGA:
     generation
         Generations bred so far; 0 is the initial population.
     evaluations
-        Costs told so far.
+        Costs evaluated so far.
     population, costs
         Chromosomes, shape (P, D), and their costs, shape (P,); empty before the first `tell`.
     """
@@ -90,7 +95,7 @@ class MultipleCrossoverGA:
         return self.evaluations > 0 and self.generation >= self.settings.generations
 
     def ask(self) -> FloatArray:
-        """Return the chromosomes whose costs are wanted, shape (n, D); the same until told."""
+        """Return the chromosomes whose costs are wanted, shape (n, D); the same until `tell`."""
         if self._asked is None:
             chromosomes = self._bred() if self.evaluations else self._drawn()
             self._asked = clip(chromosomes, self._lower, self._upper)
@@ -111,12 +116,12 @@ class MultipleCrossoverGA:
         """
         if self._asked is None:
             raise AflMujocoError("tell", "must follow ask")
-        told = _require_costs(costs, self._asked)
+        values = _require_costs(costs, self._asked)
         self.generation += self.evaluations > 0
-        self.evaluations += len(told)
+        self.evaluations += len(values)
         self._settle(
             np.concatenate((self.population[self._copies], self._asked)),
-            np.concatenate((self.costs[self._copies], told)),
+            np.concatenate((self.costs[self._copies], values)),
         )
         self._history.append(self.best_cost)
         self._asked = None
@@ -189,17 +194,17 @@ class MultipleCrossoverGA:
 def _require_costs(costs: ArrayLike, chromosomes: FloatArray) -> FloatArray:
     """Return the costs of `chromosomes` as an array, or raise unless they are finite numbers."""
     try:
-        told = np.array(costs, dtype=np.float64)
+        values = np.array(costs, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidValueError("costs", "must be numbers", repr(costs)) from None
-    if told.shape != (len(chromosomes),):
-        raise InvalidValueError("costs", f"must have shape ({len(chromosomes)},)", told.shape)
-    finite = np.isfinite(told)
+    if values.shape != (len(chromosomes),):
+        raise InvalidValueError("costs", f"must have shape ({len(chromosomes)},)", values.shape)
+    finite = np.isfinite(values)
     if not finite.all():
         worst = int(np.argmin(finite))
         place = ", ".join(f"{x:.6g}" for x in chromosomes[worst])
-        raise InvalidValueError(f"cost of ({place})", "must be finite", told[worst])
-    return told
+        raise InvalidValueError(f"cost of ({place})", "must be finite", values[worst])
+    return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -244,13 +249,14 @@ def minimise(
     box, settings, seed
         As of `MultipleCrossoverGA`.
     checkpoint
-        File that is written after every generation; its folder must exist.
+        File that is written after the first generation, the last, and in between as often as
+        `CHECKPOINT_INTERVAL` says; its folder must exist.
     resume
         Go on from the checkpoint, to the same bits as without a break; begin where there is none.
         The checkpoint knows settings, bounds and seed but not `cost`: problems that differ in their
         cost alone need a file, or a seed, each.
     progress
-        Told number and best cost of every generation, after its checkpoint.
+        Called with number and best cost of every generation.
 
     Raises
     ------
@@ -263,10 +269,12 @@ def minimise(
         _begin(search, checkpoint, resume)
     elif resume:
         raise InvalidValueError("resume", "needs a checkpoint", checkpoint)
+    due = -math.inf
     while not search.finished:
         search.tell(cost(search.ask()))
-        if checkpoint is not None:
+        if checkpoint is not None and (search.finished or time.monotonic() >= due):
             files.save(checkpoint, search.state())
+            due = time.monotonic() + CHECKPOINT_INTERVAL
         if progress is not None:
             progress(search.generation, search.best_cost)
     return SearchResult(
@@ -283,4 +291,5 @@ def _begin(search: MultipleCrossoverGA, checkpoint: Path, resume: bool) -> None:
     if not resume:
         files.refuse_existing(checkpoint)
     elif (state := files.resume(checkpoint, search.problem)) is not None:
-        search.restore(state)
+        with reading(checkpoint, files.WRONG, files.THEN):
+            search.restore(state)

@@ -15,13 +15,12 @@ import numpy as np
 from afl_mujoco.control.estimation.estimated_law import refuse_estimated
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.execution.executors import Executor, compute_all, open_executor
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import law_along
-from afl_mujoco.sweep.executors import Executor, open_executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.checks.closed_loop_checks import Settings
 from afl_mujoco.validation.checks.convergence import Refinement

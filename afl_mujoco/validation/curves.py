@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError, reading
-from afl_mujoco.output import atomic_file
+from afl_mujoco.files import atomic_file
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory

@@ -11,11 +11,10 @@ import numpy as np
 
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import FileError
-from afl_mujoco.output import output_folder, write_text
+from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.baseline import (
     PERIOD,
     SETTINGS,

@@ -172,6 +172,7 @@ CASES = {
         (["--generations", "0"], "generations must be at least 1, got 0"),
         (["--integrator", "verlet"], "integrator must be one of "),
         (["--keep", "-1"], "keep must be at least 0, got -1"),
+        (["--cluster", "nowhere"], "cluster must be the address of a Dask scheduler"),
         (["--out", "taken"], "taken/montecarlo/notes.txt is not of this study"),
     ],
     "attraction": [

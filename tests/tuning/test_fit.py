@@ -48,8 +48,8 @@ def test_the_paper_s_search_comes_close_and_never_beats_least_squares() -> None:
     noisy = GAIN + 0.05 * np.sin(40.0 * MASS * LENGTH)
     settings = GeneticSettings(population_size=400, generations=150)
     searched = fit_by_search("slope", MASS, LENGTH, noisy, settings, seed=0)
-    referee = fit_by_least_squares("slope", MASS, LENGTH, noisy, seed=0)
-    assert referee.rmse <= searched.rmse < 1.5 * referee.rmse
+    reference = fit_by_least_squares("slope", MASS, LENGTH, noisy, seed=0)
+    assert reference.rmse <= searched.rmse < 1.5 * reference.rmse
 
 
 def test_a_constant_gain_is_fitted_by_its_constant() -> None:

@@ -10,8 +10,8 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.gain_table import GainTable
+from afl_mujoco.execution.executors import in_process
 from afl_mujoco.simulation.ensemble import ObjectiveScales
-from afl_mujoco.sweep.executors import InProcess
 from afl_mujoco.validation.claims import gains, schedules
 from afl_mujoco.validation.claims.claim import (
     IN_PART,
@@ -179,11 +179,11 @@ def test_the_search_finds_the_optimum_in_the_shipped_contest() -> None:
 
 
 def test_the_ledger_has_the_twelve_claims_in_order_or_none() -> None:
-    ledger = judge_claims(as_published(), SCALES, 2, InProcess())
+    ledger = judge_claims(as_published(), SCALES, 2, in_process)
     assert [claim.id for claim in ledger.claims] == [f"C{k}" for k in range(1, 13)]
     assert set(ledger.comparisons_as_data()) == {"published", "retuned"}
     incomplete = {k: v for k, v in as_published().items() if k != ("nominal", "fixed")}
-    assert judge_claims(incomplete, SCALES, 2, InProcess()).claims == ()
+    assert judge_claims(incomplete, SCALES, 2, in_process).claims == ()
 
 
 def test_a_claim_s_row_has_the_fields_of_the_report() -> None:

@@ -25,7 +25,7 @@ from afl_mujoco.control.baselines.linear_model import (
 from afl_mujoco.control.baselines.state_feedback import SCHEMA
 from afl_mujoco.control.compiled_law import LINEAR, PARTIAL
 from afl_mujoco.control.gains import FIXED_GAINS
-from afl_mujoco.output import write_text
+from afl_mujoco.files import write_text
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 
 CART_MASSES = tuple(k / 10 for k in range(1, 21))

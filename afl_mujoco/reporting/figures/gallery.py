@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.document.style import Drawn, write_drawn
+from afl_mujoco.execution.executors import Executor, compute_all, open_executor
 from afl_mujoco.reporting.figures.budget import draw_budget
 from afl_mujoco.reporting.figures.claims import draw_claims
 from afl_mujoco.reporting.figures.energy import draw_energy
@@ -21,8 +22,6 @@ from afl_mujoco.reporting.figures.responses import draw_impulse, draw_response
 from afl_mujoco.reporting.figures.schedules import draw_schedules
 from afl_mujoco.reporting.gain_figures import draw_shipped_gains
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.sweep.executors import Executor, open_executor
-from afl_mujoco.sweep.sweep import compute_all
 from afl_mujoco.validation.curves import REFERENCE, Curves
 
 Plan = Callable[[], Drawn]

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, reading
-from afl_mujoco.output import write_text
+from afl_mujoco.execution.executors import open_executor
+from afl_mujoco.files import write_text
 from afl_mujoco.reporting.films import film as films
 from afl_mujoco.reporting.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
 from afl_mujoco.reporting.films.replay import Replay, record
 from afl_mujoco.reporting.films.video import write_picture, write_video
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute
 
 INDEX = "films.json"
 """File beside the films that says what they show."""
@@ -171,7 +170,7 @@ def _made(
         return
     units = [(film, folder) for film in planned]
     with open_executor(workers) as executor:
-        for index, _ in compute(_shoot_unit, units, range(len(units)), executor):
+        for index, _ in executor(_shoot_unit, units):
             yield planned[index]
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, GraphicsError
-from afl_mujoco.output import atomic_file
-from afl_mujoco.sweep.processes import interrupts_held
+from afl_mujoco.execution.processes import interrupts_held
+from afl_mujoco.files import atomic_file
 
 QUALITY = 21
 """Constant rate factor of x264: a little better than its default."""

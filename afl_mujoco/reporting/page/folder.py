@@ -11,12 +11,12 @@ from typing import Any
 from afl_mujoco.document.blocks import Section
 from afl_mujoco.document.pictures import Picture, load_picture
 from afl_mujoco.errors import FileError, reading
-from afl_mujoco.output import output_folder, write_text
+from afl_mujoco.execution.executors import Executor
+from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import AGAIN, Row, load_report
 from afl_mujoco.reporting.page.page import render_page
-from afl_mujoco.sweep.executors import Executor
 from afl_mujoco.validation.curves import REFERENCE, Curves, load_curves
 
 REPORT, CURVES, PAGE = "report.json", "curves.npz", "report.html"

@@ -9,6 +9,7 @@ import numpy as np
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.law import Law
+from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.realism import IDEAL
 from afl_mujoco.scenario.sampling import whole_steps
@@ -32,7 +33,6 @@ from afl_mujoco.simulation.sampled.hardware import (
 from afl_mujoco.simulation.sampled.loop import PROFILE, Criterion, Plan, run_to_end
 from afl_mujoco.simulation.sampled.loop import SETTLED as ENDED_SETTLED
 from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, OUTCOMES
-from afl_mujoco.sweep.threads import March, require_threads, share
 
 _COMPLETED = OUTCOMES.index(COMPLETED)
 
@@ -107,7 +107,7 @@ def map_in_mujoco(
     profiles["cart_mass"][:, 0], profiles["half_length"][:, 0] = cells.plants.T
     found = np.empty((len(cells.starts), len(FOUND)))
 
-    def march_on(model: CartPoleModel) -> March:
+    def march_on(model: CartPoleModel) -> Task:
         run = new_run()
 
         def march(part: slice) -> None:

@@ -15,6 +15,7 @@ from afl_mujoco.compiled import kernel
 from afl_mujoco.control.compiled_law import given_force
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.attraction.cells import (
@@ -28,7 +29,6 @@ from afl_mujoco.simulation.attraction.cells import (
     within,
 )
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT, within_limits
-from afl_mujoco.sweep.threads import March, require_threads, share
 
 TOLERANCE = 1e-7
 """Local error of a step, of every state relative to 1 plus its size. A hundred times less or more
@@ -90,7 +90,7 @@ def map_by_ode(
             kind, cells.starts[part], law[part], cells.plants[part], bands, rules, found[part]
         )
 
-    marches: list[March] = [march] * require_threads(threads)
+    marches: list[Task] = [march] * require_threads(threads)
     share(len(found), marches, progress)
     settings = settling.describe() | {
         "method": "DOP853",

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controllers import as_controller
+from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import perform, prepare
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
-from afl_mujoco.sweep.threads import March, require_threads, share
 
 DWELL = 1.0
 """For how long a run must stay settled, up to its end, to be said to have settled [s]."""
@@ -123,7 +123,7 @@ def run_rollouts(
         for name, value in _figures(done, timestep).items():
             figures[name][i] = value
 
-    def march_on(model: CartPoleModel) -> March:
+    def march_on(model: CartPoleModel) -> Task:
         def march(part: slice) -> None:
             for i in range(part.start, part.stop):
                 run(model, i)

@@ -61,9 +61,8 @@ def run(configuration: Estimation, *, progress: Progress = silent, workers: int 
     """
     import itertools
 
+    from afl_mujoco.execution.executors import compute_all, open_executor
     from afl_mujoco.studies.estimation.result import result_of, study_case
-    from afl_mujoco.sweep.executors import open_executor
-    from afl_mujoco.sweep.sweep import compute_all
 
     units = units_of(configuration)
     done = itertools.count(1)

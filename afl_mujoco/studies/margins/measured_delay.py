@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 
 from afl_mujoco.control.law import Law
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
@@ -18,8 +19,6 @@ from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.bisection import BRACKETED, find_threshold, scan_levels
 from afl_mujoco.studies.delay_margin import delay_margin
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 
 START = 1e-3
 """Pole angle at the start of a measurement [rad]: within the reach of the linearisation."""

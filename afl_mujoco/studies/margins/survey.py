@@ -16,14 +16,13 @@ from afl_mujoco.control.controllers import find_controller
 from afl_mujoco.control.estimation.estimated_law import refuse_estimated
 from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
 from afl_mujoco.studies.contract import Progress, silent
 from afl_mujoco.studies.linearization import STEP, linearize
 from afl_mujoco.studies.loop_margins import loop_margins
 from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGrid, Result
 from afl_mujoco.studies.margins.study import MarginsConfiguration
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 
 QUICK = 4
 """Of how many M and l one is studied in a quick run."""

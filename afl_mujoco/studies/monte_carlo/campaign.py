@@ -12,14 +12,13 @@ import numpy as np
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
 from afl_mujoco.studies.monte_carlo.rates import Pairing, Rate, pair
 from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
-from afl_mujoco.sweep.executors import Executor
-from afl_mujoco.sweep.sweep import compute_all
 
 CHUNK = 20
 """Samples that a worker runs at a time."""

@@ -117,11 +117,11 @@ def run(
     AflMujocoError
         If a setting breaks its rule.
     """
+    from afl_mujoco.execution.executors import open_executor
     from afl_mujoco.studies.monte_carlo.campaign import run_campaign
     from afl_mujoco.studies.monte_carlo.result import result_of
     from afl_mujoco.studies.monte_carlo.space import SampleSpace
     from afl_mujoco.studies.monte_carlo.worst_case import Found, most_runs, search_worst
-    from afl_mujoco.sweep.executors import open_executor
 
     laws, samples, settings, budget = request_of(configuration)
     total = samples * len(laws)

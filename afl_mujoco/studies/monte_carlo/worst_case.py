@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from afl_mujoco.control.law import Law
+from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.search import Budget, Point, minimise
 from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_point, search_generator
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
-from afl_mujoco.sweep.executors import Executor
-from afl_mujoco.sweep.sweep import compute_all
 
 HARDEST, NEAREST = "hardest", "nearest"
 """What is searched: the hardest sample, and the failure nearest to the paper's nominal run."""

@@ -14,6 +14,7 @@ from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
 from afl_mujoco.control.law import Law
 from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.realism import IDEAL, Realism
@@ -44,8 +45,6 @@ from afl_mujoco.studies.thresholds.result import (
     Verdict,
 )
 from afl_mujoco.studies.thresholds.study import DEFAULT, QUICK, Thresholds
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import compute_all
 
 SCENARIO, DELAY = "step-step", "delay"
 

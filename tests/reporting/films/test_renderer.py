@@ -157,7 +157,7 @@ def test_a_film_that_does_not_fit_on_the_disk_is_one_line(tmp_path, monkeypatch)
         def limit():
             resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
-        return real(*args, preexec_fn=limit, **kwargs)
+        return real(*args, **{**kwargs, "preexec_fn": limit})
 
     monkeypatch.setattr(subprocess, "Popen", limited)
     rng = np.random.default_rng(0)

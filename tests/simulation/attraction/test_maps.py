@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import afl_mujoco as afl
 from afl_mujoco.control.compiled_law import law_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.threads import PART, share
 from afl_mujoco.simulation.attraction.cells import (
     FALLEN,
     LENGTHS,
@@ -29,7 +30,6 @@ from afl_mujoco.simulation.attraction.cells import (
 )
 from afl_mujoco.simulation.attraction.mujoco_map import TIMESTEP, map_in_mujoco
 from afl_mujoco.simulation.attraction.ode_map import MAX_STEP, map_by_ode
-from afl_mujoco.sweep.threads import PART, share
 
 SETTLING = Settling()
 FOUND = ("outcome", "time", "peak_z", "peak_force")

@@ -13,6 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.user_law.loading import load_python_law
 from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
 from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.scenario.files import load_scenario
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.monte_carlo import campaign as module
@@ -21,7 +22,6 @@ from afl_mujoco.studies.monte_carlo.files import write
 from afl_mujoco.studies.monte_carlo.result import result_of
 from afl_mujoco.studies.monte_carlo.space import SampleSpace
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
-from afl_mujoco.sweep.executors import open_executor
 
 ADAPTIVE, LQR = afl.CONTROLLERS["adaptive"], afl.CONTROLLERS["lqr"]
 SHORT = SampleSpace(

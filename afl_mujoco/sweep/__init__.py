@@ -1,1 +1,0 @@
-"""Many independent units of work: shared among workers, kept as they finish, the same bits."""

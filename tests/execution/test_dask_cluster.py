@@ -1,0 +1,196 @@
+"""Work on a real Dask cluster of this machine.
+
+Optional: `make cluster` installs Dask and runs this. Without it the tests are skipped, or fail
+where AFL_MUJOCO_REQUIRE_CLUSTER is set.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.execution import dask_cluster
+from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.tuning.gain_table import pair_searches, search_pair
+from afl_mujoco.tuning.settings import GeneticSettings
+from tests.execution.units import (
+    COUNT,
+    PATIENCE,
+    SERIAL,
+    VICTIM,
+    awaited,
+    doomed_always,
+    doomed_once,
+    group_lives,
+    kept,
+    noted,
+    program,
+    refused,
+    tries,
+)
+
+try:
+    import distributed
+except ImportError as error:
+    reason = f"Dask, which runs clusters, is not installed ({error}): run `make cluster`"
+    if os.environ.get("AFL_MUJOCO_REQUIRE_CLUSTER"):
+        pytest.fail(f"AFL_MUJOCO_REQUIRE_CLUSTER is set, but {reason}", pytrace=False)
+    pytest.skip(reason, allow_module_level=True)
+
+SOON = 15.0  # [s] in which a cluster that cannot be used is refused
+
+
+def started(workers: int) -> Any:
+    return distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        silence_logs=100,
+    )
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with started(2) as cluster:
+        yield cluster.scheduler_address
+
+
+def computed(function: Any, folder: Path, address: str) -> list[Any]:
+    with open_executor(1, address) as executor:
+        return compute_all(function, [(folder, i) for i in range(COUNT)], executor)
+
+
+def test_the_results_are_the_serial_ones_though_a_worker_is_killed(
+    tmp_path: Path, address: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert repr(computed(doomed_once, tmp_path, address)) == repr(SERIAL)
+    assert tries(tmp_path)[VICTIM] == 2
+    assert caplog.messages == []
+
+
+def test_the_gain_table_is_the_serial_one(address: str) -> None:
+    settings = GeneticSettings(population_size=60, generations=20)
+    units = pair_searches((0.5, 1.0), (0.4, 0.8), settings, seed=7)
+    with open_executor(1, address) as executor:
+        assert compute_all(search_pair, units, executor) == [search_pair(unit) for unit in units]
+
+
+def test_equal_units_are_each_computed(tmp_path: Path, address: str) -> None:
+    with open_executor(1, address) as executor:
+        compute_all(noted, [(tmp_path, 3)] * 5, executor)
+    assert tries(tmp_path) == {3: 5}
+
+
+def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(tmp_path: Path) -> None:
+    begun = time.monotonic()
+    with (
+        started(2) as cluster,
+        pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {VICTIM}"),
+    ):
+        computed(refused, tmp_path, cluster.scheduler_address)
+    assert time.monotonic() - begun < PATIENCE
+
+
+def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line(address: str) -> None:
+    with (
+        pytest.raises(AflMujocoError, match=rf"^cluster {address} lost a worker each") as error,
+        open_executor(1, address) as executor,
+    ):
+        compute_all(doomed_always, range(8), executor)
+    assert "\n" not in str(error.value)
+
+
+def test_a_scheduler_that_goes_away_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    cluster = started(1)
+    address = cluster.scheduler_address
+    caplog.clear()
+    with (
+        pytest.raises(AflMujocoError, match=f"^cluster {address} has lost its scheduler$"),
+        open_executor(1, address) as executor,
+    ):
+        compute_all(time.sleep, [0.0, 5.0], executor, lambda _: cluster.close())
+    assert caplog.messages == []
+
+
+def test_ctrl_c_leaves_the_finished_units(tmp_path: Path, address: str) -> None:
+    with program(tmp_path, 1, address) as process:
+        awaited(lambda: len(kept(tmp_path / "store.json")) >= 3)
+        os.killpg(process.pid, signal.SIGINT)
+        said, _ = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, said) == (130, "")
+        awaited(lambda: not group_lives(process))
+
+
+# What cannot be used
+
+
+def listener(behaviour: str) -> tuple[socket.socket, str]:
+    """A server that is no scheduler, and its address."""
+    server = socket.create_server(("127.0.0.1", 0))
+    address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+    def serve() -> None:
+        while True:
+            try:
+                connection, _ = server.accept()
+            except OSError:
+                return
+            with connection:
+                if behaviour == "web":
+                    connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+                elif behaviour == "silent":
+                    time.sleep(SOON)
+
+    if behaviour == "nobody":
+        server.close()
+    else:
+        threading.Thread(target=serve, daemon=True).start()
+    return server, address
+
+
+@pytest.mark.parametrize("behaviour", ["nobody", "web", "silent", "malformed"])
+def test_an_address_of_no_scheduler_is_refused_in_one_line_and_soon(
+    tmp_path: Path, behaviour: str
+) -> None:
+    server, address = listener(behaviour)
+    if behaviour == "malformed":
+        address = "tcp://127.0.0.1:99999"
+    begun = time.monotonic()
+    with server, program(tmp_path, 1, address) as process:
+        said, _ = process.communicate(timeout=PATIENCE)
+    assert time.monotonic() - begun < SOON
+    assert process.returncode == 2
+    assert said.startswith(f"cluster {address} cannot be used: ")
+    assert said.count("\n") == 1, said
+
+
+def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dask_cluster, "TIMEOUT", 1.0)
+    with (
+        started(0) as empty,
+        pytest.raises(AflMujocoError, match="has no workers"),
+        open_executor(1, empty.scheduler_address),
+    ):
+        pass
+
+
+def test_a_cluster_with_another_version_of_the_package_is_refused(
+    monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
+    here = dask_cluster.VERSION
+    monkeypatch.setattr(dask_cluster, "VERSION", "99")
+    with (
+        pytest.raises(AflMujocoError, match=f"must have afl_mujoco 99 installed, got {here}"),
+        open_executor(1, address),
+    ):
+        pass

@@ -1,0 +1,183 @@
+"""Executors: order, bits and errors; deaths of workers; what a signal leaves behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.execution.executors import compute_all, in_process, open_executor
+from afl_mujoco.execution.processes import MAX_DEATHS
+from afl_mujoco.execution.store import Store
+from tests.execution.units import (
+    COUNT,
+    PATIENCE,
+    SERIAL,
+    VICTIM,
+    awaited,
+    doomed_always,
+    doomed_once,
+    group_lives,
+    hashed,
+    kept,
+    noted,
+    program,
+    refused,
+    tries,
+)
+
+
+def computed(
+    function: Callable[[Any], Any], folder: Path, workers: int, store: Store | None = None
+) -> list[Any]:
+    """Results of units that leave their marks in the folder ``tried``."""
+    (tried := folder / "tried").mkdir(exist_ok=True)
+    with open_executor(workers) as executor:
+        return compute_all(
+            function, [(tried, i) for i in range(COUNT)], executor, lambda i: None, store
+        )
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_results_are_the_serial_ones_bit_for_bit(tmp_path: Path, workers: int) -> None:
+    assert repr(computed(noted, tmp_path, workers)) == repr(SERIAL)
+    pids = {path.name.split("-")[1] for path in (tmp_path / "tried").iterdir()}
+    assert (str(os.getpid()) in pids) == (workers == 1)
+
+
+def test_progress_is_called_with_each_index_as_it_is_done() -> None:
+    seen: list[int] = []
+
+    def computing(unit: int) -> int:
+        assert seen == list(range(unit))
+        return unit
+
+    assert compute_all(computing, range(5), in_process, seen.append) == [0, 1, 2, 3, 4]
+    assert compute_all(computing, [], in_process) == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(
+    tmp_path: Path, workers: int
+) -> None:
+    begun = time.monotonic()
+    with pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {VICTIM}"):
+        computed(refused, tmp_path, workers)
+    assert time.monotonic() - begun < PATIENCE
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_work_that_was_broken_off_goes_on_with_what_is_missing(
+    tmp_path: Path, workers: int
+) -> None:
+    file = tmp_path / "store.json"
+    with pytest.raises(InvalidValueError):
+        computed(refused, tmp_path, workers, Store(file, {}))
+    done = kept(file)
+    assert done <= set(range(VICTIM))
+    for path in (tmp_path / "tried").iterdir():
+        path.unlink()
+    assert repr(computed(noted, tmp_path, workers, Store(file, {}))) == repr(SERIAL)
+    assert set(tries(tmp_path / "tried")) == set(range(COUNT)) - done
+    assert kept(file) == set(range(COUNT))
+
+
+# Deaths of workers
+
+
+def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
+    assert repr(computed(doomed_once, tmp_path, 2)) == repr(SERIAL)
+    assert tries(tmp_path / "tried")[VICTIM] == 2
+
+
+def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line() -> None:
+    with (
+        pytest.raises(AflMujocoError, match=f"^worker process died {MAX_DEATHS} times") as error,
+        open_executor(2) as executor,
+    ):
+        compute_all(doomed_always, range(8), executor)
+    assert "\n" not in str(error.value)
+
+
+def test_workers_are_there_again_after_a_death(tmp_path: Path) -> None:
+    with open_executor(2) as executor:
+        units = [(tmp_path, i) for i in range(COUNT)]
+        compute_all(doomed_once, units, executor)
+        assert repr(compute_all(hashed, range(COUNT), executor)) == repr(SERIAL)
+
+
+# Signals
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_leaves_the_finished_units_and_no_process(tmp_path: Path, workers: int) -> None:
+    file = tmp_path / "store.json"
+    with program(tmp_path, workers) as process:
+        awaited(lambda: len(kept(file)) >= 3)
+        os.killpg(process.pid, signal.SIGINT)
+        said, _ = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, said) == (130, "")
+        awaited(lambda: not group_lives(process))
+    assert 3 <= len(Store(file, {}).results) < 200
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.4])
+def test_ctrl_c_while_processes_start_is_silent(tmp_path: Path, delay: float) -> None:
+    with program(tmp_path, 2) as process:
+        awaited((tmp_path / "store.json").exists)
+        time.sleep(delay)
+        os.killpg(process.pid, signal.SIGINT)
+        said, _ = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, said) == (130, "")
+        awaited(lambda: not group_lives(process))
+
+
+def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
+    with program(tmp_path, 2) as process:
+        awaited(lambda: len(kept(tmp_path / "store.json")) >= 3)
+        process.kill()
+        process.wait()
+        awaited(lambda: not group_lives(process))
+
+
+# What is refused
+
+
+def opened(workers: int, cluster: str | None = None) -> None:
+    with open_executor(workers, cluster):
+        pass
+
+
+@pytest.mark.parametrize("cluster", [None, "tcp://127.0.0.1:1"], ids=str)
+def test_there_must_be_a_worker(cluster: str | None) -> None:
+    with pytest.raises(InvalidValueError, match="workers must be at least 1, got 0"):
+        opened(0, cluster)
+
+
+@pytest.mark.parametrize("address", ["", "127.0.0.1:8786", "local"])
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(InvalidValueError, match=rf"^cluster must be .*, got '{address}'$"):
+        opened(1, address)
+
+
+def test_without_dask_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(AflMujocoError, match=r"needs Dask: pip install afl-mujoco\[cluster\]$"):
+        opened(2, "tcp://127.0.0.1:1")
+
+
+def test_importing_the_executors_imports_nothing_heavy() -> None:
+    heavy = {"distributed", "dask", "mujoco", "multiprocessing", "numba", "pydantic", "scipy"}
+    program = "import sys, afl_mujoco.execution.executors; print(*sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert heavy.isdisjoint(run.stdout.split())
