@@ -36,7 +36,10 @@ VERDICT = (
 )
 TESTS = (
     *("tests/control", "tests/plant", "tests/scenario", "tests/simulation"),
-    "tests/studies",
+    "tests/studies/test_bisection.py",
+    *("tests/studies/thresholds/test_sweep.py", "tests/studies/thresholds/test_imperfections.py"),
+    *("tests/studies/monte_carlo", "--ignore=tests/studies/monte_carlo/test_study.py"),
+    "tests/studies/margins/test_measured_delay.py",
 )
 TIME_LIMIT = 900  # [s] for one command
 HEADER = ("fault", "caught by")
