@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.scenario.files import save_scenario
+from afl_mujoco.scenario.files import Replay, save_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.validation.montecarlo.campaign import Campaign
 from afl_mujoco.validation.montecarlo.space import sample_scenario
@@ -118,7 +118,7 @@ def write_scenarios(
     scenarios |= {found_file(one): one.scenario for one in found}
     names = {name: name for name in campaign.trials} | dict(asked or {})
     integrator = campaign.settings.integrator
-    replays = {name: {"controller": names[name], "integrator": integrator} for name in names}
+    replays = {name: Replay(controller=names[name], integrator=integrator) for name in names}
     _replace(folder, replays, scenarios)
     return folder / FOLDER
 
@@ -135,7 +135,7 @@ def found_file(found: Found) -> str:
 
 
 def _replace(
-    folder: Path, replays: Mapping[str, Mapping[str, str]], scenarios: Mapping[str, Scenario]
+    folder: Path, replays: Mapping[str, Replay], scenarios: Mapping[str, Scenario]
 ) -> None:
     """Write the files aside, then put them in place of those that are there."""
     try:
