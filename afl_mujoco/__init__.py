@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         constant,
         joined,
         piecewise_linear,
-        step,
+        staircase,
         trapezoid,
     )
     from afl_mujoco.simulation.mujoco_model import CartPoleModel
@@ -64,7 +64,7 @@ _HOMES = {
         "constant",
         "joined",
         "piecewise_linear",
-        "step",
+        "staircase",
         "trapezoid",
     ),
     "simulation.mujoco_model": ("CartPoleModel",),
@@ -116,7 +116,7 @@ __all__ = [
     "simulate_ode_held",
     "simulate_ode_rk4",
     "sliding_variable",
-    "step",
+    "staircase",
     "total_energy",
     "trapezoid",
 ]

@@ -6,16 +6,17 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError, reading
+from afl_mujoco.errors import AflMujocoError, FileError, reading
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -104,27 +105,91 @@ def parse_json(text: str, kind: type[Content]) -> Content:
     try:
         content: Content | None = _adapter(kind).validate_json(text)
     except ValidationError as error:
-        raise ValueError(_in_one_line(error)) from None
+        raise ValueError(_in_one_line(error, kind)) from None
     if content is None:
         raise ValueError("must be an object, got null")
     return content
 
 
-def _in_one_line(error: Any) -> str:
+_RULES = {
+    "missing": "is missing",
+    "missing_argument": "is missing",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "dataclass_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "finite_number": "must be finite",
+}
+"""What is wrong, by pydantic's name of it."""
+
+
+def _in_one_line(error: Any, kind: Any) -> str:
     """Return the first complaint of a pydantic ValidationError: key, rule and value."""
     first = error.errors(include_url=False)[0]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
-    rule = {
-        "missing": "is missing",
-        "missing_argument": "is missing",
-        "unexpected_keyword_argument": "is not a known key",
-        "json_invalid": first["msg"],
-    }.get(first["type"])
-    if rule is None:  # "Input should be a valid integer"; "Value error, upper must be above lower"
-        said = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
-        own = first["type"] == "value_error"  # names its value by itself
-        rule = said if own else f"{said}, got {_shortened(first['input'])}"
-    return f"{key.removeprefix('.')} {rule}".strip()
+    place, got = first["loc"], f", got {_shortened(first['input'])}"
+    match first["type"], first.get("ctx", {}):
+        case "unexpected_keyword_argument", _:
+            key, owner = _resolved(kind, place[:-1])
+            known = ", ".join(field.name for field in fields(owner))
+            return f"{_joined(key, place[-1])} is not a known key; known are {known}"
+        case "value_error", {"error": AflMujocoError() as own}:
+            key = _resolved(kind, place)[0]
+            return str(own.within(f"{key}.") if key else own)
+        case "value_error", _:  # names its value by itself
+            return f"{_resolved(kind, place)[0]} {first['msg'].removeprefix('Value error, ')}"
+        case "union_tag_invalid" | "union_tag_not_found", context:
+            key, owner = _resolved(kind, place)
+            key = _joined(key, context["discriminator"].strip("'"))
+            tags = ", ".join(_tag(member) for member in get_args(owner))
+            got = f", got {context['tag']!r}" if "tag" in context else ""
+            return f"{key} must be one of {tags}{got}"
+        case "json_invalid", _:
+            return str(first["msg"])
+        case "missing" | "missing_argument", _:
+            got = ""
+    rule = _RULES.get(first["type"], first["msg"].replace("Input should", "must", 1))
+    return f"{_resolved(kind, place)[0]} {rule}{got}".strip()
+
+
+def _joined(key: str, part: str) -> str:
+    """Return the name of a part of a table."""
+    return f"{key}.{part}" if key else part
+
+
+def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
+    """Return how a user calls a place in a dataclass, ``schedule.pieces[0]``, and what it takes.
+
+    Pydantic's places name the members of unions too, by their tags; a user's do not.
+    """
+    key, here = "", _bare(kind)
+    for part in place:
+        if isinstance(part, int):
+            key, here = f"{key}[{part}]", _bare(get_args(here)[0]) if get_args(here) else None
+        elif is_dataclass(here) and part in (hints := get_type_hints(here, include_extras=True)):
+            key, here = _joined(key, part), _bare(hints[part])
+        elif members := [one for one in get_args(here) if is_dataclass(one) and _tag(one) == part]:
+            here = members[0]
+        else:
+            key, here = _joined(key, part), None
+    return key, here
+
+
+def _bare(kind: Any) -> Any:
+    """Return a type without annotations and without None."""
+    while get_origin(kind) is Annotated:
+        kind = get_args(kind)[0]
+    rest = [one for one in get_args(kind) if one is not type(None)]
+    return _bare(rest[0]) if type(None) in get_args(kind) and len(rest) == 1 else kind
+
+
+def _tag(member: Any) -> str:
+    """Return the tag of a member of a union, the default of its first field."""
+    return str(fields(member)[0].default)
 
 
 def _shortened(value: object) -> str:

@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from afl_mujoco import CONTROLLERS, CartPoleParameters, Scenario, constant, piecewise_linear, step
+from afl_mujoco import (
+    CONTROLLERS,
+    CartPoleParameters,
+    Scenario,
+    constant,
+    piecewise_linear,
+    staircase,
+)
 from afl_mujoco.cli.main import main
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
@@ -37,7 +44,7 @@ def odd_scenario():
     """
     return Scenario(
         name="odd",
-        cart_mass=step((0.1507, 0.4003), (0.7, 1.6, 1.1)),
+        cart_mass=staircase((0.1507, 0.4003), (0.7, 1.6, 1.1)),
         half_length=piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
         pole_mass=0.083,
         gravity=9.65,

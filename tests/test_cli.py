@@ -18,7 +18,7 @@ SHORT = """
 name = "short"
 duration = 0.5
 [schedule]
-cart_mass = {shape = "step", times = [0.2], values = [0.5, 1.0]}
+cart_mass = {shape = "staircase", times = [0.2], values = [0.5, 1.0]}
 half_length = 0.4
 [[disturbances]]
 shape = "pulse"

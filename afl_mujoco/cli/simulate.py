@@ -53,7 +53,7 @@ class Simulate:
 
     def run(self) -> int:
         """Simulate, write the files, print the metrics."""
-        from afl_mujoco.scenario.files import find_replay, find_scenario, save_scenario
+        from afl_mujoco.scenario.files import Replay, find_replay, find_scenario, save_scenario
 
         scenario, replay = find_scenario(self.scenario), find_replay(self.scenario)
         if self.simulator not in SIMULATORS:
@@ -61,8 +61,8 @@ class Simulate:
 
         from afl_mujoco.control.controllers import find_controller
 
-        name = self.controller or replay.get("controller", "adaptive")
-        integrator = self.integrator or replay.get("integrator", "RK4")
+        name = self.controller or replay.controller or "adaptive"
+        integrator = self.integrator or replay.integrator or "RK4"
         controller = find_controller(name, self.gain_labels)
 
         from afl_mujoco.document.style import save_figure
@@ -77,7 +77,7 @@ class Simulate:
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
-        as_run = {"controller": name, "integrator": integrator} if replay else None
+        as_run = None if replay == Replay() else Replay(controller=name, integrator=integrator)
         save_scenario(scenario, folder / f"{scenario.name}.toml", replay=as_run)
         save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
         scales = nominal_scales(self.timestep)

@@ -8,15 +8,15 @@ from types import MappingProxyType
 
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import step, trapezoid
+from afl_mujoco.scenario.schedules import staircase, trapezoid
 
 # Decision D3: Fig. 6 is not in the paper's text, so values and times are ours.
 _CART_MASS = {
-    "step": step((1.0, 3.0), (0.5, 1.0, 2.0)),
+    "step": staircase((1.0, 3.0), (0.5, 1.0, 2.0)),
     "trapezoid": trapezoid((0.0, 2.0, 6.0, 8.0), low=0.5, high=2.0),
 }
 _HALF_LENGTH = {
-    "step": step((1.0, 3.0), (0.2, 0.5, 1.0)),
+    "step": staircase((1.0, 3.0), (0.2, 0.5, 1.0)),
     "trapezoid": trapezoid((0.0, 2.0, 6.0, 8.0), low=0.2, high=1.0),
 }
 _PULSE = ForcePulse(force=-10.0, start=10.0, duration=0.1)  # decision D6

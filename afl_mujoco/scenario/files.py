@@ -1,47 +1,152 @@
-"""Scenario files: TOML in, the resolved scenario out."""
+"""Scenario files: TOML in, the resolved scenario out.
+
+The dataclasses of this module are the schema of the file, to which pydantic holds it; the rules on
+values are those of the scenario's own classes.
+"""
 
 from __future__ import annotations
 
+import json
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import tomli_w
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.files import write_text
+from afl_mujoco.files import parse_json, write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.realism import IDEAL, realism_from_table, realism_to_table
+from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
     Schedule,
     constant,
     joined,
     piecewise_linear,
-    step,
+    staircase,
     trapezoid,
 )
 
-Table = Mapping[str, Any]
 
-_SHAPES: dict[str, tuple[Callable[..., Schedule], tuple[str, ...]]] = {
-    "constant": (constant, ("value",)),
-    "step": (step, ("times", "values")),
-    "trapezoid": (trapezoid, ("times", "low", "high")),
-    "piecewise-linear": (piecewise_linear, ("times", "values")),
-    "joined": (joined, ("starts", "pieces")),
-}
-_DISTURBANCES: dict[str, tuple[Callable[..., ForcePulse | Impulse], tuple[str, ...]]] = {
-    "pulse": (ForcePulse, ("force", "start", "duration")),
-    "impulse": (Impulse, ("momentum", "time")),
-}
-_SCALARS = ("pole_mass", "gravity", "duration")
-_LISTS = ("times", "values", "starts", "pieces")
+@dataclass(frozen=True, kw_only=True)
+class _Constant:
+    shape: Literal["constant"] = "constant"
+    value: float
 
-REPLAY = ("controller", "integrator")
-"""Keys of ``[replay]``: how a scenario was run, as `afl-mujoco simulate` takes it."""
+
+@dataclass(frozen=True, kw_only=True)
+class _Staircase:
+    shape: Literal["staircase"] = "staircase"
+    times: list[float]
+    values: list[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Trapezoid:
+    shape: Literal["trapezoid"] = "trapezoid"
+    times: list[float]
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PiecewiseLinear:
+    shape: Literal["piecewise-linear"] = "piecewise-linear"
+    times: list[float]
+    values: list[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Joined:
+    shape: Literal["joined"] = "joined"
+    starts: list[float]
+    pieces: list[_Schedule]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Pulse:
+    shape: Literal["pulse"] = "pulse"
+    force: float
+    start: float
+    duration: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Impulse:
+    shape: Literal["impulse"] = "impulse"
+    momentum: float
+    time: float
+
+
+class _NumberOrTable:
+    """How pydantic reads a schedule: a number is one that is constant."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
+        from pydantic_core import core_schema
+
+        def as_table(value: Any) -> Any:
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            return {"shape": "constant", "value": value} if number else value
+
+        return core_schema.no_info_before_validator_function(as_table, handler(source))
+
+
+class _ByShape:
+    """How pydantic tells the members of a union apart."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
+        from pydantic import Discriminator
+
+        return handler(Annotated[source, Discriminator("shape")])
+
+
+_Schedule = Annotated[
+    _Constant | _Staircase | _Trapezoid | _PiecewiseLinear | _Joined, _ByShape, _NumberOrTable
+]
+_Disturbance = Annotated[_Pulse | _Impulse, _ByShape]
+
+_BUILDERS: Mapping[str, Callable[..., Any]] = {
+    "constant": constant,
+    "staircase": staircase,
+    "trapezoid": trapezoid,
+    "piecewise-linear": piecewise_linear,
+    "joined": joined,
+    "pulse": ForcePulse,
+    "impulse": Impulse,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Schedules:
+    cart_mass: _Schedule | None = None
+    half_length: _Schedule | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """How a scenario was run: what `afl-mujoco simulate` does unless it is asked for otherwise."""
+
+    controller: str | None = None
+    integrator: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File:
+    name: str | None = None
+    pole_mass: float | None = None
+    gravity: float | None = None
+    duration: float | None = None
+    initial_state: list[float] | None = None
+    schedule: _Schedules = field(default_factory=_Schedules)
+    disturbances: list[_Disturbance] = field(default_factory=list)
+    realism: Realism = field(default_factory=Realism)
+    replay: Replay = field(default_factory=Replay)
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -63,61 +168,23 @@ def load_scenario(path: str | Path) -> Scenario:
         If the file cannot be read or breaks a rule; the message names file, key and value.
     """
     path = Path(path)
-    table = _read(path)
-    try:
-        return scenario_from_table(table, default_name=path.stem)
-    except AflMujocoError as error:
-        raise error.within(f"{path}: ") from None
+    file = _read(path)
+    with _within(f"{path}: "):
+        return _scenario(file, default_name=path.stem)
 
 
-def find_replay(name: str) -> dict[str, str]:
-    """Return how a scenario's file says that it was run: its ``[replay]``, empty for most.
+def find_replay(name: str) -> Replay:
+    """Return how a scenario's file says that it was run, by its table ``[replay]``.
 
     Parameters
     ----------
     name
         As of `find_scenario`, which raises at what is wrong with the file.
-
-    Returns
-    -------
-    dict
-        Some of `REPLAY`, by name.
     """
-    if name in SCENARIOS:
-        return {}
-    return _replay(_read(Path(name)))
+    return Replay() if name in SCENARIOS else _read(Path(name)).replay
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else None
-        reason = why.lower() if why else "not UTF-8 text"
-        raise FileError(str(path), f"cannot be read: {reason}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(str(path), f"is not valid TOML: {error}") from None
-    except RecursionError:
-        raise FileError(str(path), "is nested too deeply") from None
-
-
-def _replay(table: Table) -> dict[str, str]:
-    """Return the table that says how a scenario was run, which no scenario needs."""
-    replay = _table("replay", table.get("replay", {}))
-    try:
-        _require_keys(replay, REPLAY)
-        for key, value in replay.items():
-            if not isinstance(value, str):
-                raise InvalidValueError(key, "must be text", repr(value))
-    except AflMujocoError as error:
-        raise error.within("replay.") from None
-    return dict(replay)
-
-
-def save_scenario(
-    scenario: Scenario, path: str | Path, *, replay: Mapping[str, str] | None = None
-) -> None:
+def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
     """Write a scenario to a TOML file, every default but an ideal `realism` written out.
 
     Parameters
@@ -127,14 +194,16 @@ def save_scenario(
     path
         The file to write.
     replay
-        How it was run, some of `REPLAY`: what `afl-mujoco simulate` does unless told otherwise.
+        How it was run.
 
     Raises
     ------
     FileError
         If it cannot be written.
     """
-    table = scenario_to_table(scenario) | ({"replay": dict(replay)} if replay else {})
+    table = scenario_to_table(scenario)
+    if replay is not None:
+        table["replay"] = {name: value for name, value in asdict(replay).items() if value}
     write_text(Path(path), tomli_w.dumps(table))
 
 
@@ -158,47 +227,6 @@ def find_scenario(name: str) -> Scenario:
     raise UnknownNameError.among("scenario", name, (*SCENARIOS, "a .toml file"))
 
 
-def scenario_from_table(table: Table, default_name: str) -> Scenario:
-    """Build a scenario from the table of a TOML file.
-
-    Parameters
-    ----------
-    table
-        The parsed file.
-    default_name
-        The name to give it if it has none.
-    """
-    _require_keys(
-        table,
-        ("name", *_SCALARS, "initial_state", "schedule", "disturbances", "realism", "replay"),
-    )
-    _replay(table)
-    schedules = _table("schedule", table.get("schedule", {}))
-    try:
-        _require_keys(schedules, ("cart_mass", "half_length"))
-    except AflMujocoError as error:
-        raise error.within("schedule.") from None
-    fields: dict[str, Any] = {key: table[key] for key in _SCALARS if key in table}
-    for key, value in schedules.items():
-        try:
-            fields[key] = _schedule(value)
-        except AflMujocoError as error:
-            raise error.within(f"schedule.{key}.") from None
-    if "initial_state" in table:
-        fields["initial_state"] = _list("initial_state", table["initial_state"])
-    listed = _list("disturbances", table.get("disturbances", []))
-    fields["disturbances"] = tuple(_disturbance(i, entry) for i, entry in enumerate(listed))
-    options = _table("realism", table.get("realism", {}))
-    try:
-        fields["realism"] = realism_from_table(options)
-    except AflMujocoError as error:
-        raise error.within("realism.") from None
-    name = table.get("name", default_name)
-    if not isinstance(name, str):
-        raise InvalidValueError("name", "must be text", repr(name))
-    return Scenario(name=name, **fields)
-
-
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 
@@ -207,91 +235,87 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     Parameters
     ----------
     scenario
-        The scenario; ``scenario_from_table`` of the result equals it.
+        The scenario; `load_scenario` of a file with this table equals it.
     """
-    schedules = {"cart_mass": scenario.cart_mass, "half_length": scenario.half_length}
-    return {
-        "name": scenario.name,
-        **{key: getattr(scenario, key) for key in _SCALARS},
-        "initial_state": list(scenario.initial_state),
-        "schedule": {
-            key: {
-                "shape": "piecewise-linear",
-                "times": list(schedule.times),
-                "values": list(schedule.values),
-            }
-            for key, schedule in schedules.items()
-        },
-        "disturbances": [
-            {"shape": shape, **{key: getattr(disturbance, key) for key in keys}}
-            for disturbance in scenario.disturbances
-            for shape, (kind, keys) in _DISTURBANCES.items()
-            if type(disturbance) is kind
-        ],
-        **({} if scenario.realism == IDEAL else {"realism": realism_to_table(scenario.realism)}),
+    s = scenario
+    schedules = {
+        name: _PiecewiseLinear(times=list(schedule.times), values=list(schedule.values))
+        for name, schedule in (("cart_mass", s.cart_mass), ("half_length", s.half_length))
     }
+    shapes = {ForcePulse: _Pulse, Impulse: _Impulse}
+    table = _File(
+        name=s.name,
+        pole_mass=s.pole_mass,
+        gravity=s.gravity,
+        duration=s.duration,
+        initial_state=list(s.initial_state),
+        schedule=_Schedules(**schedules),
+        disturbances=[shapes[type(d)](**asdict(d)) for d in s.disturbances],
+        realism=s.realism,
+    )
+    found = asdict(table)
+    del found["replay"]
+    found["realism"] = {
+        f.name: value for f in fields(Realism) if (value := found["realism"][f.name]) != f.default
+    }
+    if not found["realism"]:
+        del found["realism"]
+    return found
 
 
-def _schedule(value: object) -> Schedule:
-    """Build a schedule from a number or from a table with a ``shape``."""
-    if not isinstance(value, Mapping):
-        return constant(value)  # type: ignore[arg-type]
-    build, keys = _shape(value, _SHAPES)
-    arguments = {key: _list(key, value[key]) if key in _LISTS else value[key] for key in keys}
+def _read(path: Path) -> _File:
+    """Return what a TOML file says."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else None
+        reason = why.lower() if why else "not UTF-8 text"
+        raise FileError(str(path), f"cannot be read: {reason}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(str(path), f"is not valid TOML: {error}") from None
+    except RecursionError:
+        raise FileError(str(path), "is nested too deeply") from None
+    try:
+        return parse_json(json.dumps(table, default=str), _File)
+    except ValueError as error:
+        raise InvalidValueError(f"{path}:", str(error)) from None
+
+
+def _scenario(file: _File, default_name: str) -> Scenario:
+    """Build the scenario that a file describes."""
+    given: dict[str, Any] = {
+        name: value
+        for name in ("pole_mass", "gravity", "duration", "initial_state")
+        if (value := getattr(file, name)) is not None
+    }
+    for name in ("cart_mass", "half_length"):
+        if (schedule := getattr(file.schedule, name)) is not None:
+            with _within(f"schedule.{name}."):
+                given[name] = _built(schedule)
+    disturbances = []
+    for i, disturbance in enumerate(file.disturbances):
+        with _within(f"disturbances[{i}]."):
+            disturbances.append(_built(disturbance))
+    name = default_name if file.name is None else file.name
+    return Scenario(name=name, disturbances=tuple(disturbances), realism=file.realism, **given)
+
+
+def _built(table: Any) -> Any:
+    """Build a schedule or a disturbance from its table."""
+    arguments = {f.name: getattr(table, f.name) for f in fields(table) if f.name != "shape"}
     if "pieces" in arguments:
-        arguments["pieces"] = [_piece(i, piece) for i, piece in enumerate(arguments["pieces"])]
-    schedule: Schedule = build(**arguments)
-    return schedule
+        pieces: list[Schedule] = []
+        for i, piece in enumerate(arguments["pieces"]):
+            with _within(f"pieces[{i}]."):
+                pieces.append(_built(piece))
+        arguments["pieces"] = pieces
+    return _BUILDERS[table.shape](**arguments)
 
 
-def _piece(index: int, value: object) -> Schedule:
-    """Build one piece of a joined schedule."""
+@contextmanager
+def _within(place: str) -> Iterator[None]:
+    """Put a place before the thing that an error of the block names."""
     try:
-        return _schedule(value)
+        yield
     except AflMujocoError as error:
-        raise error.within(f"pieces[{index}].") from None
-
-
-def _disturbance(index: int, value: object) -> ForcePulse | Impulse:
-    """Build a disturbance from its table."""
-    table = _table(f"disturbances[{index}]", value)
-    try:
-        build, keys = _shape(table, _DISTURBANCES)
-        disturbance: ForcePulse | Impulse = build(**{key: table[key] for key in keys})
-        return disturbance
-    except AflMujocoError as error:
-        raise error.within(f"disturbances[{index}].") from None
-
-
-def _shape(table: Table, known: dict[str, tuple[Callable[..., Any], tuple[str, ...]]]) -> Any:
-    """Return builder and keys of the shape that `table` names, its keys checked."""
-    shape = table.get("shape")
-    if not isinstance(shape, str) or shape not in known:
-        raise UnknownNameError.among("shape", shape, known)
-    _, keys = known[shape]
-    _require_keys(table, ("shape", *keys))
-    for key in keys:
-        if key not in table:
-            raise InvalidValueError(key, f"must be given for shape {shape!r}")
-    return known[shape]
-
-
-def _require_keys(table: Table, known: tuple[str, ...]) -> None:
-    """Raise if `table` has a key that is not `known`."""
-    for key in table:
-        if key not in known:
-            raise InvalidValueError(key, f"is not a known key; known are {', '.join(known)}")
-
-
-def _list(thing: str, value: object) -> list[Any]:
-    """Return `value` if it is a list, or raise."""
-    if not isinstance(value, list):
-        raise InvalidValueError(thing, "must be a list", repr(value))
-    return value
-
-
-def _table(thing: str, value: object) -> Table:
-    """Return `value` if it is a table, or raise."""
-    if not isinstance(value, Mapping):
-        raise InvalidValueError(thing, "must be a table", repr(value))
-    return value
+        raise error.within(place) from None

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import Schedule, step, trapezoid
+from afl_mujoco.scenario.schedules import Schedule, staircase, trapezoid
 
 CART_MASS_RANGE, HALF_LENGTH_RANGE = (0.1, 2.0), (0.05, 1.0)
 """The paper's box of M [kg] and l [m]."""
@@ -41,5 +41,5 @@ def _shape(rng: Generator, levels: tuple[float, float]) -> Schedule:
     times = tuple((np.sort(instants) * GRID).tolist())
     drawn = rng.uniform(*levels, 3 if is_step else 2).tolist()
     if is_step:
-        return step(times, tuple(drawn))
+        return staircase(times, tuple(drawn))
     return trapezoid(times, low=drawn[0], high=drawn[1])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_finite, require_positive, require_type
@@ -133,38 +131,3 @@ class Realism:
 
 IDEAL = Realism()
 """The loop of the paper: nothing departs from the ideal."""
-
-
-def realism_from_table(table: Mapping[str, Any]) -> Realism:
-    """Build the options from the ``[realism]`` table of a scenario file.
-
-    Parameters
-    ----------
-    table
-        The parsed table; whatever it leaves out is ideal.
-
-    Raises
-    ------
-    InvalidValueError
-        If it has an unknown key, or a value breaks its rule.
-    """
-    known = tuple(field.name for field in fields(Realism))
-    for key in table:
-        if key not in known:
-            raise InvalidValueError(key, f"is not a known key; known are {', '.join(known)}")
-    return Realism(**table)
-
-
-def realism_to_table(realism: Realism) -> dict[str, Any]:
-    """Return the options that differ from the ideal, as the table of a scenario file.
-
-    Parameters
-    ----------
-    realism
-        The options; ``realism_from_table`` of the result equals them.
-    """
-    return {
-        field.name: getattr(realism, field.name)
-        for field in fields(realism)
-        if getattr(realism, field.name) != field.default
-    }

@@ -160,7 +160,7 @@ def constant(value: float) -> Schedule:
     return Schedule((0.0,), (require_finite("value", value),))
 
 
-def step(times: Sequence[float], values: Sequence[float]) -> Schedule:
+def staircase(times: Sequence[float], values: Sequence[float]) -> Schedule:
     """Return the staircase that jumps to ``values[i + 1]`` at ``times[i]``.
 
     Parameters

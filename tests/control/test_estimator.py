@@ -280,7 +280,7 @@ def test_without_noise_it_finds_any_plant_of_the_box(mass, length, told):
 
 
 def test_it_finds_both_again_after_a_step(told, rng):
-    run = told(afl.step((0.3,), (0.5, 1.0)), afl.step((0.3,), (0.2, 0.5)), duration=1.0)
+    run = told(afl.staircase((0.3,), (0.5, 1.0)), afl.staircase((0.3,), (0.2, 0.5)), duration=1.0)
     measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 1e-4]
     settings = EstimatorSettings(angle_noise=1e-4)
     out, _ = run_estimator(settings, measured, run.force[:-1])

@@ -80,7 +80,7 @@ def test_every_shape_can_be_written_by_hand(tmp_path):
         shape = "joined"
         starts = [0, 4, 8]
         pieces = [
-          {shape = "step", times = [1], values = [0.5, 1]},
+          {shape = "staircase", times = [1], values = [0.5, 1]},
           {shape = "trapezoid", times = [0, 1, 2, 3], low = 1, high = 2},
           {shape = "constant", value = 3},
         ]
@@ -133,16 +133,16 @@ HIT = "[[disturbances]]\nshape = "
         ("schedule = 3", "schedule must be a table, got 3"),
         ("[schedule]\nmass = 1", "schedule.mass is not a known key; known are cart_mass, "),
         ("[schedule]\ncart_mass = -1.0", "schedule.cart_mass must be positive, got -1.0"),
-        (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, step, "),
+        (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
         ("[schedule.cart_mass]", "schedule.cart_mass.shape must be one of "),
-        (TABLE + "'constant'", "schedule.cart_mass.value must be given for shape 'constant'"),
+        (TABLE + "'constant'", "schedule.cart_mass.value is missing"),
         (
             TABLE + "'piecewise-linear'\ntimes = [1.0, 5.0, 3.0]\nvalues = [1, 1, 1]",
             "schedule.cart_mass.times must increase, got 3.0 after 5.0",
         ),
-        (TABLE + "'step'\ntimes = 1\nvalues = [1]", "schedule.cart_mass.times must be a list"),
+        (TABLE + "'staircase'\ntimes = 1\nvalues = [1]", "schedule.cart_mass.times must be a list"),
         (
-            TABLE + "'step'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
+            TABLE + "'staircase'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
             "schedule.cart_mass.high is not a known key; known are shape, times, values",
         ),
         (
@@ -154,8 +154,8 @@ HIT = "[[disturbances]]\nshape = "
             "schedule.cart_mass.value must be a number, got 'heavy'",
         ),
         (
-            TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'step', times = [1]}]",
-            "schedule.cart_mass.pieces[0].values must be given for shape 'step'",
+            TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'staircase', times = [1]}]",
+            "schedule.cart_mass.pieces[0].values is missing",
         ),
         ("disturbances = 3", "disturbances must be a list, got 3"),
         ("disturbances = [3]", "disturbances[0] must be a table, got 3"),
@@ -164,7 +164,7 @@ HIT = "[[disturbances]]\nshape = "
             HIT + "'impulse'\nmomentum = inf\ntime = 1",
             "disturbances[0].momentum must be finite, got inf",
         ),
-        (HIT + "'impulse'\nmomentum = 1", "disturbances[0].time must be given for shape 'impulse'"),
+        (HIT + "'impulse'\nmomentum = 1", "disturbances[0].time is missing"),
         (
             HIT + "'impulse'\nmomentum = 1\ntime = 21.0",
             "disturbance must end within the duration 20.0 s, got 21.0",

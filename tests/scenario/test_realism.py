@@ -97,7 +97,7 @@ def test_an_ideal_scenario_has_the_table_it_always_had(name):
         ("tip_mass_share = 1", "realism.tip_mass_share must be below 1, got 1.0"),
         ("mass_error = -1", "realism.mass_error must be above -1, got -1.0"),
         ("length_error = -2.5", "realism.length_error must be above -1, got -2.5"),
-        ("differentiated = 1", "realism.differentiated must be of type bool, got 1"),
+        ("differentiated = 1", "realism.differentiated must be true or false, got 1"),
         ("seed = -1", "realism.seed must lie in 0 to 2**63 - 1, got -1"),
         ("seed = 1.5", "realism.seed must be a whole number, got 1.5"),
         ("seed = true", "realism.seed must be a whole number, got True"),

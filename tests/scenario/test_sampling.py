@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from afl_mujoco import Scenario, constant, step
+from afl_mujoco import Scenario, constant, staircase
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.sampling import steps, time_grid, whole_steps
@@ -35,7 +35,7 @@ def test_the_grid_holds_every_breakpoint_exactly_and_no_step_straddles_one(odd_s
 
 def test_a_breakpoint_one_rounding_off_the_grid_replaces_the_grid_point():
     third = 0.1 + 0.2  # 0.30000000000000004
-    grid = time_grid(Scenario(name="x", cart_mass=step((third,), (1, 2)), duration=0.5), 0.1)
+    grid = time_grid(Scenario(name="x", cart_mass=staircase((third,), (1, 2)), duration=0.5), 0.1)
     assert len(grid) == 6
     assert third in grid.tolist()
 
@@ -83,7 +83,7 @@ def test_an_impulse_strikes_once_at_the_step_that_starts_with_it(odd_scenario):
 )
 def test_a_step_never_sees_both_sides_of_a_jump(jumps, period):
     levels = tuple(range(1, len(jumps) + 2))
-    scenario = Scenario(name="x", cart_mass=step(sorted(jumps), levels), duration=1.0)
+    scenario = Scenario(name="x", cart_mass=staircase(sorted(jumps), levels), duration=1.0)
     masses = steps(scenario, period).cart_mass
     assert (masses == masses[:, :1]).all()
     assert sorted(set(masses[:, 0].tolist())) == list(levels)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from afl_mujoco import Scenario, constant, step, trapezoid
+from afl_mujoco import Scenario, constant, staircase, trapezoid
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 
@@ -24,7 +24,7 @@ def test_segments_cover_the_horizon_without_gap(odd_scenario):
 def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon():
     scenario = Scenario(
         name="x",
-        cart_mass=step((1.0, 30.0), (1.0, 2.0, 3.0)),
+        cart_mass=staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
         half_length=trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
         disturbances=(PULSE, Impulse(momentum=1.0, time=3.0)),
         duration=20.0,
@@ -92,7 +92,7 @@ def test_what_is_left_out_is_nominal():
         ({"duration": float("inf")}, "duration must be finite, got inf"),
         ({"cart_mass": constant(-1.0)}, "schedule.cart_mass must be positive, got -1.0"),
         (
-            {"half_length": step((1,), (0.5, 0.0))},
+            {"half_length": staircase((1,), (0.5, 0.0))},
             "schedule.half_length must be positive, got 0.0",
         ),
         ({"initial_state": (0, 0, 0)}, "initial_state must hold four numbers, got 3"),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from afl_mujoco import constant, joined, piecewise_linear, step, trapezoid
+from afl_mujoco import constant, joined, piecewise_linear, staircase, trapezoid
 from afl_mujoco.errors import InvalidValueError
 
 EIGHTHS = st.integers(0, 80).map(lambda n: n / 8)  # sums and differences are exact
@@ -26,12 +26,12 @@ def schedules(draw):
     [
         pytest.param(constant(3.0), {-1: 3, 0: 3, 7: 3}, (), id="constant"),
         pytest.param(
-            step((1.0, 3.0), (0.5, 1.0, 2.0)),
+            staircase((1.0, 3.0), (0.5, 1.0, 2.0)),
             {0: 0.5, 0.999: 0.5, 1: 1, 2.999: 1, 3: 2, 99: 2},
             (1, 3),
             id="step",
         ),
-        pytest.param(step((), (0.5,)), {0: 0.5, 9: 0.5}, (), id="step without a jump"),
+        pytest.param(staircase((), (0.5,)), {0: 0.5, 9: 0.5}, (), id="step without a jump"),
         pytest.param(
             trapezoid((0.0, 2.0, 6.0, 8.0), 0.5, 2.0),
             {-1: 0.5, 0: 0.5, 1: 1.25, 2: 2, 4: 2, 6: 2, 7: 1.25, 8: 0.5, 9: 0.5},
@@ -51,7 +51,7 @@ def schedules(draw):
             id="joined",
         ),
         pytest.param(
-            joined((0.0, 2.0), (step((2.0,), (1.0, 5.0)), constant(7.0))),
+            joined((0.0, 2.0), (staircase((2.0,), (1.0, 5.0)), constant(7.0))),
             {0: 1, 1: 1, 1.999: 1, 2: 7},
             (2,),
             id="joined where the first piece jumps",
@@ -65,7 +65,7 @@ def test_a_schedule_has_its_hand_written_values_and_breakpoints(schedule, expect
 
 
 def test_before_and_after_a_jump_differ_and_elsewhere_agree():
-    schedule = step((1.0,), (0.5, 2.0))
+    schedule = staircase((1.0,), (0.5, 2.0))
     assert (schedule.before(1.0), schedule.at(1.0)) == (0.5, 2.0)
     assert schedule.before(2.0) == schedule.at(2.0) == 2.0
     assert schedule.before(0.5) == schedule.at(0.5) == 0.5
@@ -82,14 +82,14 @@ def test_a_straight_line_through_a_knot_has_no_breakpoint_there():
 
 
 def test_a_call_keeps_the_shape_of_the_times():
-    schedule = step((1.0,), (0.5, 2.0))
+    schedule = staircase((1.0,), (0.5, 2.0))
     assert schedule(0.0).shape == ()
     assert schedule(np.zeros((2, 3))).shape == (2, 3)
 
 
 def test_a_piece_ends_where_the_next_starts_even_when_clocks_do_not_add_up_exactly():
     # 0.4 - 0.1 > 0.3 in floats, so the first piece's jump falls on the second piece's start
-    schedule = joined((0.1, 0.4), (step((0.3,), (1.0, 2.0)), constant(3.0)))
+    schedule = joined((0.1, 0.4), (staircase((0.3,), (1.0, 2.0)), constant(3.0)))
     assert (schedule.at(0.2), schedule.at(0.4)) == (1.0, 3.0)
 
 
@@ -133,12 +133,12 @@ def test_joined_follows_each_piece_on_its_own_clock(first, second, start, gap):
             id="table out of order",
         ),
         pytest.param(
-            lambda: step((1.0, 5.0, 3.0), (1, 1, 1, 1)),
+            lambda: staircase((1.0, 5.0, 3.0), (1, 1, 1, 1)),
             "times must increase, got 3.0 after 5.0",
             id="steps out of order",
         ),
         pytest.param(
-            lambda: step((1.0, 1.0), (1, 2, 3)),
+            lambda: staircase((1.0, 1.0), (1, 2, 3)),
             "times must increase, got 1.0 after 1.0",
             id="two steps at once",
         ),
@@ -166,7 +166,7 @@ def test_joined_follows_each_piece_on_its_own_clock(first, second, start, gap):
             id="too few values",
         ),
         pytest.param(
-            lambda: step((1, 2), (1, 2)),
+            lambda: staircase((1, 2), (1, 2)),
             "values must be one more than the times (2), got 2",
             id="too few levels",
         ),
@@ -176,7 +176,9 @@ def test_joined_follows_each_piece_on_its_own_clock(first, second, start, gap):
             id="nan value",
         ),
         pytest.param(
-            lambda: step((float("nan"),), (1, 2)), "times must be finite, got nan", id="nan time"
+            lambda: staircase((float("nan"),), (1, 2)),
+            "times must be finite, got nan",
+            id="nan time",
         ),
         pytest.param(
             lambda: joined((), ()),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco import Scenario, piecewise_linear, step
+from afl_mujoco import Scenario, piecewise_linear, staircase
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
@@ -54,7 +54,7 @@ def test_a_pulse_of_10_ms_on_a_rested_system_is_not_missed():
 
 def test_an_impulse_jumps_the_velocity_at_its_instant_with_the_mass_after_the_jump():
     hit = Impulse(momentum=3.0, time=5.0)
-    scenario = replace(REST, cart_mass=step((5.0,), (1.0, 2.0)), disturbances=(hit,))
+    scenario = replace(REST, cart_mass=staircase((5.0,), (1.0, 2.0)), disturbances=(hit,))
     times, states, _ = _run(scenario)
     assert (states[times < 5.0] == 0.0).all()
     assert states[-1, 2] == pytest.approx(1.5, rel=TIGHT)

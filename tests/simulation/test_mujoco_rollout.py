@@ -18,7 +18,7 @@ from afl_mujoco import (
     simulate_ode,
     simulate_ode_held,
     simulate_ode_rk4,
-    step,
+    staircase,
 )
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plant.dynamics import velocity_jump
@@ -115,7 +115,7 @@ def test_b3_sampled_mode_is_the_held_loop(odd_scenario, controller, hold):
 def test_b3_holds_with_jumps_in_the_very_middle_of_steps(odd_scenario, adaptive):
     times = tuple(0.0505 + 0.05 * k for k in range(12))  # rounding may put each on either side
     masses = tuple(1.0 + 0.1 * (-1) ** k for k in range(13))
-    scenario = replace(odd_scenario, cart_mass=step(times, masses), disturbances=())
+    scenario = replace(odd_scenario, cart_mass=staircase(times, masses), disturbances=())
     run = simulate_mujoco(scenario, adaptive, mode="sampled")
     assert _difference(run, simulate_ode_held(scenario, adaptive)) <= B3
 

@@ -50,7 +50,7 @@ CASES = {
     ),
     "off-grid breakpoints": replace(
         _short("nominal", 2.0),
-        cart_mass=afl.step((0.3337,), (1.0, 2.0)),
+        cart_mass=afl.staircase((0.3337,), (1.0, 2.0)),
         half_length=afl.piecewise_linear((0.1003, 0.9999), (0.5, 0.2)),
         pole_mass=0.07,
         gravity=3.7,

@@ -34,7 +34,9 @@ def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(graphics, hal
 
 
 def test_a_picture_shows_the_length_of_its_instant(graphics):
-    scenario = replace(CALM, initial_state=(0, 0, 0, 0), half_length=afl.step((0.5,), (0.3, 0.9)))
+    scenario = replace(
+        CALM, initial_state=(0, 0, 0, 0), half_length=afl.staircase((0.5,), (0.3, 0.9))
+    )
     environment = afl.load(scenario, control_period=0.1)
     environment.reset()
     heights = []

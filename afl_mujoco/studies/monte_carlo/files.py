@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.scenario.files import save_scenario
+from afl_mujoco.scenario.files import Replay, save_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.result import FOLDER, NAMES, Result
 from afl_mujoco.studies.monte_carlo.space import sample_scenario
@@ -53,7 +53,7 @@ def write(result: Result, folder: Path) -> list[Path]:
         place = one.point, one.noise, seed
         scenarios[one.file] = worst_scenario(space, *place, one.question, one.controller)
     replays = {
-        rates.controller: {"controller": rates.asked, "integrator": result.integrator}
+        rates.controller: Replay(controller=rates.asked, integrator=result.integrator)
         for rates in result.controllers
     }
     _replace(folder, replays, scenarios)
@@ -61,7 +61,7 @@ def write(result: Result, folder: Path) -> list[Path]:
 
 
 def _replace(
-    folder: Path, replays: Mapping[str, Mapping[str, str]], scenarios: Mapping[str, Scenario]
+    folder: Path, replays: Mapping[str, Replay], scenarios: Mapping[str, Scenario]
 ) -> None:
     """Write the files into a staging folder, then put them in place of those that are there."""
     try:

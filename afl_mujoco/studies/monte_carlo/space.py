@@ -14,7 +14,7 @@ from afl_mujoco.scenario.parameters import NOMINAL, require_finite, require_posi
 from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import Schedule, constant, step, trapezoid
+from afl_mujoco.scenario.schedules import Schedule, constant, staircase, trapezoid
 
 Range = tuple[float, float]
 
@@ -186,7 +186,7 @@ class SampleSpace:
         if shape == "constant":
             return constant(levels[0])
         if shape == "steps":
-            return step(self._instants(shares[:2]), levels)
+            return staircase(self._instants(shares[:2]), levels)
         return trapezoid(self._instants(shares), low=levels[0], high=levels[1])
 
     def _instants(self, shares: list[float]) -> tuple[float, ...]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controllers import CONTROLLERS
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.scenario.schedules import step
+from afl_mujoco.scenario.schedules import staircase
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, write_parameters
 from afl_mujoco.simulation.mujoco_rollout import MODES, simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
@@ -34,7 +34,7 @@ MANUFACTURED_DURATION = 2.0
 SHORT_DURATION = 0.6
 
 _SHORT = replace(
-    SCENARIOS["step-trapezoid"], cart_mass=step((0.3,), (0.5, 1.0)), duration=SHORT_DURATION
+    SCENARIOS["step-trapezoid"], cart_mass=staircase((0.3,), (0.5, 1.0)), duration=SHORT_DURATION
 )
 
 

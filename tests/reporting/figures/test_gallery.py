@@ -245,7 +245,7 @@ def test_the_files_are_those_listed_and_repeat_bit_for_bit(
 def test_the_report_of_a_campaign_is_drawn_from_its_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scenario = afl.Scenario(name="short", duration=0.3, cart_mass=afl.step((0.1,), (0.5, 1.0)))
+    scenario = afl.Scenario(name="short", duration=0.3, cart_mass=afl.staircase((0.1,), (0.5, 1.0)))
     judged = judge((scenario, afl.CONTROLLERS["adaptive"], Settings()))
     report = Report(
         checks=judged.checks,

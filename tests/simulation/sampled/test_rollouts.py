@@ -14,7 +14,7 @@ from afl_mujoco import (
     piecewise_linear,
     save_scenario,
     simulate_mujoco,
-    step,
+    staircase,
 )
 from afl_mujoco.cli.main import main
 from afl_mujoco.control.user_law.python_law import PythonLaw
@@ -46,7 +46,7 @@ def drawn(rng, count):
         scenarios.append(
             Scenario(
                 name=f"drawn-{i}",
-                cart_mass=step((0.3,), (mass, 1.3 * mass)),
+                cart_mass=staircase((0.3,), (mass, 1.3 * mass)),
                 half_length=piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
                 initial_state=(0.0, rng.uniform(-1.3, 1.3), 0.0, rng.normal()),
                 duration=[1.0, 1.5][i % 2],

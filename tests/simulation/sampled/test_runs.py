@@ -16,7 +16,7 @@ from afl_mujoco import (
     piecewise_linear,
     save_scenario,
     simulate_mujoco,
-    step,
+    staircase,
 )
 from afl_mujoco.control.user_law.python_law import PythonLaw
 from afl_mujoco.errors import InvalidValueError, LawDomainError
@@ -263,7 +263,7 @@ def test_the_law_gets_what_the_sensors_say(smooth_scenario):
 def test_the_law_is_told_late_and_wrong():
     scenario = Scenario(
         name="late",
-        cart_mass=step((0.05,), (1.0, 2.0)),
+        cart_mass=staircase((0.05,), (1.0, 2.0)),
         half_length=piecewise_linear((0.0, 0.1), (0.4, 0.5)),
         duration=0.2,
         realism=Realism(belief_delay=0.03, mass_error=0.1, length_error=-0.2),
@@ -284,7 +284,7 @@ def test_the_law_is_told_late_and_wrong():
 
 
 def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
-    changing = Scenario(name="x", cart_mass=step((0.05,), (1.0, 2.0)), duration=0.2)
+    changing = Scenario(name="x", cart_mass=staircase((0.05,), (1.0, 2.0)), duration=0.2)
     never = Realism(belief_delay=1e306, delay=1e306)
     found = simulate_mujoco(replace(changing, realism=never), adaptive, "sampled")
     longer = Realism(belief_delay=0.2, delay=0.2)
@@ -304,7 +304,7 @@ def test_a_late_jump_is_told_on_its_tick_however_the_times_round(late):
 
     scenario = Scenario(
         name="late",
-        cart_mass=step([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]),
+        cart_mass=staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]),
         duration=0.3,
         realism=Realism(belief_delay=1e-3 * late),
     )

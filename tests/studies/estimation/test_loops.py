@@ -30,7 +30,7 @@ TIME = np.arange(0, 10_001) * 1e-3
 
 
 def test_a_perfect_estimate_has_no_error_and_finds_a_step_at_once():
-    truth = afl.step((1.0,), (0.5, 1.0))
+    truth = afl.staircase((1.0,), (0.5, 1.0))
     found = tracking(truth, TIME, truth(TIME))
     assert found.rms == {"0.05-1 s": 0.0, "1-6 s": 0.0, "6 s to the end": 0.0}
     (step,) = found.steps
@@ -39,7 +39,7 @@ def test_a_perfect_estimate_has_no_error_and_finds_a_step_at_once():
 
 
 def test_a_step_is_reached_first_and_found_for_good_later():
-    truth = afl.step((1.0, 3.0), (0.5, 1.0, 2.0))
+    truth = afl.staircase((1.0, 3.0), (0.5, 1.0, 2.0))
     estimate = truth(TIME).copy()
     estimate[1000:1200] = 0.5  # late
     estimate[1500:1700] = 1.2  # and lost again

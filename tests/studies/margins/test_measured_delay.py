@@ -61,8 +61,8 @@ def test_a_plant_that_stands_for_a_tenth_of_a_second_is_on_the_way_too() -> None
     brief = Scenario(
         name="brief",
         duration=8.0,
-        cart_mass=afl.step((2.25, 2.36), (1.0, 0.1, 1.0)),
-        half_length=afl.step((2.25, 2.36), (0.5, 0.05, 0.5)),
+        cart_mass=afl.staircase((2.25, 2.36), (1.0, 0.1, 1.0)),
+        half_length=afl.staircase((2.25, 2.36), (0.5, 0.05, 0.5)),
     )
     found = least_margin((LQR, (brief,)))
     assert (found.cart_mass, found.half_length) == (0.1, 0.05)

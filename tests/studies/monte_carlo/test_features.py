@@ -13,7 +13,7 @@ from afl_mujoco.studies.monte_carlo.features import FEATURES
 
 RIG = Scenario(
     name="rig",
-    cart_mass=afl.step((1.0, 2.0), (1.5, 0.5, 2.0)),
+    cart_mass=afl.staircase((1.0, 2.0), (1.5, 0.5, 2.0)),
     half_length=afl.trapezoid((1.0, 2.0, 3.0, 4.0), 0.3, 0.9),
     initial_state=(0.01, math.radians(-20.0), -0.7, 0.6),
     realism=Realism(

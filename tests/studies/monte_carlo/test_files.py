@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.scenario.files import find_replay, load_scenario
+from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
 from afl_mujoco.studies.monte_carlo import files
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.files import require, write
@@ -44,11 +44,11 @@ def test_every_failure_is_a_file_by_its_number(tmp_path) -> None:
     assert written(tmp_path) == names
     rig = load_scenario(tmp_path / "montecarlo/lqr/failure-0123.toml")
     assert rig == sample_scenario(SPACE, 123, 1)
-    run = {"controller": "lqr", "integrator": "RK4"}
+    run = Replay(controller="lqr", integrator="RK4")
     assert find_replay(str(tmp_path / "montecarlo/lqr/failure-0123.toml")) == run
     write(campaign(3, asked={"lqr": "mine:lqr"}), tmp_path)
     again = find_replay(str(tmp_path / "montecarlo/lqr/failure-0003.toml"))
-    assert again == run | {"controller": "mine:lqr"}
+    assert again == replace(run, controller="mine:lqr")
 
 
 def test_files_of_an_earlier_campaign_do_not_stay(tmp_path) -> None:
