@@ -5,8 +5,11 @@ BIN := .venv/bin
 READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
+# A target for each study, by the name that its folder gives it.
+STUDIES := $(shell sed -n 's/^    name="\(.*\)",$$/\1/p' afl_mujoco/studies/*/study.py)
+
 .DEFAULT_GOAL := help
-.PHONY: help setup validate proof survival ladder montecarlo attraction margins estimation render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
+.PHONY: $(STUDIES) help setup validate proof robustness render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -28,14 +31,14 @@ view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS=
 report: $(READY) ## make renders/validation/report.html anew, with the films of make render
 	@$(BIN)/afl-mujoco report $(ARGS)
 
-survival: $(READY) ## what becomes of it on a real rig, into the report (30 minutes, ARGS="--quick": 5): ladder, montecarlo, attraction, margins, estimation, each a target too
-	@$(BIN)/afl-mujoco ladder $(ARGS)
+robustness: $(READY) ## what happens when the loop is not ideal, into the report (30 minutes, ARGS="--quick": 5): thresholds, montecarlo, attraction, margins, estimation, each a target too
+	@$(BIN)/afl-mujoco thresholds $(ARGS)
 	@$(BIN)/afl-mujoco montecarlo $(ARGS)
 	@$(BIN)/afl-mujoco attraction $(ARGS)
 	@$(BIN)/afl-mujoco margins $(ARGS)
 	@$(BIN)/afl-mujoco estimation $(ARGS)
 
-ladder montecarlo attraction margins estimation: $(READY)
+$(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
 docs: $(READY) ## print the criteria into docs/verification.md

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import tokenize
 import zipfile
 import zlib
@@ -53,7 +54,7 @@ class UnknownNameError(AflMujocoError, LookupError):
 
     @classmethod
     def among(cls, thing: str, name: object, valid: Iterable[str]) -> UnknownNameError:
-        """Build the error for `name`, listing the `valid` names.
+        """Build the error for `name`, listing the `valid` names and guessing which was meant.
 
         Parameters
         ----------
@@ -64,7 +65,10 @@ class UnknownNameError(AflMujocoError, LookupError):
         valid
             The names that would have been accepted.
         """
-        return cls(thing, f"must be one of {', '.join(valid)}", repr(name))
+        known = list(valid)
+        near = difflib.get_close_matches(str(name), known, n=2)
+        meant = f"; did you mean {' or '.join(near)}?" if near else ""
+        return cls(thing, f"must be one of {', '.join(known)}", f"{name!r}{meant}")
 
 
 class FileError(AflMujocoError):

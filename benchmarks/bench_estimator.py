@@ -25,9 +25,9 @@ from afl_mujoco.control.law import Law
 from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.estimated import simulate_estimated
+from afl_mujoco.studies.estimation.loops import CASES
+from afl_mujoco.studies.estimation.loops import NOISE as USUAL
 from afl_mujoco.tuning.gain_cost import paper_scales
-from afl_mujoco.validation.estimation.study import CASES
-from afl_mujoco.validation.estimation.study import NOISE as USUAL
 
 Array = NDArray[np.float64]
 

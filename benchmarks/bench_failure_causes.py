@@ -1,6 +1,6 @@
 """Why did the random rigs fail? Every failure of a campaign again, one imperfection taken away.
 
-Run: python benchmarks/bench_failure_causes.py [renders/survival]
+Run: python benchmarks/bench_failure_causes.py [renders/robustness]
 
 Reads `montecarlo.json` and the failures' files of a whole `afl-mujoco montecarlo`, as it is without
 options (seed 1, RK4 at 1 ms). Says how many of each controller's failures stay up without rail
@@ -10,7 +10,6 @@ damping, and so on, and how often it fails by where it starts and by the damping
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,10 @@ from numpy.typing import NDArray
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.realism import IDEAL
-from afl_mujoco.validation.montecarlo.space import SampleSpace, sample_scenario
-from afl_mujoco.validation.montecarlo.traits import TRAITS
+from afl_mujoco.studies.monte_carlo.features import FEATURES
+from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
+from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.registry import find_study
 
 SENSORS = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
 TAKEN_AWAY = {
@@ -48,35 +49,35 @@ def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int)
     return sum(runs.outcome(i).kind == "completed" for i in range(len(runs)))
 
 
-def fifths(trait: NDArray[np.float64], failed: NDArray[np.bool_]) -> str:
-    """The share of failures in each fifth of the rigs, ordered by a trait."""
-    parts = np.array_split(np.argsort(trait), 5)
-    ends = [f"to {trait[part[-1]]:.3g}: {100.0 * failed[part].mean():.0f} %" for part in parts]
+def fifths(feature: NDArray[np.float64], failed: NDArray[np.bool_]) -> str:
+    """The share of failures in each fifth of the rigs, ordered by a feature."""
+    parts = np.array_split(np.argsort(feature), 5)
+    ends = [f"to {feature[part[-1]]:.3g}: {100.0 * failed[part].mean():.0f} %" for part in parts]
     return ", ".join(ends)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Take one imperfection away at a time.")
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("renders/survival"))
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("renders/robustness"))
     parser.add_argument("--threads", type=int, default=2)
     options = parser.parse_args()
-    study = json.loads((options.folder / "montecarlo.json").read_text())
-    count, seed = study["samples"], study["seed"]
+    result = load_record(find_study("montecarlo"), options.folder).result
+    count, seed = result.samples, result.seed
     rigs = [sample_scenario(SampleSpace(), i, seed) for i in range(count)]
-    for entry in study["controllers"]:
-        name = entry["controller"]
-        files = [options.folder / failure["file"] for failure in entry["failures"]]
+    for rates in result.controllers:
+        name = rates.controller
+        files = [options.folder / failure.file for failure in rates.failures]
         failed = np.zeros(count, dtype=bool)
-        failed[[failure["index"] for failure in entry["failures"]]] = True
+        failed[[failure.index for failure in rates.failures]] = True
         print(f"\n{name}: {len(files)} of {count} fail; of these stay up without")
         for label, names in TAKEN_AWAY.items():
             up = survivors(files, afl.find_controller(name), names, options.threads)
             print(f"  {label:<26} {up:>4}", flush=True)
         print("  how many fail, in each fifth of the rigs, by")
         for label in (ANGLE, DAMPING):
-            trait = np.array([TRAITS[label](rig) for rig in rigs])
-            print(f"  {label}: {fifths(trait, failed)}")
-        steep = np.array([TRAITS[ANGLE](rig) > 60.0 for rig in rigs])
+            feature = np.array([FEATURES[label](rig) for rig in rigs])
+            print(f"  {label}: {fifths(feature, failed)}")
+        steep = np.array([FEATURES[ANGLE](rig) > 60.0 for rig in rigs])
         print(
             f"  beyond 60 degrees {100.0 * failed[steep].mean():.1f} %, "
             f"below {100.0 * failed[~steep].mean():.1f} %"

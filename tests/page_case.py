@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from afl_mujoco.reporting.figures.style import new_figure, save_figure
-from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
+from afl_mujoco.document.pictures import Picture, load_picture
+from afl_mujoco.document.style import new_figure, save_figure
 from afl_mujoco.validation.claims.claim import IN_PART, NOT_REPRODUCED, REPRODUCED, UNDETERMINED
 from afl_mujoco.validation.criteria import CRITERIA
 from afl_mujoco.validation.curves import Curves

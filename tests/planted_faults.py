@@ -36,8 +36,7 @@ VERDICT = (
 )
 TESTS = (
     *("tests/control", "tests/plant", "tests/scenario", "tests/simulation"),
-    *("tests/validation/ladder", "tests/validation/montecarlo"),
-    "tests/validation/test_delay_margins.py",
+    "tests/studies",
 )
 TIME_LIMIT = 900  # [s] for one command
 HEADER = ("fault", "caught by")

@@ -34,7 +34,6 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "short.toml").write_text(SHORT)
     (tmp_path / "films").mkdir()
     (tmp_path / "films" / "films.json").write_text("{}")
-    (tmp_path / "held" / "margins.json").mkdir(parents=True)
     return tmp_path
 
 
@@ -101,14 +100,6 @@ BAD_ARGUMENTS = {
         ["simulate", "short.toml", "--simulator", "continuous", "--controller", "fixed-estimated"],
         "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
     ),
-    "margins of a law told by the estimator": (
-        ["margins", "--controllers", "fixed-estimated"],
-        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
-    ),
-    "attraction of a law told by the estimator": (
-        ["attraction", "--controllers", "fixed-estimated"],
-        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
-    ),
     "unknown gain labels": (
         ["validate", "short.toml", "--gain-labels", "table3"],
         "gain labels must be one of table2, table1, got 'table3'",
@@ -137,7 +128,7 @@ BAD_ARGUMENTS = {
     "unknown command": (["validat"], "Unrecognized options: validat"),
     "no command": (
         [],
-        "Expected one of {validate, report, simulate, render, view, tune, ladder, montecarlo, "
+        "Expected one of {validate, report, simulate, render, view, tune, thresholds, montecarlo, "
         "attraction, margins, estimation, regression}",
     ),
     "report of a folder that is not there": (
@@ -155,18 +146,6 @@ BAD_ARGUMENTS = {
     "unknown integrator": (
         ["simulate", "short.toml", "--integrator", "RK5"],
         "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'",
-    ),
-    "report with survival studies that are not there": (
-        ["report", "out", "--survival", "nosuch"],
-        "nosuch must be a folder of survival studies, is none",
-    ),
-    "study where a folder is": (
-        ["margins", "--out", "held"],
-        "held/margins.json must be a file, is a folder",
-    ),
-    "law that estimates already": (
-        ["estimation", "--controller", "adaptive-estimated"],
-        "controller 'adaptive-estimated' must be a compiled law that is told M and l",
     ),
     "output folder that is a file": (
         ["validate", "short.toml", "--out", "short.toml"],

@@ -18,6 +18,14 @@ def refuse() -> None:
     raise InvalidValueError("schema", "must be 1", 2)
 
 
+def test_an_unknown_name_is_told_what_was_probably_meant() -> None:
+    known = ["adaptive", "adaptive-retuned", "lqr"]
+    said = str(UnknownNameError.among("controller", "adaptve", known))
+    assert said.startswith("controller must be one of adaptive, adaptive-retuned, lqr, got ")
+    assert said.endswith("'adaptve'; did you mean adaptive or adaptive-retuned?")
+    assert "mean" not in str(UnknownNameError.among("controller", "zzz", known))
+
+
 def unknown() -> None:
     raise UnknownNameError.among("law", "x", ["a", "b"])
 

@@ -10,6 +10,9 @@ import pytest
 from program import run as start
 
 from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.thresholds.result import REFUSED
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -109,23 +112,22 @@ def test_the_example_is_filmed(graphics: None, scenario: Path, tmp_path: Path) -
     assert (out / "short-own_law.law.mp4").stat().st_size > 1000
 
 
-def test_the_example_climbs_the_ladder_where_a_broken_law_fails(tmp_path: Path) -> None:
+def test_the_example_has_a_threshold_and_a_broken_law_fails(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text("duration = 2.0\n")
     (tmp_path / "broken.py").write_text(BROKEN)
     example = (EXAMPLES / "own_law.py").read_text()
     (tmp_path / "own_law.py").write_text(example)
     run = program(
-        tmp_path, "ladder", "short.toml", "--controllers", "own_law:law", "broken:raises",
-        "--rungs", "force-limit", "--seeds", "1", "--scan", "2", "--tolerance", "1",
+        tmp_path, "thresholds", "short.toml", "--controllers", "own_law:law", "broken:raises",
+        "--imperfections", "force-limit", "--seeds", "1", "--scan", "2", "--tolerance", "1",
         "--out", "out",
     )  # fmt: skip
     assert (run.returncode, run.stderr) == (0, "")
-    ladder = json.loads((tmp_path / "out" / "ladder.json").read_text())
-    mine, broken = ladder["rises"]
-    assert mine["survives"]["holds_at"] > 50.0  # it needs more than a typical rig has
-    assert mine["failure"]["failure"] == "fell"
-    assert broken["typical"]["failure"] == "the law failed"
-    assert broken["typical"]["message"].startswith(SAID["raises"])
+    mine, broken = load_record(find_study("thresholds"), tmp_path / "out").result.sweeps
+    assert mine.survives.holds_at > 50.0  # it needs more than the reference hardware has
+    assert mine.failure.failure == "fell"
+    assert broken.reference.failure == REFUSED
+    assert broken.reference.message.startswith(SAID["raises"])
 
 
 @pytest.mark.parametrize(

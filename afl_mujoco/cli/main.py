@@ -6,6 +6,7 @@ import contextlib
 import io
 import sys
 from collections.abc import Sequence
+from typing import Any, Union
 
 import tyro
 
@@ -13,11 +14,7 @@ from afl_mujoco.cli.regression import Regression
 from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
-from afl_mujoco.cli.survival.attraction import Attraction
-from afl_mujoco.cli.survival.estimation import Estimation
-from afl_mujoco.cli.survival.ladder import Ladder
-from afl_mujoco.cli.survival.margins import Margins
-from afl_mujoco.cli.survival.montecarlo import MonteCarlo
+from afl_mujoco.cli.study import study_commands
 from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.validate import Validate
@@ -26,8 +23,8 @@ from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-Study = Ladder | MonteCarlo | Attraction | Margins | Estimation
-Command = Validate | Report | Simulate | Render | View | Tune | Study | Regression
+BEFORE, AFTER = (Validate, Report, Simulate, Render, View, Tune), (Regression,)
+"""Commands before and after those of the studies."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 success, 1 a check failed, 2 bad input, 130 interrupted.
     """
     try:
-        return _parse(arguments).run()
+        code: int = _parse(arguments).run()
+        return code
     except AflMujocoError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -62,13 +60,14 @@ def _is_interrupt(error: BaseException | None) -> bool:
     return error is not None
 
 
-def _parse(arguments: Sequence[str] | None) -> Command:
+def _parse(arguments: Sequence[str] | None) -> Any:
     """Parse the arguments; bad ones end the program with one line."""
+    commands: Any = Union[(*BEFORE, *study_commands(), *AFTER)]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            command: Command = tyro.cli(
-                Command,
+            command = tyro.cli(
+                commands,
                 prog=PROGRAM,
                 description="Compare a cart-pole controller in MuJoCo with its ideal equations.\n\n"
                 "Example: afl-mujoco validate step-step",

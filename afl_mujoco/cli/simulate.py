@@ -65,9 +65,9 @@ class Simulate:
         integrator = self.integrator or replay.integrator or "RK4"
         controller = find_controller(name, self.gain_labels)
 
+        from afl_mujoco.document.style import save_figure
         from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.figures.runs import draw_runs
-        from afl_mujoco.reporting.figures.style import save_figure
         from afl_mujoco.reporting.tables import print_metrics
         from afl_mujoco.validation.metrics import metrics, nominal_scales, with_objective
 

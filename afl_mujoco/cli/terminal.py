@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 
 SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-FILMS, VALIDATION, SURVIVAL = Path("renders"), Path("renders/validation"), Path("renders/survival")
-"""Where films, the report and the survival studies are written, unless told otherwise."""
+FILMS, VALIDATION = Path("renders"), Path("renders/validation")
+ROBUSTNESS = Path("renders/robustness")
+"""Where films, the report and the results of studies are written by default."""
 
 ScenarioNames = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")
@@ -44,6 +45,18 @@ def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
     with _bar() as bar:
         task = bar.add_task(doing, total=total)
         yield lambda done: bar.update(task, advance=1, description=done)
+
+
+@contextlib.contextmanager
+def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
+    """Give a callable that adds a bar, by what it says and its total, and returns what sets it."""
+    with _bar() as shown:
+
+        def add(doing: str, total: int) -> Callable[[int], None]:
+            task = shown.add_task(doing, total=total)
+            return lambda done: shown.update(task, completed=done)
+
+        yield add
 
 
 @contextlib.contextmanager

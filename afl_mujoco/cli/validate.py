@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from afl_mujoco.cli.terminal import (
     CHECK_FAILED,
     FILMS,
+    ROBUSTNESS,
     SUCCESS,
-    SURVIVAL,
     VALIDATION,
     ScenarioNames,
     progress_bar,
@@ -21,12 +21,12 @@ from afl_mujoco.cli.terminal import (
 )
 
 if TYPE_CHECKING:
+    from afl_mujoco.document.blocks import Section
     from afl_mujoco.execution.executors import Executor
     from afl_mujoco.reporting.page.inputs.films import Film
-    from afl_mujoco.reporting.page.inputs.studies import Study
     from afl_mujoco.validation.campaign import Report
 
-INDIFFERENT = ("out", "films", "survival", "page", "workers")
+INDIFFERENT = ("out", "films", "robustness", "page", "workers")
 """Options that leave the numbers as they are, and so are no part of what reproduces them."""
 
 
@@ -59,8 +59,8 @@ class Validate:
     """Draw the figures and write report.html."""
     films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes: films for the page, if there."""
-    survival: Path = SURVIVAL
-    """Folder with survival studies, which `afl-mujoco ladder` and its like write: for the page."""
+    robustness: Path = ROBUSTNESS
+    """Folder with results of studies, such as `afl-mujoco thresholds` writes: for the page."""
     out: Path = VALIDATION
     """Folder for the report."""
 
@@ -88,7 +88,7 @@ class Validate:
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
         require_runnable(scenarios, controllers, settings, self.workers)
-        films, studies = self._films(), self._studies()
+        films, sections = self._films(), self._sections()
         folder = output_folder(self.out)
         total = len(scenarios) * len(controllers) + (FULL if self.full else QUICK)
         with open_executor(self.workers) as executor:
@@ -99,7 +99,7 @@ class Validate:
             report = replace(report, command=self.command)
             forget_page(folder)
             files = [*write_report(report, folder)]
-            files += self._write_page(report, folder, films, studies, executor)
+            files += self._write_page(report, folder, films, sections, executor)
         print(f"wrote {', '.join(str(file) for file in files)}")
         print_report(report, Console(width=None if sys.stdout.isatty() else 140))
         return SUCCESS if report.passed else CHECK_FAILED
@@ -115,18 +115,18 @@ class Validate:
 
         return load_films(self.films, self.out) if self.page else ()
 
-    def _studies(self) -> Mapping[str, Study]:
-        """Return the survival studies for the page."""
-        from afl_mujoco.cli.survival.ending import studies_in
+    def _sections(self) -> Sequence[Section]:
+        """Return what the studies say, for the page."""
+        from afl_mujoco.cli.study import sections_in
 
-        return studies_in(self.survival) if self.page else {}
+        return sections_in(self.robustness) if self.page else ()
 
     def _write_page(
         self,
         report: Report,
         folder: Path,
         films: Sequence[Film],
-        studies: Mapping[str, Study],
+        sections: Sequence[Section],
         executor: Executor,
     ) -> list[Path]:
         """Write the curves, the figures and the page."""
@@ -145,4 +145,5 @@ class Validate:
         data = report.to_dict()
         with progress_bar(figure_count(data, report.curves), "drawing") as progress:
             write_gallery(folder, data, report.curves, executor=executor, progress=progress)
-        return [folder / CURVES, folder / FIGURES, write_page(folder, films, studies)]
+        page = write_page(folder, films, sections, self.robustness)
+        return [folder / CURVES, folder / FIGURES, page]

@@ -18,15 +18,20 @@ VERSION = version(PACKAGE)
 TIMEOUT = 3.0  # [s] for each step of reaching a cluster
 
 
+def require_address(address: str) -> None:
+    """Raise if a text is no address."""
+    if "://" not in address:
+        rule = "must be the address of a Dask scheduler, such as tcp://host:8786"
+        raise InvalidValueError("cluster", rule, repr(address))
+
+
 @contextmanager
 def open_cluster(address: str) -> Iterator[Executor]:
     """Give the workers of the Dask cluster whose scheduler has an address, or raise in one line.
 
     Dask itself gives the units of a worker that dies to another.
     """
-    if "://" not in address:
-        rule = "must be the address of a Dask scheduler, such as tcp://host:8786"
-        raise InvalidValueError("cluster", rule, repr(address))
+    require_address(address)
     try:
         import distributed
     except ImportError:

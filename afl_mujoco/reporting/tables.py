@@ -79,6 +79,9 @@ def markdown(report: Report) -> str:
     report
         The report.
     """
+    from afl_mujoco.document.markdown import to_markdown
+    from afl_mujoco.reporting.page.evidence import evidence_sections
+
     header, rows = _grid(report)
     lines = ["# MuJoCo against the analytic model", "", f"**{verdict_line(report)}**", ""]
     lines += ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
@@ -93,8 +96,7 @@ def markdown(report: Report) -> str:
         )
     if report.ledger.claims:
         lines += ["", "## Claims of the paper", "", *_markdown_table(_claims(report))]
-    for title, table_rows in _explanations(report).items():
-        lines += ["", f"## {title}", "", *_markdown_table(table_rows)]
+    lines += ["", to_markdown(evidence_sections(report.to_dict(), {}), level=2).rstrip()]
     lines += ["", "## Decisions these results rest on", ""]
     lines += [f"- **{id}** {text}" for id, text in DECISIONS.items()]
     return "\n".join(lines) + "\n"
@@ -185,25 +187,6 @@ def _grid(report: Report) -> tuple[list[str], list[list[str]]]:
         )
     limits = [f"{id} <= {CRITERIA[id].limit:g}" for id in ids]
     return ["scenario", "controller", "outcome", "OF", *limits], rows
-
-
-def _explanations(report: Report) -> dict[str, list[dict[str, Any]]]:
-    """Return the tables that explain the differences, by title; empty ones left out."""
-    explanations = report.explanations
-    tables = {
-        "Error budget of the run as deployed, against the ideal ODE": [
-            {key: value for key, value in e.budget.to_dict().items() if key != "at_worst"}
-            for e in explanations
-            if e.budget
-        ],
-        "Ledger of energy [J] and momentum [N s]": [
-            e.ledger.to_dict() for e in explanations if e.ledger
-        ],
-        "What the paper's frozen parameters leave out": [
-            e.omission.to_dict() for e in explanations if e.omission
-        ],
-    }
-    return {title: rows for title, rows in tables.items() if rows}
 
 
 def _markdown_table(rows: list[dict[str, Any]]) -> list[str]:

@@ -19,6 +19,7 @@ import imageio_ffmpeg
 import mediapy
 import numpy as np
 import pytest
+import study_results
 from page_case import NASTY, film_entry, make_curves, make_pictures, make_report, write_listing
 
 from afl_mujoco.reporting.page.inputs.films import load_films
@@ -68,8 +69,15 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert [film.embedded for film in found] == [True, False, False]
     (films / names[2]).unlink()
     (folder / "report.json").write_text("{}")
+    results = study_results.write_records(tmp_path_factory.mktemp("robustness"))
     text = render_page(
-        make_report(), make_curves(), make_pictures(folder), found, files=("report.json",)
+        make_report(),
+        make_curves(),
+        make_pictures(folder),
+        found,
+        sections=study_results.sections_of(results),
+        results=results,
+        files=("report.json",),
     )
     path = folder / "report.html"
     path.write_text(text, encoding="utf-8")
@@ -158,7 +166,7 @@ def test_every_image_loads(opened: webdriver.Chrome) -> None:
         "[...document.images].every(i => i.complete) && "
         "[...document.images].map(i => [i.alt, i.naturalWidth, i.naturalHeight])",
     )
-    assert len(images) == 7
+    assert len(images) == 15  # of the validation and of the studies
     assert all(alt and width > 100 and height > 100 for alt, width, height in images)
 
 

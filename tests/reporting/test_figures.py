@@ -9,8 +9,8 @@ import numpy as np
 
 import afl_mujoco as afl
 from afl_mujoco.control.gain_table import GainTable
+from afl_mujoco.document.style import save_figure
 from afl_mujoco.reporting.figures.runs import draw_runs
-from afl_mujoco.reporting.figures.style import save_figure
 from afl_mujoco.reporting.gain_figures import draw_gain_table, main
 
 SHORT = afl.Scenario(name="short", duration=0.2)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     BLACK,
     BLUE,
     GREY,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     BLACK,
     BLUE,
     GREEN,

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     BLUE,
     GREEN,
     MODES,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from afl_mujoco.document.style import Drawn, write_drawn
 from afl_mujoco.execution.executors import Executor, compute_all, open_executor
 from afl_mujoco.reporting.figures.budget import draw_budget
 from afl_mujoco.reporting.figures.claims import draw_claims
@@ -19,7 +20,6 @@ from afl_mujoco.reporting.figures.errors import draw_errors
 from afl_mujoco.reporting.figures.orders import draw_orders
 from afl_mujoco.reporting.figures.responses import draw_impulse, draw_response
 from afl_mujoco.reporting.figures.schedules import draw_schedules
-from afl_mujoco.reporting.figures.style import Drawn, write_drawn
 from afl_mujoco.reporting.gain_figures import draw_shipped_gains
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.validation.curves import REFERENCE, Curves

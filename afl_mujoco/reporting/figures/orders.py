@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     BLACK,
     GREY,
     VERMILION,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     BLACK,
     GREY,
     LENGTH,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from afl_mujoco.reporting.figures.style import (
+from afl_mujoco.document.style import (
     BLUE,
     LENGTH,
     MASS,

@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from afl_mujoco.document.numbers import limit, scientific, short
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.reporting.page.numbers import limit, scientific, short
 from afl_mujoco.validation.criteria import CRITERIA
 
 ANY = "any"

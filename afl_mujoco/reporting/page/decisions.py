@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from afl_mujoco.document.numbers import short
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.reporting.page.numbers import short
 from afl_mujoco.validation.claims.claim import (
     IN_PART,
     NOT_REPRODUCED,

@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from afl_mujoco.document.blocks import Section
+from afl_mujoco.document.pictures import Picture, load_picture
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import Executor
 from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
-from afl_mujoco.reporting.page.inputs.pictures import Picture, load_picture
 from afl_mujoco.reporting.page.inputs.report_data import AGAIN, Row, load_report
-from afl_mujoco.reporting.page.inputs.studies import Study
-from afl_mujoco.reporting.page.page import NO_STUDIES, render_page
+from afl_mujoco.reporting.page.page import render_page
 from afl_mujoco.validation.curves import REFERENCE, Curves, load_curves
 
 REPORT, CURVES, PAGE = "report.json", "curves.npz", "report.html"
@@ -107,7 +107,10 @@ def forget_page(folder: Path) -> None:
 
 
 def write_page(
-    folder: Path, films: Sequence[Film] = (), studies: Mapping[str, Study] = NO_STUDIES
+    folder: Path,
+    films: Sequence[Film] = (),
+    sections: Sequence[Section] = (),
+    results: Path = Path(),
 ) -> Path:
     """Write report.html from the files of a folder, whole or not at all; nothing is computed.
 
@@ -117,8 +120,8 @@ def write_page(
         Holds report.json and curves.npz, and figures if they were drawn.
     films
         From `load_films`.
-    studies
-        From `load_studies`.
+    sections, results
+        What the studies say, and the folder of their figures.
 
     Returns
     -------
@@ -134,7 +137,9 @@ def write_page(
     curves = _curves(folder / CURVES, report)
     pictures = load_pictures(folder, [run["scenario"] for run in report["runs"]])
     there = [name for name in LINKED if (folder / name).is_file()]
-    text = render_page(report, curves, pictures, films, studies=studies, files=there)
+    text = render_page(
+        report, curves, pictures, films, sections=sections, results=results, files=there
+    )
     write_text(folder / PAGE, text)
     return folder / PAGE
 

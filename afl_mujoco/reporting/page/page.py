@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cache
-from importlib import resources
-from types import MappingProxyType
+from pathlib import Path
 from typing import Any, TypeVar
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from jinja2 import Environment, PackageLoader
 
-from afl_mujoco.reporting.page import numbers
+from afl_mujoco.document import html, numbers
+from afl_mujoco.document.blocks import Finding, Section
+from afl_mujoco.document.pictures import Picture
 from afl_mujoco.reporting.page.chart_data import chart_data
 from afl_mujoco.reporting.page.checks import criterion_rows, tiers, verdict_of
 from afl_mujoco.reporting.page.decisions import (
@@ -22,28 +20,18 @@ from afl_mujoco.reporting.page.decisions import (
     section_decisions,
     tally,
 )
-from afl_mujoco.reporting.page.evidence import evidence
-from afl_mujoco.reporting.page.inputs.films import Film, data_uri
-from afl_mujoco.reporting.page.inputs.pictures import Picture
+from afl_mujoco.reporting.page.evidence import QUANTILES, evidence_sections
+from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.reporting.page.inputs.studies import Study
 from afl_mujoco.reporting.page.scenarios import HEADLINE, scenario_sections
-from afl_mujoco.reporting.page.summary import STATES, five_sentences
-from afl_mujoco.reporting.page.survival.tables import survival_view
+from afl_mujoco.reporting.page.summary import five_sentences
 from afl_mujoco.validation.curves import Curves
 from afl_mujoco.validation.metrics import UNITS
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
 
-NO_STUDIES: Mapping[str, Study] = MappingProxyType({})
-
 PACKAGE = "afl_mujoco.reporting.page"
-
-_ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
-    'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
-)
 
 
 def render_page(
@@ -52,7 +40,8 @@ def render_page(
     pictures: Sequence[Picture],
     films: Sequence[Film],
     *,
-    studies: Mapping[str, Study] = NO_STUDIES,
+    sections: Sequence[Section] = (),
+    results: Path = Path(),
     files: Sequence[str] = (),
 ) -> str:
     """Return the page.
@@ -67,29 +56,26 @@ def render_page(
         The figures, each with where it belongs.
     films
         The films.
-    studies
-        The survival studies by name.
+    sections, results
+        What the studies of robustness say, and the folder of their figures.
     files
         Files beside the page that it links to.
 
     Raises
     ------
     FileError
-        If a study does not hold what the page needs.
+        If a figure of a study cannot be read.
     """
-    style, script = _style(), _script()
     claims = claim_rows(report["claims"], report["decisions"])
+    figures = _grouped(pictures, lambda picture: picture.place)
     return (
         _environment()
         .get_template("page.html.j2")
         .render(
-            policy=content_policy(style, script),
-            style=style,
-            script=script,
-            icon=data_uri("image/svg+xml", _ICON.encode()),
+            **html.frame(),
             sections=section_decisions(report["decisions"]),
             texts=report["decisions"],
-            figures=_grouped(pictures, lambda picture: picture.place),
+            figures=figures,
             sentences=five_sentences(report),
             files=files,
             claims=claims,
@@ -97,11 +83,30 @@ def render_page(
             decisions=decision_list(report["decisions"], claims),
             **_checks(report),
             **_scenarios(report, curves, films),
-            **evidence(report),
-            **survival_view(studies),
+            comparisons=report["random_schedules"],
+            quantiles=QUANTILES,
+            command=report["command"],
+            settings=report["settings"],
+            versions=report["versions"],
+            evidence=html.write_sections(evidence_sections(report, figures), results),
+            **_robustness(sections, results),
         )
         + "\n"
     )
+
+
+def _robustness(sections: Sequence[Section], results: Path) -> dict[str, Any]:
+    """Return the part of the studies, and the findings that the page repeats at its top."""
+    return {
+        "robustness": sections,
+        "robustness_part": html.write_sections(sections, results, level=3),
+        "findings": [
+            (finding, section.anchor)
+            for section in sections
+            for finding in section.walk()
+            if isinstance(finding, Finding)
+        ],
+    }
 
 
 def _checks(report: Row) -> dict[str, Any]:
@@ -138,45 +143,12 @@ def _scenarios(report: Row, curves: Sequence[Curves], films: Sequence[Film]) -> 
     }
 
 
-def content_policy(style: str, script: str) -> str:
-    """Return the page's Content-Security-Policy: what is inside it, pictures and films beside it.
-
-    Parameters
-    ----------
-    style, script
-        The only ones that may act.
-    """
-    beside = "'self' data: file:"
-    return (
-        f"default-src 'none'; img-src {beside}; media-src {beside}; "
-        f"style-src {_hash(style)}; script-src {_hash(script)}; base-uri 'none'; form-action 'none'"
-    )
-
-
-def _hash(text: str) -> str:
-    """Return a text's hash as a policy names it."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
 @cache
 def _environment() -> Environment:
     """Return the templates, which escape whatever they are given."""
-    environment = Environment(
-        loader=PackageLoader(PACKAGE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = html.environment(PackageLoader(PACKAGE))
     environment.filters.update(
-        scientific=numbers.scientific,
-        short=numbers.short,
-        fixed=numbers.fixed,
-        percent=numbers.percent,
-        symbol=lambda state: STATES.get(state, (state,))[0],
-        size=numbers.size,
         setting=_setting,
-        upper_first=lambda text: text[:1].upper() + text[1:],
     )
     return environment
 
@@ -186,24 +158,6 @@ def _setting(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{numbers.short(value)} s" if isinstance(value, int | float) else str(value)
-
-
-@cache
-def _asset(name: str) -> str:
-    """Return a file of the package."""
-    return resources.files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
-
-
-def _style() -> Markup:
-    """Return the style sheet."""
-    return Markup(_asset("vendor/uPlot.min.css") + "\n" + _asset("assets/page.css"))
-
-
-def _script() -> Markup:
-    """Return the script, with the licence of what is in it."""
-    licence = f"/*! uPlot\n{_asset('vendor/uPlot.LICENSE')}*/\n"
-    parts = ("vendor/uPlot.iife.min.js", "assets/charts.js", "assets/page.js")
-    return Markup(licence + "\n".join(_asset(part) for part in parts))
 
 
 def _grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:

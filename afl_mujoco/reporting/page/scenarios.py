@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from afl_mujoco.document.numbers import MISSING, fixed, short
 from afl_mujoco.reporting.page.checks import figure
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.reporting.page.numbers import MISSING, fixed, short
 from afl_mujoco.reporting.page.schedule_text import push_text, schedule_text
 from afl_mujoco.validation.curves import REFERENCE, Curves
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.reporting.page.numbers import short
+from afl_mujoco.document.numbers import short
 
 TOLERANCE = 1e-6
 """Slopes that differ by less are one slope: a share of the largest value, per second."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from afl_mujoco.document.numbers import fixed, interval, limit, percent, scientific, short
 from afl_mujoco.reporting.page.checks import rank
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.reporting.page.numbers import fixed, interval, limit, percent, scientific, short
 from afl_mujoco.validation.claims.claim import (
     IN_PART,
     NOT_REPRODUCED,

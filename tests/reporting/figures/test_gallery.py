@@ -14,11 +14,11 @@ from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d import Axes3D
 
 import afl_mujoco as afl
+from afl_mujoco.document.style import Drawn
 from afl_mujoco.reporting.figures import gallery
 from afl_mujoco.reporting.figures.errors import BINS, difference, envelope
 from afl_mujoco.reporting.figures.gallery import draw_all, plans, write_figures
 from afl_mujoco.reporting.figures.schedules import last_change
-from afl_mujoco.reporting.figures.style import Drawn
 from afl_mujoco.validation.campaign import Report
 from afl_mujoco.validation.checks.closed_loop_checks import Settings
 from afl_mujoco.validation.curves import Curves

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 import os
@@ -14,8 +13,9 @@ from urllib.parse import quote
 
 from PIL import Image, UnidentifiedImageError
 
+from afl_mujoco.document.numbers import short
+from afl_mujoco.document.pictures import data_uri
 from afl_mujoco.errors import FileError, reading
-from afl_mujoco.reporting.page.numbers import short
 
 SMALL = 1_500_000
 """Size up to which a film is put inside the page [bytes]."""
@@ -222,16 +222,3 @@ def _poster(path: Path) -> str:
     stream = io.BytesIO()
     small.save(stream, "JPEG", quality=POSTER_QUALITY)
     return data_uri("image/jpeg", stream.getvalue())
-
-
-def data_uri(kind: str, content: bytes) -> str:
-    """Return content as an address that holds it.
-
-    Parameters
-    ----------
-    kind
-        Its media type.
-    content
-        The bytes.
-    """
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

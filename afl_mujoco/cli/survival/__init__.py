@@ -1,1 +1,0 @@
-"""The commands that ask whether the controllers survive a physics that is not ideal."""

@@ -1,0 +1,133 @@
+"""Numbers as the page writes them: few digits, powers of ten, a real minus sign."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+MISSING = "–"
+"""What stands where there is no number."""
+
+SMALL = 0.01
+"""Sizes below which a power of ten says more than two decimals."""
+
+
+def power_of_ten(exponent: int) -> str:
+    """Return ``10`` with its exponent."""
+    return "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+def scientific(value: float | None, digits: int = 2) -> str:
+    """Return a value with a few digits and a power of ten; 0 as it is.
+
+    Parameters
+    ----------
+    value
+        What to write; ``None`` is `MISSING`.
+    digits
+        How many digits it gets.
+    """
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value == 0.0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{_signed(mantissa)}×{power_of_ten(int(exponent))}"
+
+
+def short(value: float | None, digits: int = 4) -> str:
+    """Return a value as a person writes it: plain where that is short, else scientific.
+
+    Parameters
+    ----------
+    value
+        What to write; ``None`` is `MISSING`.
+    digits
+        How many digits it gets at most.
+    """
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value and not 1e-3 <= abs(value) < 1e6:
+        return scientific(value, min(digits, 2))
+    rounded = float(f"{value:.{digits}g}")
+    return _signed(f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1e4 else f"{rounded:g}")
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """Return a value with so many decimals, for columns that are read from top to bottom.
+
+    Parameters
+    ----------
+    value
+        What to write; ``None`` is `MISSING`.
+    decimals
+        How many.
+    """
+    if value is None or not math.isfinite(value):
+        return MISSING
+    return _signed(f"{value:.{decimals}f}")
+
+
+def limit(value: float) -> str:
+    """Return a limit: a bare power of ten where it is one and small."""
+    if 0.0 < value < 1e-2:
+        exponent = round(math.log10(value))
+        if math.isclose(value, 10.0**exponent):
+            return power_of_ten(exponent)
+    return short(value)
+
+
+def size(value: float | None) -> str:
+    """Return a size with two decimals, or with a power of ten where these say nothing.
+
+    Parameters
+    ----------
+    value
+        What to write, not negative; ``None`` is `MISSING`.
+    """
+    return fixed(value, 2) if value and value >= SMALL else scientific(value)
+
+
+def percent(share: float | None, digits: int = 2) -> str:
+    """Return a share in percent.
+
+    Parameters
+    ----------
+    share
+        The share, 1 for all; ``None`` is `MISSING`.
+    digits
+        How many digits it gets at most.
+    """
+    if share is None or not math.isfinite(share):
+        return MISSING
+    return f"{short(100.0 * share, digits)} %"
+
+
+def interval(ends: Sequence[float]) -> str:
+    """Return an interval of shares in percent, the sign left to the reader's sentence or column.
+
+    Parameters
+    ----------
+    ends
+        Its two ends, 1 for all.
+    """
+    low, high = (fixed(100.0 * end, 1) for end in ends)
+    return f"{low} to {high}"
+
+
+def _signed(text: str) -> str:
+    """Return a number's text with a real minus sign, and none before zero."""
+    if not text.strip("-0."):
+        text = text.removeprefix("-")
+    return text.replace("-", "−")
+
+
+def listed(parts: Sequence[str], word: str) -> str:
+    """Join parts as a sentence does, the last by ``and`` or ``or``."""
+    return f" {word} ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
+
+
+def sentence(text: str) -> str:
+    """Return a text that begins with a capital."""
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,200 @@
+"""What every figure shares: colours, fonts, labels with units, files that repeat bit for bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from afl_mujoco.document import blocks
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.files import atomic_file
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#707070"
+"""Colours of Okabe and Ito, which the colour-blind tell apart, and a grey."""
+
+CONTROLLERS: Mapping[str, str] = {
+    "fixed": ORANGE,  # light, both: black dashes show on them
+    "adaptive": SKY,
+    "fixed-retuned": VERMILION,
+    "adaptive-retuned": BLUE,
+    "fixed-nominal": PURPLE,
+    "adaptive-nominal": GREEN,
+}
+"""Colour of each controller."""
+
+MODES: Mapping[str, tuple[str, str]] = {
+    "mujoco sampled": (VERMILION, "sampled: as deployed, control held"),
+    "mujoco continuous": (BLUE, "continuous: RK4, law in every stage"),
+    "mujoco exact": (GREEN, "exact: the ODE's own integrator"),
+}
+"""Colour and words of each mode of MuJoCo, the largest difference first."""
+
+STATE_LABELS = ("z [m]", "φ [rad]", "z′ [m/s]", "φ′ [rad/s]")
+"""Labels of the states, in their order."""
+
+TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
+
+PNG_DPI = 130
+
+_RC: Any = {
+    "font.family": "DejaVu Sans",
+    "mathtext.fontset": "dejavusans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.0,
+    "legend.fontsize": 9.0,
+    "legend.frameon": False,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "figure.titlesize": 11.0,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "axes.facecolor": "white",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "axes.prop_cycle": cycler(color=(BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)),
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "round",
+    "svg.hashsalt": "afl-mujoco",
+    "svg.fonttype": "path",
+}
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """A figure with its words.
+
+    Attributes
+    ----------
+    name
+        Of its files, without suffix.
+    title
+        A heading.
+    caption
+        What is drawn, and which figure of the paper it answers to.
+    alt
+        What one sees, with numbers, for those who do not see it.
+    figure
+        The figure.
+    """
+
+    name: str
+    title: str
+    caption: str
+    alt: str
+    figure: Figure
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in the style of all figures; also a decorator."""
+    with matplotlib.rc_context(_RC):
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure that needs no display.
+
+    Parameters
+    ----------
+    width, height
+        Its size [in].
+    """
+    figure = Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_limit(axis: Axes, limit: float, name: str, colour: str, *, under: bool = False) -> None:
+    """Draw a limit across a panel, with its name at the left end."""
+    axis.axhline(limit, color=colour, linewidth=0.8, linestyle=(0, (6, 3)), zorder=1.5)
+    axis.annotate(
+        name, (0.0, limit), xycoords=("axes fraction", "data"), textcoords="offset points",
+        xytext=(3.0, -2.0 if under else 1.5), va="top" if under else "bottom", fontsize=7.5,
+        color=colour,
+    )  # fmt: skip
+
+
+def colour_of(controller: str) -> str:
+    """Return the colour of a controller."""
+    return CONTROLLERS.get(controller, GREY)
+
+
+def in_words(value: float) -> str:
+    """Return a number as a sentence has it, two digits and a power of ten."""
+    if value == 0.0:
+        return "0"
+    if 1e-2 <= abs(value) < 999.5:
+        return f"{value:.3g}".replace("-", "−")
+    digits, power = f"{value:.1e}".split("e")
+    return f"{digits} × 10{str(int(power)).translate(_SUPERSCRIPTS)}".replace("-", "−")
+
+
+def decade_above(value: float) -> float:
+    """Return the power of ten that a logarithmic axis ends with to show a value."""
+    return float(10.0 ** math.ceil(math.log10(value)))
+
+
+def lay_out(figure: Figure) -> None:
+    """Lay a figure out for good, so that each of its files need not do it anew."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        with styled():
+            engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG or SVG, whole or not at all; the same figure gives the same bytes."""
+    kind = path.suffix.removeprefix(".")
+    if kind not in ("png", "svg"):
+        raise InvalidValueError("suffix of a figure", "must be .png or .svg", repr(path.suffix))
+    dated: dict[str, Any] = {"Date": None} if kind == "svg" else {}
+    with styled(), atomic_file(path) as temporary:
+        figure.savefig(temporary, dpi=PNG_DPI, format=kind, metadata=dated)
+
+
+def write_drawn(drawn: Drawn, folder: Path) -> dict[str, str]:
+    """Write a figure as SVG and PNG, and return its words and the names of its files.
+
+    Returns
+    -------
+    dict
+        ``name``, ``title``, ``caption``, ``alt``, ``svg`` and ``png``.
+    """
+    lay_out(drawn.figure)
+    files = {suffix: f"{drawn.name}.{suffix}" for suffix in ("svg", "png")}
+    for file in files.values():
+        save_figure(drawn.figure, folder / file)
+    words = {key: getattr(drawn, key) for key in ("name", "title", "caption", "alt")}
+    return {**words, **files}
+
+
+def write_figures(figures: Iterable[blocks.Figure], folder: Path) -> list[Path]:
+    """Draw figures and write each as SVG and PNG into a folder that exists; return the files."""
+    written = []
+    for figure in figures:
+        with styled():
+            drawing = figure.draw()
+        lay_out(drawing)
+        for name in figure.files.values():
+            save_figure(drawing, folder / name)
+            written.append(folder / name)
+    return written

@@ -1,0 +1,93 @@
+"""Sections on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text as RichText
+
+from afl_mujoco.document import blocks
+from afl_mujoco.document.markup import CODE, EMPHASIS, spans
+from afl_mujoco.document.pictures import Picture
+
+WIDTH = 160
+"""Columns where there is no terminal that has a width."""
+
+STYLES = {CODE: "cyan", EMPHASIS: "italic"}
+STATUS_STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red"}
+MARKS = {"": "", "good": "", "neutral": "◐ ", "bad": "✗ "}
+"""Before a cell, so that its status does not depend on colour alone."""
+
+
+def print_sections(
+    sections: Sequence[blocks.Section], folder: Path, console: Console | None = None
+) -> None:
+    """Print sections, their files in `folder`; of a folded table and a figure only what it is."""
+    if console is None:
+        console = Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    for section in sections:
+        _print_section(section, folder, console)
+
+
+def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
+    """Print a heading and what follows."""
+    console.print(RichText(f"\n{section.title}", style="bold"))
+    for block in section.blocks:
+        if isinstance(block, blocks.Section):
+            _print_section(block, folder, console)
+        elif isinstance(block, blocks.Table) and not block.summary:
+            console.print(_table(block))
+        else:
+            console.print(_line(block, folder), soft_wrap=isinstance(block, blocks.Command))
+
+
+def _line(block: blocks.Block, folder: Path) -> RichText:
+    """Return a block other than a table that is shown."""
+    if isinstance(block, blocks.Finding):
+        return RichText(f"{block.lead}: ", style="bold").append_text(_marked(block.text))
+    if isinstance(block, blocks.Text):
+        return _marked(block.text)
+    if isinstance(block, blocks.Command):  # as it is typed, to be copied
+        return RichText(f"{block.lead}: {block.typed(folder)}")
+    if isinstance(block, blocks.Table):
+        return RichText(f"[{block.summary}: {len(block.rows)} rows, not shown here]", style="dim")
+    if isinstance(block, blocks.Figure):
+        return RichText(f"[{block.title}: {folder / block.files['png']}]", style="dim")
+    if isinstance(block, Picture):
+        return RichText(f"[{block.title}]", style="dim")
+    raise TypeError(block)
+
+
+def _marked(text: str) -> RichText:
+    """Return a paragraph with its markup."""
+    found = RichText()
+    for span in spans(text):
+        found.append(span.text, STYLES.get(span.style, ""))
+    return found
+
+
+def _style(cell: blocks.Cell) -> str:
+    """Return the style of a cell."""
+    return STATUS_STYLES.get(cell.status, "bold" if cell.strong else "")
+
+
+def _table(table: blocks.Table) -> RichTable:
+    """Return a table; what leads in a row and repeats the row above is left out."""
+    shown = RichTable(box=SIMPLE_HEAD, title=RichText(table.caption), title_justify="left")
+    for column in table.columns:
+        shown.add_column(RichText(column.title), justify="right" if column.number else "left")
+    above: list[str] = []
+    for row in table.cells:
+        texts = [MARKS[cell.status] + cell.text for _, cell in row]
+        styles = [_style(cell) for _, cell in row]
+        repeated = texts[0] if above[:1] == texts[:1] else None
+        above = list(texts)
+        if repeated is not None:
+            texts[0] = ""
+        shown.add_row(*(RichText(t, style=s) for t, s in zip(texts, styles, strict=True)))
+    return shown

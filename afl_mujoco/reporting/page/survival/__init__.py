@@ -1,1 +1,0 @@
-"""Whether the controllers survive: the sentences and tables that the page has of the studies."""

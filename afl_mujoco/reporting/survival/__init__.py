@@ -1,1 +1,0 @@
-"""What the survival studies found, as tables and figures."""

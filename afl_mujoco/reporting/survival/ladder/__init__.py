@@ -1,1 +1,0 @@
-"""The realism ladder as a table and figures."""

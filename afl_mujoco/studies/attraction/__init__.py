@@ -1,0 +1,1 @@
+"""Regions of attraction: from where each controller settles, by the equations and in MuJoCo."""

@@ -1,0 +1,77 @@
+"""Where the ideal equations and MuJoCo disagree about what settles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.attraction.cells import OUTCOMES, AttractionMap
+
+AGREE, ON_BORDER, INSIDE = range(3)
+"""What a cell of the map of disagreement is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """One controller on one rectangle of rollouts, by the equations and in MuJoCo.
+
+    Attributes
+    ----------
+    ode, mujoco
+        The two maps.
+
+    Raises
+    ------
+    InvalidValueError
+        If the maps are not of the same cells and the same controller.
+    """
+
+    ode: AttractionMap
+    mujoco: AttractionMap
+
+    def __post_init__(self) -> None:
+        """Check that the maps belong together."""
+        a, b = self.ode, self.mujoco
+        if a.controller != b.controller:
+            rule = f"must be {a.controller!r} in both maps"
+            raise InvalidValueError("controller", rule, repr(b.controller))
+        for name in ("starts", "plants"):
+            if not np.array_equal(getattr(a.cells, name), getattr(b.cells, name)):
+                raise InvalidValueError(f"{name} of the cells", "must be those of both maps")
+
+    def disagreement(self) -> NDArray[np.uint8]:
+        """Return for each cell `AGREE`, `ON_BORDER` or `INSIDE`, shape (rows, columns).
+
+        A cell whose outcomes differ is on the border if, in either map, one of its up to eight
+        neighbours has another outcome than it: a finer grid would move it. The rest are inside:
+        whatever causes them is wider than a cell.
+        """
+        differs = self.ode.outcome != self.mujoco.outcome
+        border = on_border(self.ode.outcome) | on_border(self.mujoco.outcome)
+        return np.where(differs, np.where(border, ON_BORDER, INSIDE), AGREE).astype(np.uint8)
+
+    def transitions(self) -> NDArray[np.int64]:
+        """Return how many cells end so by the equations (row) and so in MuJoCo (column)."""
+        count = len(OUTCOMES)
+        pairs = count * self.ode.outcome.ravel().astype(np.int64) + self.mujoco.outcome.ravel()
+        return np.bincount(pairs, minlength=count**2).reshape(count, count)
+
+
+def on_border(outcome: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return whether one of a cell's up to eight neighbours has another outcome than it.
+
+    Parameters
+    ----------
+    outcome
+        Of a map, shape (rows, columns).
+    """
+    rows, columns = outcome.shape
+    padded = np.pad(outcome, 1, mode="edge")
+    border = np.zeros(outcome.shape, dtype=np.bool_)
+    for i in range(3):
+        for j in range(3):
+            border |= padded[i : i + rows, j : j + columns] != outcome
+    return border

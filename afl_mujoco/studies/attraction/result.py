@@ -1,0 +1,178 @@
+"""What the study of attraction finds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.simulation.attraction.cells import (
+    FOUND,
+    OUTCOMES,
+    SETTLED,
+    AttractionMap,
+    Cells,
+)
+from afl_mujoco.studies.attraction.comparison import INSIDE, ON_BORDER, Comparison
+from afl_mujoco.studies.record import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Map:
+    """How the rollouts of a map ended, by the equations or in MuJoCo.
+
+    Attributes
+    ----------
+    shares
+        Of the cells, by how they ended [1].
+    largest_time, largest_peak_z, largest_peak_force
+        Over the cells that settled [s, m, N]; None without any.
+    settings
+        Criterion, method and steps.
+    outcome, time, peak_z, peak_force
+        Of each cell, as of `AttractionMap`.
+    """
+
+    shares: dict[str, float]
+    largest_time: float | None
+    largest_peak_z: float | None
+    largest_peak_force: float | None
+    settings: dict[str, Any]
+    outcome: Array
+    time: Array
+    peak_z: Array
+    peak_force: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disagreement:
+    """How many cells end differently; those on a border would move with a finer grid.
+
+    Attributes
+    ----------
+    differ, on_border, inside
+        Counts of cells; the first is the sum of the others.
+    ode_to_mujoco
+        Counts by how a cell ends by the equations, then in MuJoCo.
+    """
+
+    differ: int
+    on_border: int
+    inside: int
+    ode_to_mujoco: dict[str, dict[str, int]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MapPair:
+    """One controller on one rectangle of cells, by the equations and in MuJoCo.
+
+    Attributes
+    ----------
+    plane, controller
+        What the map is drawn over, and the controller's name.
+    cells
+        How many there are.
+    pole_mass, gravity
+        m [kg] and g [m/s^2].
+    ode, mujoco, disagreement
+        What was found.
+    columns, rows, starts, plants
+        As of `Cells`.
+    """
+
+    plane: str
+    controller: str
+    cells: int
+    pole_mass: float
+    gravity: float
+    ode: Map
+    mujoco: Map
+    disagreement: Disagreement
+    columns: Array
+    rows: Array
+    starts: Array
+    plants: Array
+
+    @property
+    def comparison(self) -> Comparison:
+        """The two maps, to be drawn."""
+        cells = Cells(
+            plane=self.plane,
+            columns=self.columns,
+            rows=self.rows,
+            starts=self.starts,
+            plants=self.plants,
+            pole_mass=self.pole_mass,
+            gravity=self.gravity,
+        )
+        maps = (
+            AttractionMap(
+                cells=cells,
+                controller=self.controller,
+                simulator=simulator,
+                settings=found.settings,
+                **{name: getattr(found, name) for name in FOUND},
+            )
+            for simulator, found in (("ode", self.ode), ("mujoco", self.mujoco))
+        )
+        return Comparison(*maps)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """Maps of attraction: each controller on each plane."""
+
+    maps: tuple[MapPair, ...]
+
+
+def result_of(comparisons: Sequence[Comparison]) -> Result:
+    """Return comparisons as a result."""
+    return Result(maps=tuple(_pair(comparison) for comparison in comparisons))
+
+
+def _pair(comparison: Comparison) -> MapPair:
+    """Return one comparison with its numbers."""
+    cells = comparison.ode.cells
+    kinds = np.bincount(comparison.disagreement().ravel(), minlength=3).tolist()
+    return MapPair(
+        plane=cells.plane,
+        controller=comparison.ode.controller,
+        cells=int(comparison.ode.outcome.size),
+        pole_mass=cells.pole_mass,
+        gravity=cells.gravity,
+        ode=_map(comparison.ode),
+        mujoco=_map(comparison.mujoco),
+        disagreement=Disagreement(
+            differ=kinds[ON_BORDER] + kinds[INSIDE],
+            on_border=kinds[ON_BORDER],
+            inside=kinds[INSIDE],
+            ode_to_mujoco={
+                ode: dict(zip(OUTCOMES, row, strict=True))
+                for ode, row in zip(OUTCOMES, comparison.transitions().tolist(), strict=True)
+            },
+        ),
+        columns=cells.columns,
+        rows=cells.rows,
+        starts=cells.starts,
+        plants=cells.plants,
+    )
+
+
+def _map(found: AttractionMap) -> Map:
+    """Return one map with its shares and extremes."""
+    settled = found.outcome == SETTLED
+
+    def largest(values: NDArray[np.float64]) -> float | None:
+        return float(values[settled].max()) if settled.any() else None
+
+    return Map(
+        shares=found.shares(),
+        largest_time=largest(found.time),
+        largest_peak_z=largest(found.peak_z),
+        largest_peak_force=largest(found.peak_force),
+        settings=dict(found.settings),
+        **{name: getattr(found, name) for name in FOUND},
+    )

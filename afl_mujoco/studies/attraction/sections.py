@@ -1,0 +1,113 @@
+"""The study of attraction in words, tables and figures."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table
+from afl_mujoco.document.numbers import fixed, percent
+from afl_mujoco.simulation.attraction.cells import OUTCOMES, PLANTS, STATES
+from afl_mujoco.studies.attraction.figures import draw_attraction
+from afl_mujoco.studies.attraction.result import Map, MapPair, Result
+
+WORDS = {
+    STATES: ("states", "From which starts each controller settles", "over starts (φ₀, φ₀′)"),
+    PLANTS: (
+        "plants",
+        "On which plants each controller settles from the paper's start",
+        "over plants (M, l)",
+    ),
+}
+"""Of a plane: the name of its figure, its title, and what it is drawn over."""
+
+
+def sections(result: Result) -> list[Section]:
+    """Return what a report says of the maps."""
+    planes = dict.fromkeys(pair.plane for pair in result.maps)
+    figures = [_figure([pair for pair in result.maps if pair.plane == p]) for p in planes]
+    finding = Finding("Where it settles", _finding(result))
+    blocks: list[Block] = [finding, *figures, _table(result)]
+    return [Section("Regions of attraction", "attraction", blocks)]
+
+
+def _finding(result: Result) -> str:
+    """Say what share of each map settles, and how many cells disagree away from a border."""
+    said = (
+        f"{pair.controller} {percent(pair.mujoco.shares['settled'], 3)} "
+        f"{WORDS[pair.plane][2].replace('over', 'of the')}"
+        for pair in result.maps
+    )
+    text = f"In MuJoCo these settle: {'; '.join(said)}."
+    differ = sum(pair.disagreement.differ for pair in result.maps)
+    inside = sum(pair.disagreement.inside for pair in result.maps)
+    cells = sum(pair.cells for pair in result.maps)
+    if not differ:
+        return f"{text} MuJoCo and the equations agree on all {cells} cells."
+    where = f"{inside} of them away from any border" if inside else "each on a border of outcomes"
+    return f"{text} MuJoCo and the equations disagree on {differ} of {cells} cells, {where}."
+
+
+def _table(result: Result) -> Table:
+    """Return two rows for each pair of maps: by the equations, in MuJoCo."""
+    counts = ("Differ", "On a border", "Inside", "Of cells")
+    return Table(
+        caption=(
+            "How rollouts end, in % of the cells; which cells end differently in MuJoCo, on a "
+            "border between outcomes and inside"
+        ),
+        columns=(
+            Column("Map over"),
+            Column("Controller"),
+            Column("By"),
+            *(Column(outcome.capitalize(), "%", number=True) for outcome in OUTCOMES),
+            *(Column(title, number=True) for title in counts),
+        ),
+        rows=[
+            row
+            for pair in result.maps
+            for row in (
+                (*_shares(pair, pair.ode, "equations"), "", "", "", ""),
+                (*_shares(pair, pair.mujoco, "MuJoCo"), *_counts(pair)),
+            )
+        ],
+    )
+
+
+def _shares(pair: MapPair, found: Map, by: str) -> tuple[str, ...]:
+    """Return the beginning of a row."""
+    shares = (fixed(100.0 * found.shares[outcome], 2) for outcome in OUTCOMES)
+    return (pair.plane, pair.controller, by, *shares)
+
+
+def _counts(pair: MapPair) -> tuple[Cell | str, ...]:
+    """Return how many cells disagree."""
+    d = pair.disagreement
+    inside = Cell(str(d.inside), "neutral" if d.inside else "")
+    return (str(d.differ), str(d.on_border), inside, str(pair.cells))
+
+
+def _figure(pairs: list[MapPair]) -> Figure:
+    """Return the figure of one plane."""
+    name, title, over = WORDS[pairs[0].plane]
+    settings: Any = pairs[0].mujoco.settings
+    step, (z, phi, z_dot, phi_dot) = 1e3 * float(settings["timestep"]), settings["bands"]
+    said = (
+        f"{pair.controller}: {100.0 * pair.ode.shares['settled']:.1f} % settle by the equations, "
+        f"{100.0 * pair.mujoco.shares['settled']:.1f} % in MuJoCo, {pair.disagreement.differ} "
+        f"cells differ, {pair.disagreement.inside} of them not on a border"
+        for pair in pairs
+    )
+    return Figure(
+        name=f"attraction-{name}",
+        title=title,
+        caption=(
+            f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms, its force held, "
+            "and where the two differ. A cell on a border has a neighbour with another outcome, "
+            "so that a finer grid would move it. "
+            f"Settled: for {settings['dwell']:g} s within {z:g} m, {phi:g} rad, {z_dot:g} m/s and "
+            f"{phi_dot:g} rad/s of rest, at any time up to {settings['horizon']:g} s."
+        ),
+        alt="; ".join(said) + ".",
+        draw=partial(draw_attraction, [pair.comparison for pair in pairs]),
+    )

@@ -1,0 +1,175 @@
+"""The configuration of the study of attraction, and its run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from afl_mujoco.studies.contract import Progress, Study, silent
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.law import Law
+    from afl_mujoco.simulation.attraction.cells import Cells, Settling
+    from afl_mujoco.studies.attraction.result import Result
+
+GRID, QUICK_GRID = 101, 21
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attraction:
+    """Map from where each controller settles: by the equations, in MuJoCo, where they disagree.
+
+    Example: afl-mujoco attraction --controllers adaptive lqr --quick
+
+    One map over (phi0, phi0') on one plant, one over (M, l) from one start. Writes
+    attraction.json, an npz of the maps, and a figure for each plane. The whole takes some ten
+    minutes on two cores.
+    """
+
+    controllers: tuple[str, ...] = ("adaptive", "lqr")
+    """Controllers by name; neither one in Python nor one with the estimator."""
+    planes: tuple[str, ...] = ("states", "plants")
+    """Maps to draw: states, plants."""
+    grid: int | None = None
+    """Cells along each axis; 101 by default."""
+    quick: bool = False
+    """21 cells along each axis, where not given otherwise."""
+    mass: float = 1.0
+    """Cart mass M of the map over states [kg]."""
+    length: float = 0.5
+    """Half-length l of the map over states [m]."""
+    max_angle: float = 1.55
+    """The map over states reaches from minus this to this phi0 [rad]."""
+    max_rate: float = 10.0
+    """The map over states reaches from minus this to this phi0' [rad/s]."""
+    masses: tuple[float, float] = (0.1, 2.0)
+    """Edges of the map over plants: M [kg]."""
+    lengths: tuple[float, float] = (0.05, 1.0)
+    """Edges of the map over plants: l [m]."""
+    start_angle: float = -math.pi / 3.0
+    """phi0 of the map over plants [rad]."""
+    horizon: float = 20.0
+    """When a rollout that has neither settled nor fallen ends as undecided [s]."""
+    timestep: float = 2e-3
+    """MuJoCo's physics step, over which the control is held [s]."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+
+
+class Request(NamedTuple):
+    """What is mapped: controllers, the cells of each map, and when a rollout has settled."""
+
+    controllers: list[Law]
+    maps: list[Cells]
+    settling: Settling
+
+
+def request_of(configuration: Attraction) -> Request:
+    """Return what a configuration asks for."""
+    from afl_mujoco.control.controllers import find_controller
+    from afl_mujoco.errors import UnknownNameError
+    from afl_mujoco.scenario.parameters import require_distinct
+    from afl_mujoco.scenario.sampling import whole_steps
+    from afl_mujoco.simulation.attraction.cells import Settling
+    from afl_mujoco.simulation.mujoco_model import INTEGRATORS
+
+    c = configuration
+    require_distinct("controller", c.controllers)
+    require_distinct("plane", c.planes)
+    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    maps = [_cells(c, plane) for plane in c.planes]
+    settling = Settling(horizon=c.horizon)
+    for name, time in (("dwell", settling.dwell), ("horizon", settling.horizon)):
+        whole_steps(name, time, "timestep", c.timestep)
+    if c.integrator not in INTEGRATORS:
+        raise UnknownNameError.among("integrator", c.integrator, INTEGRATORS)
+    for controller in controllers:
+        _ = controller.compiled  # raises if it is written in Python
+        for cells in maps:  # raises if a gain is not positive
+            masses, lengths = cells.plants.T
+            controller.law_inputs(masses, lengths, cells.pole_mass, cells.gravity)
+    return Request(controllers, maps, settling)
+
+
+def _cells(configuration: Attraction, plane: str) -> Cells:
+    """Return the cells of a plane."""
+    from afl_mujoco.errors import UnknownNameError
+    from afl_mujoco.simulation.attraction.cells import (
+        PLANES,
+        STATES,
+        axis,
+        plant_cells,
+        state_cells,
+    )
+
+    c = configuration
+    if plane not in PLANES:
+        raise UnknownNameError.among("plane", plane, PLANES)
+    count = c.grid if c.grid is not None else QUICK_GRID if c.quick else GRID
+    if plane == STATES:
+        return state_cells(
+            axis("max_angle", -c.max_angle, c.max_angle, count),
+            axis("max_rate", -c.max_rate, c.max_rate, count),
+            cart_mass=c.mass,
+            half_length=c.length,
+        )
+    return plant_cells(
+        axis("masses", *c.masses, count),
+        axis("lengths", *c.lengths, count),
+        start=(0.0, c.start_angle, 0.0, 0.0),
+    )
+
+
+def check(configuration: Attraction) -> None:
+    """Raise at what breaks a rule."""
+    request_of(configuration)
+
+
+def run(configuration: Attraction, *, progress: Progress = silent, workers: int = 1) -> Result:
+    """Make the maps; the numbers do not depend on the threads, one for each of the workers.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule.
+    """
+    from afl_mujoco.simulation.attraction.mujoco_map import map_in_mujoco
+    from afl_mujoco.simulation.attraction.ode_map import map_by_ode
+    from afl_mujoco.studies.attraction.comparison import Comparison
+    from afl_mujoco.studies.attraction.result import result_of
+
+    controllers, maps, settling = request_of(configuration)
+    done, total = 0, 2 * len(controllers) * sum(len(cells.starts) for cells in maps)
+    progress("mapping", 0, total)
+
+    def advance(cells: int) -> None:
+        nonlocal done
+        done += cells
+        progress("mapping", done, total)
+
+    shared: Any = {"settling": settling, "threads": workers, "progress": advance}
+    steps: Any = {"timestep": configuration.timestep, "integrator": configuration.integrator}
+    return result_of(
+        [
+            Comparison(
+                map_by_ode(cells, controller, **shared),
+                map_in_mujoco(cells, controller, **shared, **steps),
+            )
+            for cells in maps
+            for controller in controllers
+        ]
+    )
+
+
+STUDY = Study(
+    name="attraction",
+    title="Regions of attraction",
+    order=30,
+    schema=2,
+    configuration=Attraction,
+    check=check,
+    run=run,
+)

@@ -1,0 +1,119 @@
+"""What every study is: a configuration, a run, a result that is kept as JSON, sections.
+
+A study is a package of this folder:
+
+``study.py``
+    Its configuration, a frozen dataclass: the fields are the options of the command, their
+    docstrings its help. ``check`` raises at what breaks a rule, before anything slow; ``run``
+    returns the result. `STUDY` names them. It is imported by ``--help``: what is slow to import
+    is imported inside the functions.
+``result.py``
+    ``Result``, a frozen dataclass of what pydantic knows, and of `Array`.
+``sections.py``
+    ``sections(result)``: the only place that puts the study into words.
+``files.py``
+    Only for a study that writes more than figures: ``require(folder)`` raises before the run,
+    ``write(result, folder)`` returns what it wrote.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+if TYPE_CHECKING:
+    from afl_mujoco.document.blocks import Section
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is being done, how many parts of it are done, and how many there are."""
+
+ScenarioNames = Annotated[
+    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")
+]
+"""Scenarios by name or file, before the options."""
+
+
+def silent(doing: str, done: int, total: int) -> None:
+    """Report no progress."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """A study, as the command line, the report and the tests see it.
+
+    Attributes
+    ----------
+    name
+        Of its command and its files.
+    title
+        In the contents of a report.
+    order
+        Place among the studies, the least first.
+    schema
+        Of its result: raised whenever an older file can no longer be read.
+    configuration
+        The dataclass of its options.
+    check
+        ``check(configuration)`` raises at what breaks a rule, before anything slow.
+    run
+        ``run(configuration, progress=..., workers=..., cluster=...)`` returns the result; the
+        command has those of the options ``--workers`` and ``--cluster`` that it takes.
+    """
+
+    name: str
+    title: str
+    order: int
+    schema: int
+    configuration: type
+    check: Callable[[Any], None]
+    run: Callable[..., Any]
+
+    @property
+    def command(self) -> str:
+        """What makes its result."""
+        return f"afl-mujoco {self.name}"
+
+    def takes(self, option: str) -> bool:
+        """Return whether its run has an option."""
+        return option in inspect.signature(self.run).parameters
+
+    @property
+    def result_type(self) -> type:
+        """The dataclass of its result."""
+        found: type = self._module("result").Result
+        return found
+
+    def sections(self, result: Any) -> Sequence[Section]:
+        """Return what a report says of a result."""
+        found: Sequence[Section] = self._module("sections").sections(result)
+        return found
+
+    def require_folder(self, folder: Path) -> None:
+        """Raise if what the folder holds would be lost, or is in the way of its files."""
+        if self._has("files"):
+            self._module("files").require(folder)
+
+    def write_files(self, result: Any, folder: Path) -> list[Path]:
+        """Write what it has besides its figures; return what that is."""
+        return list(self._module("files").write(result, folder)) if self._has("files") else []
+
+    def _has(self, module: str) -> bool:
+        """Return whether its package has a module."""
+        return importlib.util.find_spec(f"{self._package}.{module}") is not None
+
+    def _module(self, name: str) -> ModuleType:
+        """Return a module of its package, imported when it is needed."""
+        return importlib.import_module(f"{self._package}.{name}")
+
+    @property
+    def _package(self) -> str:
+        """The package of its modules."""
+        return self.configuration.__module__.rpartition(".")[0]

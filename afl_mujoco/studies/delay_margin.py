@@ -1,0 +1,77 @@
+"""The delay margin of a linearised loop that holds its force, and the least over some scenarios."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from afl_mujoco.control.law import Law
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.linearization import linearize
+from afl_mujoco.studies.loop_margins import loop_margins
+
+PERIOD = 1e-3
+"""Control period by default [s]."""
+
+EVERY = 0.1
+"""How often a schedule is looked at [s]."""
+
+
+def delay_margin(law: Law, mass: float, length: float, period: float = PERIOD) -> float | None:
+    """Return the delay margin [s] of a linearised loop that holds its force; None without one.
+
+    Parameters
+    ----------
+    law
+        The controller.
+    mass, length
+        M [kg] and l [m].
+    period
+        How long the force is held [s].
+    """
+    loop = linearize(law, CartPoleParameters(cart_mass=mass, half_length=length))
+    margins = loop_margins(loop, period)
+    return None if margins is None or not math.isfinite(margins.delay) else margins.delay
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeastMargin:
+    """The least delay margin of one controller over the plants that some scenarios go through.
+
+    Attributes
+    ----------
+    controller
+        Its name.
+    margin
+        The margin [s]; 0 where the loop is not even stable without delay.
+    cart_mass, half_length
+        The plant, M [kg] and l [m].
+    """
+
+    controller: str
+    margin: float
+    cart_mass: float
+    half_length: float
+
+
+def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin | None:
+    """Return the least delay margin over the plants of some scenarios, looked at every `EVERY`."""
+    law, scenarios = unit
+    plants = sorted({plant for scenario in scenarios for plant in _plants_of(scenario)})
+    try:
+        margins = [(delay_margin(law, *plant) or 0.0, *plant) for plant in plants]
+    except InvalidValueError:  # the controller has no linearisation at upright
+        return None
+    margin, mass, length = min(margins)
+    return LeastMargin(controller=law.name, margin=margin, cart_mass=mass, half_length=length)
+
+
+def _plants_of(scenario: Scenario) -> set[tuple[float, float]]:
+    """Return the plants that a scenario goes through."""
+    times = np.arange(0.0, scenario.duration, EVERY)
+    pairs = zip(scenario.cart_mass(times), scenario.half_length(times), strict=True)
+    return {(float(mass), float(length)) for mass, length in pairs}

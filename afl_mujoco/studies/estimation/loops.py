@@ -1,0 +1,170 @@
+"""The closed loop with estimated parameters against those with the true and the nominal ones."""
+
+from __future__ import annotations
+
+import functools
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from afl_mujoco.control.controllers import CONTROLLERS, find_controller
+from afl_mujoco.control.controllers import ESTIMATED as SUFFIX
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.sampled.estimated import EstimatedRun, simulate_estimated
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.studies.estimation.tracking import Tracking, tracking
+from afl_mujoco.validation.metrics import Metrics, metrics, nominal_scales, with_objective
+
+CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
+"""The paper's four schedules."""
+
+NOISE = Realism(noise_z=1e-4, noise_phi=5e-4)
+"""The usual noise: 0.1 mm and 0.5 mrad, as of encoders of 0.35 mm and 3600 counts a turn."""
+
+TRUE, NOMINAL, ESTIMATED = "true", "nominal", "estimated"
+"""Which M and l a controller assumes."""
+
+METRICS = ("objective", "iae_z", "iae_phi", "max_force")
+"""Metrics that are reported of a loop."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loop:
+    """What one loop costs.
+
+    Attributes
+    ----------
+    parameters
+        What the controller assumes M and l to be: `TRUE`, `NOMINAL` or `ESTIMATED`.
+    noise
+        Whether the sensors are noisy.
+    runs, completed
+        How many there were, and how many of them kept the pole up.
+    metrics
+        Median over the runs of each of `METRICS`; ``None`` if a run did not complete.
+    largest_force
+        The largest of any run [N]; ``None`` if a run did not complete.
+    """
+
+    parameters: str
+    noise: bool
+    runs: int
+    completed: int
+    metrics: Metrics
+    largest_force: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Runs:
+    """The runs on one schedule.
+
+    Attributes
+    ----------
+    scenario, controller
+        What was simulated; the controller by the name that it has with the true parameters.
+    cart_mass, half_length
+        How M and l were tracked under noise, one for each seed.
+    noise
+        What the sensors do in the noisy runs.
+    loops
+        What each loop costs.
+    oracle, estimated
+        Runs to draw: with the true parameters without noise, and with the estimated ones under the
+        first noise.
+    """
+
+    scenario: Scenario
+    controller: str
+    cart_mass: tuple[Tracking, ...]
+    half_length: tuple[Tracking, ...]
+    noise: Realism
+    loops: tuple[Loop, ...]
+    oracle: Trajectory
+    estimated: EstimatedRun
+
+
+def require_study(controller: str, cases: Sequence[str], seeds: int) -> EstimatedLaw:
+    """Return the controller with the estimator, or raise before anything is run."""
+    if seeds < 1:
+        raise InvalidValueError("seeds", "must be at least 1", seeds)
+    law = find_controller(controller)
+    if isinstance(law, EstimatedLaw | PythonLaw) or law.belief is not None:
+        rule = "must be a compiled controller that takes M and l: the study estimates them"
+        raise InvalidValueError(f"controller {controller!r}", rule)
+    for name in cases:
+        if name not in SCENARIOS:
+            raise UnknownNameError.among("scenario", name, SCENARIOS)
+    require_distinct("scenario", cases)
+    return EstimatedLaw(name=f"{controller}{SUFFIX}", law=law)
+
+
+class Unit(NamedTuple):
+    """What a worker is asked to run: a scenario by name, a controller, seeds from one on, noise."""
+
+    scenario: str
+    controller: str
+    seeds: int
+    noise: Realism = NOISE
+
+
+def run_case(unit: Unit) -> Runs:
+    """Return the runs on one schedule, as deployed at 1 kHz, and what each loop costs."""
+    scenario, controller, seeds, noise = SCENARIOS[unit.scenario], *unit[1:]
+    estimating = require_study(controller, (unit.scenario,), seeds)
+    noisy = [
+        replace(scenario, realism=replace(noise, seed=noise.seed + seed)) for seed in range(seeds)
+    ]
+    runs = [simulate_estimated(one, estimating) for one in noisy]
+    quiet = simulate_estimated(scenario, estimating).run
+    oracle = simulate_mujoco(scenario, estimating.law, "sampled")
+    jittery = [simulate_mujoco(one, estimating.law, "sampled") for one in noisy]
+    loops = [
+        _loop(TRUE, scenario, estimating.law, [oracle]),
+        _loop(TRUE, noisy[0], estimating.law, jittery),
+        _loop(ESTIMATED, scenario, estimating, [quiet]),
+        _loop(ESTIMATED, noisy[0], estimating, [found.run for found in runs]),
+    ]
+    if (nominal := CONTROLLERS.get(f"{controller}-nominal")) is not None:
+        run = simulate_mujoco(scenario, nominal, "sampled")
+        loops.append(_loop(NOMINAL, scenario, nominal, [run]))
+    return Runs(
+        scenario=scenario,
+        controller=controller,
+        cart_mass=tuple(tracking(scenario.cart_mass, r.time, r.cart_mass) for r in runs),
+        half_length=tuple(tracking(scenario.half_length, r.time, r.half_length) for r in runs),
+        noise=noise,
+        loops=tuple(loops),
+        oracle=oracle,
+        estimated=runs[0],
+    )
+
+
+@functools.cache
+def _scales() -> ObjectiveScales:
+    """Return the scales of the objective (O1)."""
+    return nominal_scales(1e-3)
+
+
+def _loop(parameters: str, scenario: Scenario, law: Law, runs: Sequence[Trajectory]) -> Loop:
+    """Return what some runs of one loop cost."""
+    each = [with_objective(metrics(scenario, law, run), _scales()) for run in runs]
+    known = {name: [x for one in each if (x := one[name]) is not None] for name in METRICS}
+    whole = all(len(values) == len(runs) for values in known.values())
+    return Loop(
+        parameters=parameters,
+        noise=scenario.realism != IDEAL,
+        runs=len(runs),
+        completed=sum(run.outcome.kind == COMPLETED for run in runs),
+        metrics={n: statistics.median(x) if whole else None for n, x in known.items()},
+        largest_force=max(known["max_force"]) if whole else None,
+    )

@@ -1,0 +1,133 @@
+"""What the study of estimation finds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.studies.estimation.loops import Loop, Runs, Unit, run_case
+from afl_mujoco.studies.estimation.tracking import FOUND, WINDOWS, Tracking
+from afl_mujoco.studies.record import Array
+
+UNTIL, EVERY = 12.0, 4
+"""Until when curves are kept [s], nothing happens after that; and which instants of them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curves:
+    """What is drawn of one schedule, until `UNTIL`.
+
+    Attributes
+    ----------
+    time
+        Instants of the estimates [s].
+    cart_mass, half_length, true_cart_mass, true_half_length
+        Estimated and true M [kg] and l [m] then.
+    estimated_time, estimated_angle
+        Pole angle [rad] of the loop with the estimator and noise.
+    true_time, true_angle
+        Pole angle [rad] of the loop with the true parameters, without noise.
+    """
+
+    time: Array
+    cart_mass: Array
+    half_length: Array
+    true_cart_mass: Array
+    true_half_length: Array
+    estimated_time: Array
+    estimated_angle: Array
+    true_time: Array
+    true_angle: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """What was found on one schedule.
+
+    Attributes
+    ----------
+    scenario
+        Its name.
+    cart_mass, half_length
+        How M and l were tracked under noise, one for each seed.
+    loops
+        What each loop costs.
+    curves
+        What is drawn.
+    """
+
+    scenario: str
+    cart_mass: tuple[Tracking, ...]
+    half_length: tuple[Tracking, ...]
+    loops: tuple[Loop, ...]
+    curves: Curves
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """Tracking, and what estimation costs the closed loop.
+
+    Attributes
+    ----------
+    controller
+        By the name that it has with the true parameters.
+    windows
+        Names of the stretches of time over which errors are judged.
+    found_within
+        Relative error within which a step counts as found [1].
+    noise_z, noise_phi
+        Of the sensors in the noisy runs [m, rad].
+    cases
+        The schedules.
+    """
+
+    controller: str
+    windows: tuple[str, ...]
+    found_within: float
+    noise_z: float
+    noise_phi: float
+    cases: tuple[Case, ...]
+
+
+def result_of(controller: str, noise: Realism, cases: Sequence[Case]) -> Result:
+    """Return the cases of one controller under one noise as a result."""
+    return Result(
+        controller=controller,
+        windows=tuple(WINDOWS),
+        found_within=FOUND,
+        noise_z=noise.noise_z,
+        noise_phi=noise.noise_phi,
+        cases=tuple(cases),
+    )
+
+
+def study_case(unit: Unit) -> Case:
+    """Run one schedule; what a worker does."""
+    return case_of(run_case(unit))
+
+
+def case_of(runs: Runs) -> Case:
+    """Return the runs on one schedule as plain data and curves."""
+    found, oracle, scenario = runs.estimated, runs.oracle, runs.scenario
+    part, *angles = (
+        (time <= UNTIL).nonzero()[0][::EVERY] for time in (found.time, found.run.time, oracle.time)
+    )
+    time = found.time[part]
+    return Case(
+        scenario=scenario.name,
+        cart_mass=runs.cart_mass,
+        half_length=runs.half_length,
+        loops=runs.loops,
+        curves=Curves(
+            time=time,
+            cart_mass=found.cart_mass[part],
+            half_length=found.half_length[part],
+            true_cart_mass=scenario.cart_mass(time),
+            true_half_length=scenario.half_length(time),
+            estimated_time=found.run.time[angles[0]],
+            estimated_angle=found.run.state[angles[0], 1],
+            true_time=oracle.time[angles[1]],
+            true_angle=oracle.state[angles[1], 1],
+        ),
+    )

@@ -1,0 +1,85 @@
+"""The configuration of the study of estimation, and its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
+
+if TYPE_CHECKING:
+    from afl_mujoco.studies.estimation.loops import Unit
+    from afl_mujoco.studies.estimation.result import Result
+
+SEEDS, QUICK_SEEDS = 8, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimation:
+    """How well M and l are estimated online, and what that costs the closed loop.
+
+    Example: afl-mujoco estimation step-step --seeds 2
+
+    The controller takes M, l and the state from an extended Kalman filter of the measured z and
+    phi and the commanded force. Writes estimation.json, an npz of curves and a figure.
+    """
+
+    scenarios: ScenarioNames = ()
+    """Scenarios of the paper by name; its four schedules by default."""
+    controller: str = "adaptive"
+    """Controller by name, without -estimated."""
+    seeds: int | None = None
+    """Runs under noise, each with its own; 8 by default."""
+    quick: bool = False
+    """2 seeds, where not given otherwise."""
+
+
+def units_of(configuration: Estimation) -> list[Unit]:
+    """Return what a configuration asks for, a unit for each schedule."""
+    from afl_mujoco.studies.estimation.loops import CASES, Unit, require_study
+
+    c = configuration
+    default = QUICK_SEEDS if c.quick else SEEDS
+    seeds = default if c.seeds is None else c.seeds
+    names = c.scenarios or CASES
+    require_study(c.controller, names, seeds)
+    return [Unit(name, c.controller, seeds) for name in names]
+
+
+def check(configuration: Estimation) -> None:
+    """Raise at what breaks a rule."""
+    units_of(configuration)
+
+
+def run(configuration: Estimation, *, progress: Progress = silent, workers: int = 1) -> Result:
+    """Run every schedule; the result does not depend on the workers.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule.
+    """
+    import itertools
+
+    from afl_mujoco.execution.executors import compute_all, open_executor
+    from afl_mujoco.studies.estimation.result import result_of, study_case
+
+    units = units_of(configuration)
+    done = itertools.count(1)
+    progress("estimating", 0, len(units))
+    with open_executor(min(workers, len(units))) as executor:
+        found = compute_all(
+            study_case, units, executor, lambda i: progress("estimating", next(done), len(units))
+        )
+    return result_of(configuration.controller, units[0].noise, found)
+
+
+STUDY = Study(
+    name="estimation",
+    title="M and l estimated online",
+    order=50,
+    schema=2,
+    configuration=Estimation,
+    check=check,
+    run=run,
+)

@@ -1,0 +1,149 @@
+"""A closed loop at upright to first order, by finite differences on MuJoCo and controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.law import Law
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward
+
+STEP = 1e-5
+"""Step of the central differences [m, rad, m/s, rad/s, N]: their error falls with its square, that
+of rounding rises with its inverse; here both are near 1e-10."""
+
+COARSER = 10.0
+"""How many times longer the second step is, with which the first is compared."""
+
+AGREEMENT = 1e-5
+"""Largest relative difference between the two: the longer step's own error is near 1e-7."""
+
+REST = 1e-9
+"""Largest force at upright [N]."""
+
+KINK = 1e-3
+"""Largest difference between a controller's slopes to either side of upright, relative to its
+largest slope: central differences do not see a kink, whatever their step."""
+
+_UPRIGHT = np.zeros(4)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """The loop ``x' = A x + B F``, ``F = -K x`` of the state x = (z, phi, z_dot, phi_dot).
+
+    Attributes
+    ----------
+    a, b
+        The plant: A, shape (4, 4), and B, shape (4,), the input a force [N].
+    k
+        The controller: K, shape (4,).
+    disagreement
+        Largest relative difference of A, B and K from those by a step ten times longer.
+    """
+
+    a: Array
+    b: Array
+    k: Array
+    disagreement: float = 0.0
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Poles of the closed loop [1/s], shape (4,)."""
+        return np.linalg.eigvals(self.a - np.outer(self.b, self.k)).astype(np.complex128)
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles lie in the left half-plane."""
+        return bool(self.poles.real.max() < 0.0)
+
+
+def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
+    """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright.
+
+    Raises
+    ------
+    InvalidValueError
+        If upright is no equilibrium of the controller, or it is not smooth there: two steps do not
+        agree, or the slopes to either side.
+    """
+    dynamics = plant_dynamics(CartPoleModel(plant))
+
+    def force(state: Array) -> Array:
+        return np.array([controller.force(state, plant)])
+
+    thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
+    thing += f", l = {plant.half_length:g} m"
+    (at_rest,) = force(_UPRIGHT)
+    if not abs(at_rest) <= REST:
+        rule = "must be about an equilibrium: no force at upright"
+        raise InvalidValueError(thing, rule, f"{at_rest:g} N")
+    fine, coarse = (
+        (
+            jacobian(lambda x: dynamics(x, 0.0), _UPRIGHT, step),
+            jacobian(lambda u: dynamics(_UPRIGHT, u[0]), np.zeros(1), step),
+            -jacobian(force, _UPRIGHT, step),
+        )
+        for step in (STEP, COARSER * STEP)
+    )
+    disagreement = max(
+        float(np.abs(one - other).max() / max(np.abs(one).max(), 1e-300))
+        for one, other in zip(fine, coarse, strict=True)
+    )
+    a, b, k = fine
+    if not np.isfinite(k).all():
+        raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
+    kink = float(np.abs(_bend(force, _UPRIGHT, STEP)).max() / max(np.abs(k).max(), 1e-300))
+    if not disagreement <= AGREEMENT:
+        rule = f"must not depend on the step by more than {AGREEMENT:g}"
+        raise InvalidValueError(thing, rule, f"{disagreement:.1e}")
+    if not kink <= KINK:
+        rule = f"must have slopes to either side that differ by at most {KINK:g} of the largest"
+        raise InvalidValueError(thing, rule, f"{kink:.1e}")
+    return Loop(a, b[:, 0], k[0], disagreement)
+
+
+def plant_dynamics(model: CartPoleModel) -> Callable[[Array, float], Array]:
+    """Return MuJoCo's ``x' = f(x, F)`` for the parameters that a model has."""
+
+    def dynamics(state: Array, force: float) -> Array:
+        accelerations = forward(model.addresses, *state.tolist(), float(force), 0.0)
+        return np.array([*state[2:], *accelerations])
+
+    return dynamics
+
+
+def jacobian(function: Callable[[Array], Array], point: Array, step: float) -> Array:
+    """Return the derivative of a function by central differences, shape (outputs, inputs).
+
+    Parameters
+    ----------
+    function
+        Of an array, shape (inputs,), to an array, shape (outputs,).
+    point
+        Where, shape (inputs,).
+    step
+        How far to either side.
+    """
+    columns = [
+        (function(point + offset) - function(point - offset)) / (2.0 * step)
+        for offset in step * np.eye(len(point))
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _bend(function: Callable[[Array], Array], point: Array, step: float) -> Array:
+    """Return how far the slopes to either side differ, shape (outputs, inputs)."""
+    middle = 2.0 * function(point)
+    columns = [
+        (function(point + offset) + function(point - offset) - middle) / step
+        for offset in step * np.eye(len(point))
+    ]
+    return np.stack(columns, axis=-1)

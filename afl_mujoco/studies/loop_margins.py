@@ -1,0 +1,144 @@
+"""Stability margins of a linear loop broken where the force enters the plant.
+
+They are python-control's; what is added is the choice of the worst of several crossovers, and the
+sampled loop, which is carried to a continuous one that has the same margins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.scenario.parameters import require_positive
+from afl_mujoco.studies.linearization import Loop
+
+COARSE, FINE = 80, 40
+"""Frequencies at which the disk margin is looked for: over all, then around the least of them."""
+
+BEYOND = 100.0
+"""How far below the slowest and above the fastest pole these reach, as a factor."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Margins:
+    """What a stable loop can bear before it is unstable, one thing at a time.
+
+    Attributes
+    ----------
+    gain_decrease, gain_increase
+        Factors of the loop gain between which it stays stable: below 1, above 1. The plant is
+        unstable, so too little gain loses it; ``inf`` if no increase does.
+    phase
+        Least additional lag or lead at a crossover [deg].
+    delay
+        Least additional delay [s]; ``inf`` if there is no crossover.
+    crossover
+        Frequency at which that delay destabilises it [rad/s].
+    disk
+        Size alpha of the largest disk of simultaneous changes of gain and phase, by the peak of
+        (S - T)/2.
+    disk_gain
+        The factor of gain, up and down, that the disk holds.
+    disk_phase
+        The phase, lag and lead, that the disk holds [deg].
+    """
+
+    gain_decrease: float
+    gain_increase: float
+    phase: float
+    delay: float
+    crossover: float
+    disk: float
+    disk_gain: float
+    disk_phase: float
+
+
+def loop_margins(loop: Loop, control_period: float | None = None) -> Margins | None:
+    """Return the margins of a loop, or None if it is not stable.
+
+    Parameters
+    ----------
+    loop
+        Plant and controller.
+    control_period
+        How long the force is held [s]; ``None`` for a continuous controller. The delay that the
+        hold itself costs, half a period, is then no longer in the margin; a delay of whole
+        periods is stable exactly up to it.
+    """
+    if control_period is None:
+        if not loop.stable:
+            return None
+        return _margins(control.ss(loop.a, loop.b[:, None], loop.k[None], 0.0), None)
+    period = require_positive("control_period", control_period)
+    a, b = held_plant(loop, period)
+    if not np.abs(np.linalg.eigvals(a - np.outer(b, loop.k))).max() < 1.0:
+        return None
+    return _margins(_bilinear(a, b, loop.k, period), period)
+
+
+def held_plant(loop: Loop, period: float) -> tuple[Array, Array]:
+    """Return A and B of the plant from sample to sample, its force held in between.
+
+    Parameters
+    ----------
+    loop
+        Gives the plant.
+    period
+        From sample to sample [s].
+    """
+    order = len(loop.a)
+    plant = control.ss(loop.a, loop.b[:, None], np.eye(order), np.zeros((order, 1)))
+    sampled = control.sample_system(plant, period, method="zoh")
+    return np.asarray(sampled.A), np.asarray(sampled.B)[:, 0]
+
+
+def _bilinear(a: Array, b: Array, k: Array, period: float) -> control.StateSpace:
+    """Return a sampled loop as a function of w, where ``z = (1 + w T/2) / (1 - w T/2)``.
+
+    The unit circle becomes the imaginary axis, so gain, phase and disk margins are those of a
+    continuous loop, at frequencies ``(2/T) tan(omega T/2)``.
+    """
+    half = 0.5 * period
+    inverse = np.linalg.inv(np.eye(len(a)) + a)
+    a_w = inverse @ (a - np.eye(len(a))) / half
+    b_w = inverse @ b / half
+    direct = -half * (k @ b_w)
+    return control.ss(a_w, (b_w - half * (a_w @ b_w))[:, None], k[None], direct)
+
+
+def _margins(system: control.StateSpace, period: float | None) -> Margins:
+    """Return the margins of a stable loop; of a sampled one as a function of w with its period."""
+    gains, phases, _, _, crossovers, _ = control.stability_margins(system, returnall=True)
+    if period is not None:
+        at_nyquist = float(system.D[0, 0])  # w is infinite there: no crossover, but L is real
+        gains = np.append(gains, -1.0 / at_nyquist) if at_nyquist < 0.0 else gains
+        crossovers = 2.0 / period * np.arctan(0.5 * period * crossovers)
+    delays = np.radians(np.mod(phases, 360.0)) / crossovers
+    worst = int(np.argmin(delays)) if len(delays) else None
+    disk, disk_gain, disk_phase = _disk(system)
+    return Margins(
+        gain_decrease=float(np.max(gains[gains < 1.0], initial=0.0)),
+        gain_increase=float(np.min(gains[gains > 1.0], initial=np.inf)),
+        phase=float(np.min(np.abs(phases), initial=np.inf)),
+        delay=np.inf if worst is None else float(delays[worst]),
+        crossover=np.inf if worst is None else float(crossovers[worst]),
+        disk=disk,
+        disk_gain=disk_gain,
+        disk_phase=disk_phase,
+    )
+
+
+def _disk(system: control.StateSpace) -> tuple[float, float, float]:
+    """Return disk margin, its gain as a factor and its phase [deg]."""
+    closed = np.abs(control.poles(control.feedback(system)))
+    bounds = closed.min() / BEYOND, closed.max() * BEYOND
+    omega = np.geomspace(*bounds, COARSE)
+    least = int(np.argmin(control.disk_margins(system, omega, returnall=True)[0]))
+    near = omega[max(least - 1, 0)], omega[min(least + 1, COARSE - 1)]
+    alpha, gain, phase = control.disk_margins(system, np.geomspace(*near, FINE))
+    return float(alpha), float(control.db2mag(gain)), float(phase)

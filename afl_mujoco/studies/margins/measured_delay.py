@@ -1,0 +1,202 @@
+"""The delay margin of the linearised loop against the delay that MuJoCo's loop bears."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from afl_mujoco.control.law import Law
+from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import constant
+from afl_mujoco.simulation.sampled.runs import simulate_sampled
+from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.studies.bisection import BRACKETED, find_threshold, scan_levels
+from afl_mujoco.studies.delay_margin import delay_margin
+
+START = 1e-3
+"""Pole angle at the start of a measurement [rad]: within the reach of the linearisation."""
+
+DURATION, PARTS = 20.0, 5
+"""Length of a run [s], and into how many parts it is cut: one that decays is smaller in the last
+than in the first and in the one before."""
+
+SMALL = 10.0 * START
+"""Pole angle that it must not exceed then [rad]: it may have grown into a limit cycle by then,
+which grows no more."""
+
+TIMESTEP = 1e-3
+"""MuJoCo's longest step, and the control period by default [s]."""
+
+TOLERANCE = 1e-3
+"""To which the measured delay is found [1]."""
+
+DELAY = 0.05
+"""About which a threshold is looked for where there is no margin [s]."""
+
+REACH = 0.05
+"""Relative difference up to which margin and measurement agree [1]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DelayComparison:
+    """One controller on one plant.
+
+    Attributes
+    ----------
+    controller
+        Its name.
+    cart_mass, half_length
+        M [kg] and l [m].
+    margin
+        Delay margin of the linearised loop, its force held over a control period [s]; None if it
+        is not stable without delay.
+    measured
+        Delay at which a small motion in MuJoCo no longer decays [s]; None if none was found.
+    """
+
+    controller: str
+    cart_mass: float
+    half_length: float
+    margin: float | None
+    measured: float | None
+
+    @property
+    def difference(self) -> float | None:
+        """Relative difference of the measurement from the margin [1]; None without both."""
+        if self.margin is None or self.measured is None:
+            return None
+        return self.measured / self.margin - 1.0
+
+    @property
+    def agrees(self) -> bool:
+        """Whether they differ by no more than `REACH`, or are both missing."""
+        if self.margin is None or self.measured is None:
+            return self.margin is self.measured
+        return abs(self.measured / self.margin - 1.0) <= REACH
+
+
+def measured_plants(
+    masses: Sequence[float], lengths: Sequence[float], *, few: bool = False
+) -> list[tuple[float, float]]:
+    """Return the plants of a grid on which delays are measured, M [kg] and l [m].
+
+    The lightest and the heaviest cart, each with the shortest, the longest, and the pole nearest
+    to their geometric mean; only the two ends of the grid if few.
+    """
+    ends = (min(masses), max(masses)), (min(lengths), max(lengths))
+    if few:
+        return list(dict.fromkeys(zip(*ends, strict=True)))
+    mean = math.sqrt(ends[1][0] * ends[1][1])
+    middle = min(lengths, key=lambda length: abs(math.log(length / mean)))
+    return list(dict.fromkeys(product(ends[0], (ends[1][0], middle, ends[1][1]))))
+
+
+def compare_delays(
+    controllers: Sequence[Law],
+    plants: Sequence[tuple[float, float]],
+    *,
+    control_period: float = TIMESTEP,
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[DelayComparison]:
+    """Compare margin and measurement for controllers on some plants.
+
+    Parameters
+    ----------
+    controllers
+        The controllers.
+    plants
+        M [kg] and l [m] of each.
+    control_period
+        How long the force is held [s].
+    workers
+        Processes to share the work among; the result does not depend on it.
+    progress
+        Called with how many are done.
+    """
+    units = [(law, *plant, control_period) for law in controllers for plant in plants]
+    done = itertools.count(1)
+    with open_executor(workers) as executor:
+        return compute_all(compare_delay, units, executor, lambda i: progress(next(done)))
+
+
+def compare_delay(unit: tuple[Law, float, float, float]) -> DelayComparison:
+    """Compare margin and measurement for one controller on one plant.
+
+    Parameters
+    ----------
+    unit
+        The controller, M [kg], l [m] and how long the force is held [s].
+    """
+    law, mass, length, period = unit
+    margin = delay_margin(law, mass, length, period)
+    return DelayComparison(
+        controller=law.name,
+        cart_mass=mass,
+        half_length=length,
+        margin=margin,
+        measured=measured_delay(law, mass, length, DELAY if margin is None else margin, period),
+    )
+
+
+def measured_delay(
+    law: Law, mass: float, length: float, about: float, period: float = TIMESTEP
+) -> float | None:
+    """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
+
+    Parameters
+    ----------
+    law
+        The controller.
+    mass, length
+        M [kg] and l [m].
+    about
+        A delay near which to look, from a fifth of it to five times it [s].
+    period
+        How long the force is held [s].
+    """
+    scan = scan_levels(about / 5.0, about * 5.0, 7)
+    found = find_threshold(lambda x: motion_decays(law, mass, length, x, period), scan, TOLERANCE)
+    if found.bound != BRACKETED or found.holds_at is None or found.fails_at is None:
+        return None
+    return math.sqrt(found.holds_at * found.fails_at)
+
+
+def motion_decays(
+    law: Law, mass: float, length: float, delay: float, period: float = TIMESTEP
+) -> bool:
+    """Return whether a small motion about upright decays in MuJoCo.
+
+    Parameters
+    ----------
+    law
+        The controller.
+    mass, length
+        M [kg] and l [m].
+    delay
+        Transport delay [s].
+    period
+        How long the force is held [s].
+    """
+    steps = math.ceil(period / TIMESTEP - 1e-9)  # of a period
+    scenario = Scenario(
+        name="small motion",
+        duration=max(1, round(DURATION / period)) * period,
+        cart_mass=constant(mass),
+        half_length=constant(length),
+        initial_state=(0.0, START, 0.0, 0.0),
+        realism=Realism(delay=delay),
+    )
+    run = simulate_sampled(scenario, law, timestep=period / steps, control_period=period)
+    if run.outcome.kind != COMPLETED:
+        return False
+    peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])
+    decayed = (peaks[-1] <= np.minimum(peaks[0], peaks[-2])).all()
+    return bool(decayed and peaks[-1, 1] <= SMALL)

@@ -1,0 +1,152 @@
+"""The study of margins in words, tables and figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
+from afl_mujoco.document.numbers import fixed, percent, short
+from afl_mujoco.document.style import in_words
+from afl_mujoco.studies.margins.figures import delay_margins, draw_delay_margins, draw_measured
+from afl_mujoco.studies.margins.measured_delay import REACH, START, TOLERANCE, DelayComparison
+from afl_mujoco.studies.margins.result import Result
+
+SUBJECT, REFERENCE = "adaptive", "lqr"
+"""The controllers that the finding is about, where they were studied."""
+
+_COLUMNS = (
+    (Column("Gain down to", number=True), "gain_decrease", 2, 1.0),
+    (Column("Gain up to", number=True), "gain_increase", 1, 1.0),
+    (Column("Phase", "°", number=True), "phase", 1, 1.0),
+    (Column("Disk", number=True), "disk", 2, 1.0),
+    (Column("Delay", "ms", number=True), "delay", 2, 1e3),
+)
+"""Column, margin, decimals and factor of each."""
+
+
+def sections(result: Result) -> list[Section]:
+    """Return what a report says of the margins."""
+    blocks: list[Block] = [_finding(result), _delay_figure(result), _table(result)]
+    if both := _both(result):
+        blocks += [Text(_measured_text(result, both)), _measured_figure(both, result)]
+    return [Section("Stability margins", "margins", blocks)]
+
+
+def _finding(result: Result) -> Finding:
+    """Say how far each loop is from instability at its worst plant, in one sentence."""
+    names = [name for name in (SUBJECT, REFERENCE) if name in result.margins]
+    parts = []
+    for name in names or list(result.margins)[:1]:
+        unstable = result.grid(name, sampled=True).unstable
+        if unstable:
+            parts.append(f"{name} is unstable on {unstable} of {result.plants} plants")
+            continue
+        disk, delay = (result.worst(name, kind, sampled=True) for kind in ("disk", "delay"))
+        if disk is not None and delay is not None:
+            margin = f"{fixed(1e3 * delay.value, 1)} ms" if math.isfinite(delay.value) else "none"
+            said = f"{fixed(disk.value, 2)} and a least delay margin of {margin}"
+            parts.append(f"{name} has a least disk margin of {said}")
+    return Finding("Linear margins", f"Linearised at upright, {'; '.join(parts)}.")
+
+
+def _table(result: Result) -> Table:
+    """Return the worst margins of each controller, continuous and held."""
+    period = f"held {short(1e3 * result.control_period)} ms"
+    return Table(
+        caption=f"Worst margins over {result.plants} plants, and where the delay margin is least",
+        columns=(
+            Column("Controller"),
+            Column("Force"),
+            Column("Unstable plants", number=True),
+            *(column for column, *_ in _COLUMNS),
+            Column("At M, l"),
+        ),
+        rows=[
+            _row(result, name, sampled, period if sampled else "continuous")
+            for name in result.margins
+            for sampled in (False, True)
+        ],
+    )
+
+
+def _row(result: Result, name: str, sampled: bool, force: str) -> tuple[Cell | str, ...]:
+    """Return one loop."""
+    unstable = result.grid(name, sampled=sampled).unstable
+    least = result.worst(name, "delay", sampled=sampled)
+    where = "" if least is None else f"{least.cart_mass:g} kg, {least.half_length:g} m"
+    cells = []
+    for _, metric, decimals, factor in _COLUMNS:
+        worst = result.worst(name, metric, sampled=sampled)
+        infinite = worst is not None and not math.isfinite(worst.value)
+        value = None if worst is None else factor * worst.value
+        cells.append("∞" if infinite else fixed(value, decimals))
+    return (name, force, Cell(str(unstable), "bad" if unstable else ""), *cells, where)
+
+
+def _both(result: Result) -> list[DelayComparison]:
+    """Return the comparisons that have a margin and a measurement."""
+    return [one for one in result.measured if one.difference is not None]
+
+
+def _measured_text(result: Result, both: list[DelayComparison]) -> str:
+    """Say how margins and measured delays of small motions agree."""
+    worst = max(both, key=lambda one: abs(one.difference or 0.0))
+    agree = sum(one.agrees for one in both)
+    neither = sum(one.margin is None and one.measured is None for one in result.measured)
+    unstable = ""
+    if neither:
+        unstable = f" On {neither} the loop is unstable even without delay, in both."
+    return (
+        f"Measured, with the force held for {short(1e3 * result.control_period)} ms: the delay "
+        f"from which a motion of {short(1e3 * START)} mrad no longer decays in MuJoCo. On "
+        f"{len(both)} of {len(result.measured)} plants and controllers there are both; they "
+        f"differ by at most {percent(abs(worst.difference or 0.0), 2)} ({worst.controller}, "
+        f"M = {short(worst.cart_mass)} kg, l = {short(worst.half_length)} m), and {agree} agree "
+        f"within {percent(REACH, 2)}.{unstable}"
+    )
+
+
+def _delay_figure(result: Result) -> Figure:
+    """Return the figure of the delay margins."""
+    return Figure(
+        name="margins-delay",
+        title="Delay margin of the linearised loop",
+        caption=(
+            "Delay margin at upright of the loop linearised on MuJoCo, its force held for "
+            f"{1e3 * result.control_period:g} ms, over {len(result.cart_masses)} × "
+            f"{len(result.half_lengths)} plants. Red: unstable even without delay."
+        ),
+        alt=f"Least delay margin: {'; '.join(_least(result)) or 'none'}.",
+        draw=partial(draw_delay_margins, result),
+    )
+
+
+def _least(result: Result) -> Iterator[str]:
+    """Say the least delay margin of each controller that has one."""
+    for name, table in delay_margins(result).items():
+        if np.isfinite(table).any():
+            yield f"{name} {in_words(float(np.nanmin(table)))} ms"
+
+
+def _measured_figure(both: list[DelayComparison], result: Result) -> Figure:
+    """Return the figure of the measured delays."""
+    plants = len({(one.cart_mass, one.half_length) for one in both})
+    largest = max(abs(one.difference or 0.0) for one in both)
+    return Figure(
+        name="margins-measured",
+        title="Margins and delays measured in MuJoCo",
+        caption=(
+            "Each mark is one controller on one plant: the delay from which a motion of "
+            f"{short(1e3 * START)} mrad no longer decays in MuJoCo, found by bisection to "
+            f"{percent(TOLERANCE, 2)}, against the margin."
+        ),
+        alt=(
+            f"{len(both)} comparisons on {plants} plants; the largest difference is "
+            f"{in_words(100.0 * largest)} %."
+        ),
+        draw=partial(draw_measured, result),
+    )

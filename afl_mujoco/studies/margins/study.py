@@ -1,0 +1,93 @@
+"""The configuration of the study of margins, and its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from afl_mujoco.studies.contract import Progress, Study, silent
+
+if TYPE_CHECKING:
+    from afl_mujoco.studies.margins.result import Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarginsConfiguration:
+    """Gain, phase, disk and delay margins of each controller at upright, over a grid of plants.
+
+    Example: afl-mujoco margins --controllers fixed lqr --control-period 0.005
+
+    The loop is linearised by finite differences on MuJoCo; on six of the plants the delay at which
+    a small motion in MuJoCo grows is measured as well. Writes margins.json and figures.
+    """
+
+    controllers: tuple[str, ...] = (
+        "fixed",
+        "adaptive",
+        "fixed-retuned",
+        "adaptive-retuned",
+        "lqr",
+        "pole-placement",
+        "partial-linearization",
+    )
+    """Controllers by name, or module:function of your own."""
+    cart_masses: tuple[float, ...] | None = None
+    """Cart masses M of the grid [kg]; the paper's 20 by default."""
+    half_lengths: tuple[float, ...] | None = None
+    """Half-lengths l of the grid [m]; the paper's 20 by default."""
+    control_period: float = 1e-3
+    """How long the sampled loop holds the force [s]."""
+    quick: bool = False
+    """Every fourth M and l of the paper where not given otherwise, and two plants measured."""
+    measure: bool = True
+    """Measure on six plants of the grid what delay MuJoCo tolerates."""
+
+
+def check(configuration: MarginsConfiguration) -> None:
+    """Raise at what breaks a rule."""
+    from afl_mujoco.studies.margins.survey import request_of
+
+    request_of(configuration)
+
+
+def run(
+    configuration: MarginsConfiguration, *, progress: Progress = silent, workers: int = 1
+) -> Result:
+    """Survey the margins and measure delays; the result does not depend on the workers.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule, or a controller cannot be linearised.
+    """
+    from dataclasses import replace
+
+    from afl_mujoco.studies.margins.measured_delay import compare_delays, measured_plants
+    from afl_mujoco.studies.margins.survey import request_of, survey_margins
+
+    request = request_of(configuration)
+    found = survey_margins(*request, workers=workers, progress=progress)
+    if not configuration.measure:
+        return found
+    plants = measured_plants(found.cart_masses, found.half_lengths, few=configuration.quick)
+    total = len(request.controllers) * len(plants)
+    progress("measuring", 0, total)
+    measured = compare_delays(
+        request.controllers,
+        plants,
+        control_period=configuration.control_period,
+        workers=workers,
+        progress=lambda done: progress("measuring", done, total),
+    )
+    return replace(found, measured=tuple(measured))
+
+
+STUDY = Study(
+    name="margins",
+    title="Stability margins",
+    order=40,
+    schema=2,
+    configuration=MarginsConfiguration,
+    check=check,
+    run=run,
+)

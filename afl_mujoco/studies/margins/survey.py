@@ -1,0 +1,159 @@
+"""Margins of some controllers over a grid of plants."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
+from afl_mujoco.control.controllers import find_controller
+from afl_mujoco.control.estimation.estimated_law import refuse_estimated
+from afl_mujoco.control.law import Law
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
+from afl_mujoco.studies.contract import Progress, silent
+from afl_mujoco.studies.linearization import STEP, linearize
+from afl_mujoco.studies.loop_margins import loop_margins
+from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGrid, Result
+from afl_mujoco.studies.margins.study import MarginsConfiguration
+
+QUICK = 4
+"""Of how many M and l one is studied in a quick run."""
+
+Unit = tuple[Law, float, tuple[float, ...], float]
+
+
+class Request(NamedTuple):
+    """What is surveyed: controllers, M [kg] and l [m] of the grid, control period [s]."""
+
+    controllers: tuple[Law, ...]
+    cart_masses: tuple[float, ...]
+    half_lengths: tuple[float, ...]
+    control_period: float
+
+
+def request_of(configuration: MarginsConfiguration) -> Request:
+    """Return what a configuration asks for."""
+    c = configuration
+    every = QUICK if c.quick else 1
+    return require(
+        [find_controller(name) for name in c.controllers],
+        c.cart_masses or CART_MASSES[::every],
+        c.half_lengths or HALF_LENGTHS[::every],
+        c.control_period,
+    )
+
+
+def require(
+    controllers: Sequence[Law],
+    cart_masses: Sequence[float],
+    half_lengths: Sequence[float],
+    control_period: float,
+) -> Request:
+    """Return what is surveyed, or raise before it is.
+
+    Each controller is linearised once: one that is not smooth is found here.
+    """
+    refuse_estimated(controllers)
+    period = require_positive("control_period", control_period)
+    masses = tuple(require_positive("cart_masses", x) for x in cart_masses)
+    lengths = tuple(require_positive("half_lengths", x) for x in half_lengths)
+    names = tuple(controller.name for controller in controllers)
+    for thing, items in (
+        ("controllers", names),
+        ("cart_masses", masses),
+        ("half_lengths", lengths),
+    ):
+        if not items or len(set(items)) < len(items):
+            raise InvalidValueError(thing, "must hold at least one, each once", list(items))
+    for controller in controllers:
+        linearize(controller, CartPoleParameters(cart_mass=masses[0], half_length=lengths[0]))
+    return Request(tuple(controllers), masses, lengths, period)
+
+
+def survey_margins(
+    controllers: Sequence[Law],
+    cart_masses: Sequence[float] = CART_MASSES,
+    half_lengths: Sequence[float] = HALF_LENGTHS,
+    control_period: float = 1e-3,
+    *,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> Result:
+    """Return the margins of controllers at every plant of a grid.
+
+    Parameters
+    ----------
+    controllers
+        Which.
+    cart_masses, half_lengths
+        The grid, M [kg] and l [m].
+    control_period
+        Over which the sampled loop holds its force [s].
+    workers
+        Processes to share the work among; the result does not depend on it.
+    progress
+        Called as of `Progress`.
+    """
+    laws, masses, lengths, period = require(controllers, cart_masses, half_lengths, control_period)
+    units: list[Unit] = [(law, mass, lengths, period) for law in laws for mass in masses]
+    done = itertools.count(1)
+    progress("linearising", 0, len(units))
+
+    def advance(index: int) -> None:
+        progress("linearising", next(done), len(units))
+
+    with open_executor(min(workers, len(units))) as executor:
+        rows = compute_all(margins_of_row, units, executor, advance)
+    shape = (len(laws), len(masses), len(lengths), 2, len(METRICS))
+    tables = {law.name: table for law, table in zip(laws, np.reshape(rows, shape), strict=True)}
+    return Result(
+        control_period=period,
+        cart_masses=masses,
+        half_lengths=lengths,
+        pole_mass=NOMINAL.pole_mass,
+        gravity=NOMINAL.gravity,
+        linearisation_step=STEP,
+        margins={
+            name: ControllerMargins(continuous=_grid(table[:, :, 0]), sampled=_grid(table[:, :, 1]))
+            for name, table in tables.items()
+        },
+    )
+
+
+def _grid(table: NDArray[np.float64]) -> LoopGrid:
+    """Return margins of shape (masses, lengths, margins), NaN where unstable, as plain data."""
+    plain = {
+        name: tuple(
+            tuple(x if math.isfinite(x) else None for x in row) for row in table[..., k].tolist()
+        )
+        for k, name in enumerate(METRICS)
+    }
+    stable = ~np.isnan(table[..., METRICS.index("disk")])
+    return LoopGrid(stable=tuple(tuple(row) for row in stable.tolist()), **plain)
+
+
+def margins_of_row(unit: Unit) -> NDArray[np.float64]:
+    """Return the margins of a controller for one cart mass, shape (lengths, 2, margins).
+
+    Parameters
+    ----------
+    unit
+        Controller, M [kg], the half-lengths [m] and the period of the sampled loop [s].
+    """
+    controller, mass, lengths, period = unit
+    row = np.full((len(lengths), 2, len(METRICS)), np.nan)
+    for place, length in enumerate(lengths):
+        loop = linearize(controller, CartPoleParameters(cart_mass=mass, half_length=length))
+        for kind, held in enumerate((None, period)):
+            found = loop_margins(loop, held)
+            if found is not None:
+                row[place, kind] = list(asdict(found).values())
+    return row

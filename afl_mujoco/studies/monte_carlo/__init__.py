@@ -1,0 +1,1 @@
+"""Monte Carlo over laboratory hardware: survival rates, and the worst case found by a search."""

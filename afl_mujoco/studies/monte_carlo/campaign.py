@@ -1,0 +1,149 @@
+"""Every controller on the same samples, shared among workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.executors import Executor, compute_all
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.simulation.mujoco_model import INTEGRATORS
+from afl_mujoco.studies.monte_carlo.rates import Pairing, Rate, pair
+from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
+from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
+
+CHUNK = 20
+"""Samples that a worker runs at a time."""
+
+LARGEST_SEED = 2**63 - 1
+
+
+class SampleUnit(NamedTuple):
+    """What a worker is asked to run.
+
+    Attributes
+    ----------
+    law
+        The controller.
+    space
+        Where the samples are drawn from.
+    seed
+        Of the campaign.
+    indices
+        Of the samples.
+    settings
+        How to run them.
+    """
+
+    law: Law
+    space: SampleSpace
+    seed: int
+    indices: range
+    settings: Settings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """The outcome of every controller on every sample.
+
+    Attributes
+    ----------
+    space, seed, settings
+        What was run, and how.
+    trials
+        By the controller's name, one for each sample, in their order.
+    """
+
+    space: SampleSpace
+    seed: int
+    settings: Settings
+    trials: Mapping[str, Sequence[Trial]]
+
+    @property
+    def samples(self) -> int:
+        """How many samples there are."""
+        return len(next(iter(self.trials.values())))
+
+    def survival(self, name: str) -> Rate:
+        """Return how often a controller's pole stayed up to the end."""
+        return Rate(sum(trial.survived for trial in self.trials[name]), self.samples)
+
+    def settling(self, name: str) -> Rate:
+        """Return how often a controller settled."""
+        return Rate(sum(trial.settled for trial in self.trials[name]), self.samples)
+
+    def failures(self, name: str) -> list[int]:
+        """Return the indices of the samples that a controller did not survive."""
+        return [i for i, trial in enumerate(self.trials[name]) if not trial.survived]
+
+    def peak_displacement(self, name: str) -> tuple[float, float] | None:
+        """Return median and largest of the peaks of abs(z) [m] of a controller's survivors."""
+        peaks = [trial.peak_z for trial in self.trials[name] if trial.survived]
+        return (float(np.median(peaks)), max(peaks)) if peaks else None
+
+    def pairings(self) -> dict[tuple[str, str], Pairing]:
+        """Return every two controllers compared."""
+        survived = {name: [t.survived for t in found] for name, found in self.trials.items()}
+        return {(a, b): pair(survived[a], survived[b]) for a, b in combinations(survived, 2)}
+
+
+def run_campaign(
+    laws: Sequence[Law],
+    space: SampleSpace,
+    *,
+    samples: int,
+    seed: int,
+    settings: Settings,
+    executor: Executor,
+    progress: Callable[[int], None] = lambda runs: None,
+) -> Campaign:
+    """Run every controller on the same samples; who computes does not change a bit."""
+    require_campaign(laws, space, samples=samples, seed=seed, settings=settings)
+    chunks = [range(i, min(i + CHUNK, samples)) for i in range(0, samples, CHUNK)]
+    units = [SampleUnit(law, space, seed, chunk, settings) for law in laws for chunk in chunks]
+    done = 0
+
+    def advance(index: int) -> None:
+        nonlocal done
+        done += len(units[index].indices)
+        progress(done)
+
+    found = compute_all(run_samples, units, executor, advance)
+    trials: dict[str, list[Trial]] = {law.name: [] for law in laws}
+    for unit, some in zip(units, found, strict=True):
+        trials[unit.law.name] += some
+    return Campaign(space=space, seed=seed, settings=settings, trials=trials)
+
+
+def run_samples(unit: SampleUnit) -> list[Trial]:
+    """Run a controller on some samples."""
+    scenarios = [sample_scenario(unit.space, i, unit.seed) for i in unit.indices]
+    return run_trials(scenarios, unit.law, unit.settings)
+
+
+def require_campaign(
+    laws: Sequence[Law], space: SampleSpace, *, samples: int, seed: int, settings: Settings
+) -> None:
+    """Raise at what would break a campaign, before it begins."""
+    require_distinct("controller", [law.name for law in laws])
+    if samples < 1:
+        raise InvalidValueError("samples", "must be at least 1", samples)
+    if not 0 <= seed <= LARGEST_SEED:
+        raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
+    if settings.integrator not in INTEGRATORS:
+        raise UnknownNameError.among("integrator", settings.integrator, INTEGRATORS)
+    for thing in ("control_period", "duration"):
+        whole_steps(thing, getattr(space, thing), "timestep", settings.timestep)
+    masses, lengths = (np.linspace(*bounds, 21) for bounds in (space.cart_mass, space.half_length))
+    plants = np.meshgrid(masses, lengths)
+    for law in laws:
+        if not isinstance(law, PythonLaw):  # raises if a gain is not positive
+            law.law_inputs(plants[0], plants[1], *space.constants)

@@ -1,0 +1,71 @@
+"""Features of a hardware sample that may separate failures from survivors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import ks_2samp
+
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
+
+FEATURES: Mapping[str, Callable[[Scenario], float]] = {
+    "start angle |φ₀| [deg]": lambda s: math.degrees(abs(s.initial_state[1])),
+    "start velocity z′₀ [m/s]": lambda s: s.initial_state[2],
+    "start rate away from upright [rad/s]": lambda s: (
+        abs(s.initial_state[3]) * (1.0 if s.initial_state[1] * s.initial_state[3] >= 0.0 else -1.0)
+    ),
+    "cart mass at the start [kg]": lambda s: s.cart_mass.at(0.0),
+    "least cart mass [kg]": lambda s: min(s.cart_mass.values),
+    "half-length at the start [m]": lambda s: s.half_length.at(0.0),
+    "least half-length [m]": lambda s: min(s.half_length.values),
+    "rail damping [N s/m]": lambda s: s.realism.rail_damping,
+    "rail damping / least cart mass [1/s]": lambda s: (
+        s.realism.rail_damping / min(s.cart_mass.values)
+    ),
+    "dry friction [N]": lambda s: s.realism.rail_friction,
+    "hinge damping [mN m s/rad]": lambda s: 1e3 * s.realism.hinge_damping,
+    "delay + lag [ms]": lambda s: 1e3 * (s.realism.delay + s.realism.actuator_lag),
+    "noise of φ [mrad]": lambda s: 1e3 * s.realism.noise_phi,
+    "noise of φ′ [mrad/s]": lambda s: 1e3 * s.realism.noise_phi_dot,
+    "encoder step of φ [mrad]": lambda s: 1e3 * s.realism.encoder_step_phi,
+}
+"""Numbers of a scenario by their label, which gives the unit."""
+
+FEWEST = 5
+"""Failures, and survivors, below which a controller is left out of the ranking."""
+
+
+def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArray[np.float64]]:
+    """Return every feature of every sample of a campaign, each of shape (samples,)."""
+    rigs = [sample_scenario(space, i, seed) for i in range(samples)]
+    return {name: np.array([feature(rig) for rig in rigs]) for name, feature in FEATURES.items()}
+
+
+def most_separating(
+    features: Mapping[str, NDArray[np.float64]], failed: Sequence[NDArray[np.bool_]], count: int
+) -> list[str]:
+    """Return the features that differ most between failures and survivors, in that order.
+
+    They are ranked by the largest gap between the two distribution functions (the statistic of
+    Kolmogorov and Smirnov), the largest over the controllers.
+
+    Parameters
+    ----------
+    features
+        From `features_of`.
+    failed
+        For each controller, which samples it did not survive, shape (samples,).
+    count
+        How many to return.
+    """
+    ranked = [bad for bad in failed if FEWEST <= int(bad.sum()) <= len(bad) - FEWEST]
+
+    def gap(name: str) -> float:
+        x = features[name]
+        return max((float(ks_2samp(x[bad], x[~bad]).statistic) for bad in ranked), default=0.0)
+
+    return sorted(features, key=lambda name: -gap(name))[:count]

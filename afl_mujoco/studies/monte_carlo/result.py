@@ -1,0 +1,263 @@
+"""What the Monte Carlo study finds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from afl_mujoco.studies.monte_carlo.campaign import Campaign
+from afl_mujoco.studies.monte_carlo.rates import CONFIDENCE, Rate
+from afl_mujoco.studies.monte_carlo.space import SampleSpace
+from afl_mujoco.studies.monte_carlo.trial import ENDINGS, Trial
+from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST, Found
+
+FOLDER = "montecarlo"
+"""Of the scenario files; it holds a folder for each controller."""
+
+NAMES = {HARDEST: "hardest.toml", NEAREST: "nearest-failure.toml"}
+"""Of the files of what a search found."""
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """A sample that a controller did not survive.
+
+    Attributes
+    ----------
+    index
+        Of the sample.
+    outcome, end_time
+        How and when the run ended [s]; no time if the controller failed.
+    message
+        What the controller did, if it failed.
+    file
+        Its scenario file beside the result; None if it was not kept.
+    """
+
+    index: int
+    outcome: str
+    end_time: float | None
+    message: str | None
+    file: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControllerRates:
+    """How often one controller survived and settled.
+
+    Attributes
+    ----------
+    controller, asked
+        Its name, and what it was asked for by.
+    samples, survived, settled
+        Counts.
+    rate, settled_rate
+        As shares [1], with exact intervals.
+    median_displacement, largest_displacement
+        Of the peaks of abs(z) over the survivors [m]; None without any.
+    failures_by_outcome
+        Counts by the way in which a run can fail.
+    failures
+        By index.
+    """
+
+    controller: str
+    asked: str
+    samples: int
+    survived: int
+    rate: float
+    interval: Interval
+    settled: int
+    settled_rate: float
+    settled_interval: Interval
+    median_displacement: float | None
+    largest_displacement: float | None
+    failures_by_outcome: dict[str, int]
+    failures: tuple[Failure, ...]
+
+    @property
+    def survival(self) -> Rate:
+        """How many of how many survived."""
+        return Rate(self.survived, self.samples)
+
+    @property
+    def settling(self) -> Rate:
+        """How many of how many settled."""
+        return Rate(self.settled, self.samples)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Two controllers on the same samples: how many both survived, one alone, none.
+
+    The p-value is of McNemar's exact test.
+    """
+
+    first: str
+    second: str
+    both: int
+    only_first: int
+    only_second: int
+    neither: int
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorstCase:
+    """What a search found for one controller.
+
+    Attributes
+    ----------
+    controller, question
+        Its name, and what was searched: `HARDEST` or `NEAREST`.
+    failed, outcome, end_time, message
+        How the run ended, as of `Failure`.
+    severity
+        As of `Trial.severity`.
+    distance
+        From the paper's nominal run in the cube, as a share of the cube's diagonal.
+    runs
+        How many the search took.
+    changes
+        By coordinate, how far it is from the nominal run as a share of its range, farthest first.
+    point, noise
+        Where it lies in the cube, and the index of the sample whose noise it has.
+    file
+        Its scenario file beside the result.
+    """
+
+    controller: str
+    question: str
+    failed: bool
+    outcome: str
+    end_time: float | None
+    message: str | None
+    severity: float
+    distance: float
+    runs: int
+    changes: dict[str, float]
+    point: tuple[float, ...]
+    noise: int
+    file: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """Every controller on the same samples, and the worst that a search found.
+
+    Attributes
+    ----------
+    seed, samples
+        Of the campaign, and how many samples it has.
+    integrator, timestep
+        MuJoCo's, and its step [s].
+    confidence
+        Of the intervals [1].
+    space
+        Where the samples are drawn from.
+    controllers, comparisons, worst_cases
+        What was found; no worst cases if none were searched.
+    """
+
+    seed: int
+    samples: int
+    integrator: str
+    timestep: float
+    confidence: float
+    space: SampleSpace
+    controllers: tuple[ControllerRates, ...]
+    comparisons: tuple[Comparison, ...]
+    worst_cases: tuple[WorstCase, ...]
+
+
+def result_of(
+    campaign: Campaign,
+    found: Sequence[Found],
+    *,
+    keep: int | None = None,
+    asked: Mapping[str, str] | None = None,
+) -> Result:
+    """Return a campaign and what was searched as a result.
+
+    Parameters
+    ----------
+    campaign, found
+        What was found.
+    keep
+        How many failures of each controller have a scenario file; ``None`` for all.
+    asked
+        What each controller was asked for by, where that is not its name.
+    """
+    names = {name: name for name in campaign.trials} | dict(asked or {})
+    return Result(
+        seed=campaign.seed,
+        samples=campaign.samples,
+        integrator=campaign.settings.integrator,
+        timestep=campaign.settings.timestep,
+        confidence=CONFIDENCE,
+        space=campaign.space,
+        controllers=tuple(_rates(campaign, name, names[name], keep) for name in campaign.trials),
+        comparisons=tuple(
+            Comparison(first=a, second=b, p_value=pairing.p_value, **asdict(pairing))
+            for (a, b), pairing in campaign.pairings().items()
+        ),
+        worst_cases=tuple(_worst(campaign, one) for one in found),
+    )
+
+
+def _rates(campaign: Campaign, name: str, asked: str, keep: int | None) -> ControllerRates:
+    """Return one controller's rates and failures."""
+    survived, settled = campaign.survival(name), campaign.settling(name)
+    median, largest = campaign.peak_displacement(name) or (None, None)
+    endings = [trial.outcome for trial in campaign.trials[name]]
+    failures = campaign.failures(name)
+    kept = set(failures[:keep])
+    return ControllerRates(
+        controller=name,
+        asked=asked,
+        samples=campaign.samples,
+        survived=survived.count,
+        rate=survived.share,
+        interval=survived.interval,
+        settled=settled.count,
+        settled_rate=settled.share,
+        settled_interval=settled.interval,
+        median_displacement=median,
+        largest_displacement=largest,
+        failures_by_outcome={ending: endings.count(ending) for ending in ENDINGS[1:]},
+        failures=tuple(
+            Failure(
+                index=i,
+                file=f"{FOLDER}/{name}/failure-{i:04d}.toml" if i in kept else None,
+                **_ending(campaign.trials[name][i]),
+            )
+            for i in failures
+        ),
+    )
+
+
+def _worst(campaign: Campaign, found: Found) -> WorstCase:
+    """Return what a search found."""
+    return WorstCase(
+        controller=found.controller,
+        question=found.question,
+        failed=not found.trial.survived,
+        severity=found.trial.severity(campaign.space.duration),
+        distance=found.distance,
+        runs=found.runs,
+        changes=found.changes,
+        point=tuple(found.point.tolist()),
+        noise=found.noise,
+        file=f"{FOLDER}/{found.controller}/{NAMES[found.question]}",
+        **_ending(found.trial),
+    )
+
+
+def _ending(trial: Trial) -> dict[str, Any]:
+    """Return how a trial ended, a missing time as None."""
+    time = None if math.isnan(trial.end_time) else trial.end_time
+    return {"outcome": trial.outcome, "end_time": time, "message": trial.message}

@@ -1,0 +1,250 @@
+"""The space of hardware: ranges of a laboratory cart-pole, and the unit cube mapped to them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.random import Generator, Philox, SeedSequence
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import NOMINAL, require_finite, require_positive
+from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
+from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import Schedule, constant, staircase, trapezoid
+
+Range = tuple[float, float]
+
+SHAPES = ("constant", "steps", "trapezoid")
+"""Of the schedules, each with a third of its coordinate: one level; two jumps between three levels;
+a trapezoid between two levels."""
+
+INSTANT = 1e-3
+"""Instants of change are multiples of this [s]."""
+
+_STATE = ("z", "phi", "z_dot", "phi_dot")
+_SCHEDULES = ("cart_mass", "half_length")
+_LEVELS, _INSTANTS = 3, 4
+_POINT, _NOISE, _SEARCH = range(3)  # what a seed is spent on
+
+UNITS = {
+    "z": "m", "phi": "rad", "z_dot": "m/s", "phi_dot": "rad/s", "cart_mass": "kg",
+    "half_length": "m", "last_change": "s", "noise_z": "m", "noise_phi": "rad",
+    "noise_z_dot": "m/s", "noise_phi_dot": "rad/s", "encoder_step_z": "m",
+    "encoder_step_phi": "rad", "rail_friction": "N", "rail_damping": "N s/m",
+    "hinge_damping": "N m s/rad", "delay": "s", "actuator_lag": "s", "control_period": "s",
+    "force_limit": "N", "duration": "s",
+}  # fmt: skip
+"""Of each field of the space."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampleSpace:
+    """What may vary from run to run; a range is (least, largest), drawn uniformly.
+
+    Attributes
+    ----------
+    z, phi, z_dot, phi_dot
+        The start [m, rad, m/s, rad/s]: a cart put down by hand half a metre about the middle, the
+        pole let go up to 75 degrees to either side (the paper: 60 to one).
+    cart_mass, half_length
+        Levels of M [kg] and l [m]: the paper's box.
+    last_change
+        The schedules change within this [s], as the paper's do.
+    noise_z, noise_phi
+        Noise of the position sensors [m, rad]: none, to the ripple of a potentiometer.
+    noise_z_dot, noise_phi_dot
+        Noise of the velocities [m/s, rad/s]: none, to that of a filtered tachometer.
+    encoder_step_z, encoder_step_phi
+        Resolutions [m, rad]: exact, to a tenth of a millimetre and 2048 counts a turn.
+    rail_friction, rail_damping
+        Dry [N] and viscous [N s/m] friction of the cart: an air bearing, to a carriage on dry
+        bushes.
+    hinge_damping
+        Viscous friction of the hinge [N m s/rad]: none, to a greased bearing.
+    delay
+        From control tick to actuator [s]: none, to a slow bus.
+    actuator_lag
+        Time constant of the drive's current loop [s].
+    control_period
+        Of the controller [s], not varied.
+    force_limit
+        Of the actuator [N], not varied; the paper's has none.
+    duration
+        Horizon of a run [s], not varied.
+
+    Raises
+    ------
+    InvalidValueError
+        If a range is empty or leaves what the thing may be.
+    """
+
+    z: Range = (-0.5, 0.5)
+    phi: Range = (-math.radians(75.0), math.radians(75.0))
+    z_dot: Range = (-0.5, 0.5)
+    phi_dot: Range = (-1.0, 1.0)
+    cart_mass: Range = CART_MASS_RANGE
+    half_length: Range = HALF_LENGTH_RANGE
+    last_change: float = 10.0
+    noise_z: Range = (0.0, 5e-4)
+    noise_phi: Range = (0.0, 2e-3)
+    noise_z_dot: Range = (0.0, 1e-2)
+    noise_phi_dot: Range = (0.0, 5e-2)
+    encoder_step_z: Range = (0.0, 1e-4)
+    encoder_step_phi: Range = (0.0, 2.0 * math.pi / 2048.0)
+    rail_friction: Range = (0.0, 1.0)
+    rail_damping: Range = (0.0, 2.0)
+    hinge_damping: Range = (0.0, 1e-3)
+    delay: Range = (0.0, 5e-3)
+    actuator_lag: Range = (0.0, 5e-3)
+    control_period: float = 1e-3
+    force_limit: float | None = None
+    duration: float = 20.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges, and that their corners make scenarios."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, tuple):
+                low, high = (require_finite(field.name, x) for x in value)
+                if not low <= high:
+                    raise InvalidValueError(field.name, "must not fall", f"{low:g} to {high:g}")
+        require_positive("last_change", self.last_change)
+        if not _INSTANTS * INSTANT < self.last_change <= self.duration:
+            raise InvalidValueError("last_change", "must be within the duration", self.last_change)
+        for corner in (0.0, 1.0):
+            self.scenario_of(np.full(self.dimension, corner), 0, 0)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the cube's axes, in their order."""
+        parts = ["shape"] + [f"level {i}" for i in range(1, _LEVELS + 1)]
+        parts += [f"instant {i}" for i in range(1, _INSTANTS + 1)]
+        return (*_STATE, *(f"{s} {p}" for s in _SCHEDULES for p in parts), *self._realism)
+
+    @property
+    def dimension(self) -> int:
+        """How many axes the cube has."""
+        return len(self.coordinates)
+
+    @property
+    def _realism(self) -> tuple[str, ...]:
+        """Names of the realism that varies."""
+        known = {field.name for field in fields(Realism)}
+        ranged = [f.name for f in fields(self) if isinstance(getattr(self, f.name), tuple)]
+        return tuple(name for name in ranged if name in known)
+
+    def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
+        """Return the scenario at a point of the cube.
+
+        Parameters
+        ----------
+        point
+            One number in 0 to 1 for each coordinate, shape (dimension,).
+        index, seed
+            Number and seed of the sample; they give its name and the seed of its noise, and
+            nothing else.
+        """
+        at = self._by_name(point)
+        scaled = {
+            name: _within(getattr(self, name), at[name]) for name in (*_STATE, *self._realism)
+        }
+        noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
+        return Scenario(
+            name=f"montecarlo-{seed}-{index:04d}",
+            cart_mass=self._schedule("cart_mass", at),
+            half_length=self._schedule("half_length", at),
+            initial_state=tuple(scaled.pop(name) for name in _STATE),  # type: ignore[arg-type]
+            duration=self.duration,
+            realism=Realism(
+                control_period=self.control_period,
+                force_limit=self.force_limit,
+                seed=noise,
+                **scaled,  # type: ignore[arg-type]
+            ),
+        )
+
+    def _by_name(self, point: ArrayLike) -> dict[str, float]:
+        """Return the coordinates of a point by name, or raise if it is not in the cube."""
+        x = np.asarray(point, dtype=np.float64)
+        names = self.coordinates
+        if x.shape != (len(names),):
+            raise InvalidValueError("point", f"must have shape ({len(names)},)", x.shape)
+        if not ((x >= 0.0) & (x <= 1.0)).all():
+            raise InvalidValueError("point", "must lie in the unit cube", x.tolist())
+        return dict(zip(names, x.tolist(), strict=True))
+
+    def _schedule(self, thing: str, at: dict[str, float]) -> Schedule:
+        """Return the schedule of M or l."""
+        shape = SHAPES[min(int(len(SHAPES) * at[f"{thing} shape"]), len(SHAPES) - 1)]
+        bounds: Range = getattr(self, thing)
+        levels = [_within(bounds, at[f"{thing} level {i}"]) for i in range(1, _LEVELS + 1)]
+        shares = [at[f"{thing} instant {i}"] for i in range(1, _INSTANTS + 1)]
+        if shape == "constant":
+            return constant(levels[0])
+        if shape == "steps":
+            return staircase(self._instants(shares[:2]), levels)
+        return trapezoid(self._instants(shares), low=levels[0], high=levels[1])
+
+    def _instants(self, shares: list[float]) -> tuple[float, ...]:
+        """Return increasing instants [s] from numbers in 0 to 1, in whatever order."""
+        free = round(self.last_change / INSTANT) - len(shares)
+        return tuple((round(free * u) + i + 1) * INSTANT for i, u in enumerate(sorted(shares)))
+
+    @property
+    def constants(self) -> tuple[float, float]:
+        """The pole's mass m [kg] and gravity g [m/s^2], which are the paper's in every sample."""
+        return NOMINAL.pole_mass, NOMINAL.gravity
+
+    @property
+    def reference(self) -> NDArray[np.float64]:
+        """The point of the cube nearest to the paper's nominal run: nothing changes, all ideal."""
+        nominal = Scenario(name="nominal")
+        ideal = {
+            **dict(zip(_STATE, nominal.initial_state, strict=True)),
+            **{f"{thing} shape": 0.5 / len(SHAPES) for thing in _SCHEDULES},
+            **{
+                f"{thing} instant {i}": 0.5 for thing in _SCHEDULES for i in range(1, _INSTANTS + 1)
+            },
+        }
+        for name in (*_STATE, *self._realism):
+            ideal[name] = _share(getattr(self, name), ideal.get(name, 0.0))
+        for thing in _SCHEDULES:
+            share = _share(getattr(self, thing), getattr(nominal, thing).at(0.0))
+            ideal |= {f"{thing} level {i}": share for i in range(1, _LEVELS + 1)}
+        return np.array([ideal[name] for name in self.coordinates])
+
+
+def sample_point(space: SampleSpace, index: int, seed: int) -> NDArray[np.float64]:
+    """Return the point of a sample, uniform in the cube; it depends on index and seed alone."""
+    return Generator(Philox(_stream(seed, _POINT, index))).random(space.dimension)
+
+
+def sample_scenario(space: SampleSpace, index: int, seed: int) -> Scenario:
+    """Return the scenario of a sample."""
+    return space.scenario_of(sample_point(space, index, seed), index, seed)
+
+
+def search_generator(seed: int) -> Generator:
+    """Return the random numbers of a search; no sample of the same seed shares them."""
+    return Generator(Philox(_stream(seed, _SEARCH, 0)))
+
+
+def _stream(seed: int, purpose: int, index: int) -> SeedSequence:
+    """Return the seed of one purpose, its own for every index."""
+    return SeedSequence(seed, spawn_key=(purpose, index))
+
+
+def _share(bounds: Range, value: float) -> float:
+    """Return at what share of a range a number lies, that of its nearer end outside it."""
+    low, high = bounds
+    return min(max((value - low) / (high - low), 0.0), 1.0) if high > low else 0.0
+
+
+def _within(bounds: Range, share: float) -> float:
+    """Return the number at a share of a range, never outside it."""
+    low, high = bounds
+    return min(max(low + share * (high - low), low), high)

@@ -1,0 +1,165 @@
+"""The configuration of the Monte Carlo study, and its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from afl_mujoco.studies.contract import Progress, Study, silent
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.law import Law
+    from afl_mujoco.studies.monte_carlo.result import Result
+    from afl_mujoco.studies.monte_carlo.search import Budget
+    from afl_mujoco.studies.monte_carlo.trial import Settings
+
+SAMPLES, QUICK_SAMPLES = 1000, 100
+GENERATIONS, QUICK_GENERATIONS = 30, 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonteCarlo:
+    """Run controllers on random laboratory hardware, the same for each; then search the worst.
+
+    Example: afl-mujoco montecarlo --controllers adaptive lqr --quick
+
+    Random are start, schedules of M and l, noise, encoders, friction, delay and lag. Writes
+    montecarlo.json, figures, and a scenario file of every failure, which `afl-mujoco simulate`
+    replays to the same bits. The whole takes some ten minutes on two cores.
+    """
+
+    controllers: tuple[str, ...] = ("adaptive", "lqr")
+    """Controllers by name, or module:function of your own."""
+    samples: int | None = None
+    """Hardware samples; 1000 by default. Sample i is the same whatever their number."""
+    seed: int = 1
+    """Seed of the samples, their noise and the search."""
+    worst_case: bool = True
+    """Search the hardest sample and the nearest failure by CMA-ES."""
+    generations: int | None = None
+    """Generations of each search, of 16 runs each; 30 by default."""
+    quick: bool = False
+    """100 samples and 5 generations, where not given otherwise."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, as `simulate` has it, Euler, implicit, implicitfast."""
+    keep: int | None = None
+    """Scenario files of failures to keep of each controller; all by default."""
+
+
+class Request(NamedTuple):
+    """What is studied: controllers, how many samples, how to run them, what to spend on a search.
+
+    All of it as `request_of` makes it.
+    """
+
+    controllers: list[Law]
+    samples: int
+    settings: Settings
+    budget: Budget
+
+
+def request_of(configuration: MonteCarlo) -> Request:
+    """Return what a configuration asks for."""
+    from afl_mujoco.control.controllers import find_controller
+    from afl_mujoco.errors import InvalidValueError
+    from afl_mujoco.studies.monte_carlo.campaign import require_campaign
+    from afl_mujoco.studies.monte_carlo.search import Budget
+    from afl_mujoco.studies.monte_carlo.space import SampleSpace
+    from afl_mujoco.studies.monte_carlo.trial import Settings
+
+    c = configuration
+    samples = QUICK_SAMPLES if c.quick else SAMPLES
+    generations = QUICK_GENERATIONS if c.quick else GENERATIONS
+    request = Request(
+        controllers=[find_controller(name) for name in c.controllers],
+        samples=samples if c.samples is None else c.samples,
+        settings=Settings(integrator=c.integrator),
+        budget=Budget(generations=generations if c.generations is None else c.generations),
+    )
+    require_campaign(
+        request.controllers,
+        SampleSpace(),
+        samples=request.samples,
+        seed=c.seed,
+        settings=request.settings,
+    )
+    if c.keep is not None and c.keep < 0:
+        raise InvalidValueError("keep", "must be at least 0", c.keep)
+    return request
+
+
+def check(configuration: MonteCarlo) -> None:
+    """Raise at what breaks a rule."""
+    request_of(configuration)
+
+
+def run(
+    configuration: MonteCarlo,
+    *,
+    progress: Progress = silent,
+    workers: int = 1,
+    cluster: str | None = None,
+) -> Result:
+    """Run the campaign and the searches; who computes does not change a bit.
+
+    Parameters
+    ----------
+    configuration
+        What to study.
+    progress
+        Called as of `Progress`.
+    workers, cluster
+        Who computes, as of `open_executor`.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule.
+    """
+    from afl_mujoco.execution.executors import open_executor
+    from afl_mujoco.studies.monte_carlo.campaign import run_campaign
+    from afl_mujoco.studies.monte_carlo.result import result_of
+    from afl_mujoco.studies.monte_carlo.space import SampleSpace
+    from afl_mujoco.studies.monte_carlo.worst_case import Found, most_runs, search_worst
+
+    laws, samples, settings, budget = request_of(configuration)
+    total = samples * len(laws)
+    found: list[Found] = []
+    with open_executor(workers, cluster) as executor:
+        progress("sampling", 0, total)
+        campaign = run_campaign(
+            laws,
+            SampleSpace(),
+            samples=samples,
+            seed=configuration.seed,
+            settings=settings,
+            executor=executor,
+            progress=lambda done: progress("sampling", done, total),
+        )
+        for law in laws if configuration.worst_case else []:
+            found += search_worst(
+                law,
+                campaign,
+                budget=budget,
+                executor=executor,
+                progress=partial(_search_progress, progress, law.name, most_runs(budget)),
+            )
+    asked = dict(zip((law.name for law in laws), configuration.controllers, strict=True))
+    return result_of(campaign, found, keep=configuration.keep, asked=asked)
+
+
+def _search_progress(progress: Progress, controller: str, total: int, done: int) -> None:
+    """Report the progress of a search."""
+    progress(f"searching the worst for {controller}", done, total)
+
+
+STUDY = Study(
+    name="montecarlo",
+    title="Monte Carlo",
+    order=20,
+    schema=2,
+    configuration=MonteCarlo,
+    check=check,
+    run=run,
+)

@@ -1,0 +1,204 @@
+"""The worst that can be found: CMA-ES over the cube that Monte Carlo draws from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from afl_mujoco.control.law import Law
+from afl_mujoco.execution.executors import Executor, compute_all
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.monte_carlo.campaign import Campaign
+from afl_mujoco.studies.monte_carlo.search import Budget, Point, minimise
+from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_point, search_generator
+from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
+
+HARDEST, NEAREST = "hardest", "nearest"
+"""What is searched: the hardest sample, and the failure nearest to the paper's nominal run."""
+
+STEP = {HARDEST: 0.3, NEAREST: 0.1}
+"""Standard deviation at the start, as a share of the cube's edge."""
+
+PIECE = 4
+"""Points of a generation that a worker runs at a time."""
+
+
+class Start(NamedTuple):
+    """A point of the cube, and the sample whose noise goes with it.
+
+    Attributes
+    ----------
+    point
+        The point.
+    noise
+        Index of the sample.
+    """
+
+    point: Point
+    noise: int
+
+
+class PointUnit(NamedTuple):
+    """What a worker is asked to run.
+
+    Attributes
+    ----------
+    law, space, seed, points, noise, settings
+        The controller, the cube, the campaign's seed, points of the cube, the index of the sample
+        whose noise they have, and how to run them.
+    """
+
+    law: Law
+    space: SampleSpace
+    seed: int
+    points: Sequence[Point]
+    noise: int
+    settings: Settings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Found:
+    """What a search found.
+
+    Attributes
+    ----------
+    question
+        `HARDEST` or `NEAREST`.
+    controller
+        Its name.
+    point, noise
+        Where it lies in the cube, and the index of the sample whose noise it has.
+    trial
+        How the run there ended.
+    distance
+        From the paper's nominal run in the cube, as a share of the cube's diagonal.
+    runs
+        How many were spent.
+    changes
+        By coordinate, how far it is from the nominal run as a share of its range, farthest first.
+    """
+
+    question: str
+    controller: str
+    point: Point
+    noise: int
+    trial: Trial
+    distance: float
+    runs: int
+    changes: dict[str, float]
+
+
+def search_worst(
+    law: Law,
+    campaign: Campaign,
+    *,
+    budget: Budget,
+    executor: Executor,
+    progress: Callable[[int], None] = lambda runs: None,
+) -> list[Found]:
+    """Search the hardest sample for a controller, then the failure nearest to the nominal run.
+
+    The first search starts from the hardest sample of the campaign, the second from the nearest
+    failure known. Each has the noise of the sample that it starts from, so that it walks through
+    a landscape that keeps still and finds nothing milder than what was known. There is no second
+    one if nothing fails, and none at all if nothing survives.
+    """
+    rng, spent = search_generator(campaign.seed), 0
+
+    def search(question: str, start: Start) -> tuple[Start, Found]:
+        def costs(points: list[Point]) -> list[float]:
+            nonlocal spent
+            found = _trials_at(points, start.noise, law, campaign, executor)
+            spent += len(points)
+            progress(spent)
+            return [
+                _cost(question, campaign.space, point, trial)
+                for point, trial in zip(points, found, strict=True)
+            ]
+
+        point, tried = minimise(costs, start.point, STEP[question], rng, budget)
+        trial = _trials_at([point], start.noise, law, campaign, executor)[0]
+        end = Start(point, start.noise)
+        return end, _found(question, law, campaign, end, trial, tried)
+
+    def distance(start: Start) -> float:
+        return distance_of(campaign.space, start.point)
+
+    trials = campaign.trials[law.name]
+    if not any(trial.survived for trial in trials):
+        return []
+    severities = [trial.severity(campaign.space.duration) for trial in trials]
+    end, hardest = search(HARDEST, _sample(campaign, int(np.argmax(severities))))
+    known = [_sample(campaign, i) for i in campaign.failures(law.name)]
+    known += [] if hardest.trial.survived else [end]
+    return [hardest, search(NEAREST, min(known, key=distance))[1]] if known else [hardest]
+
+
+def worst_scenario(
+    space: SampleSpace, point: ArrayLike, noise: int, seed: int, question: str, controller: str
+) -> Scenario:
+    """Return the scenario at a point that a search found; arguments as of `Found`."""
+    scenario = space.scenario_of(point, noise, seed)
+    return replace(scenario, name=f"{scenario.name}-{question}-{controller}")
+
+
+def most_runs(budget: Budget) -> int:
+    """Return the most runs that `search_worst` reports for one controller."""
+    return 2 * budget.points
+
+
+def _sample(campaign: Campaign, index: int) -> Start:
+    """Return where a sample lies."""
+    return Start(sample_point(campaign.space, index, campaign.seed), index)
+
+
+def _trials_at(
+    points: list[Point], noise: int, law: Law, campaign: Campaign, executor: Executor
+) -> list[Trial]:
+    """Run a controller at points of the cube, shared among workers."""
+    pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
+    units = [PointUnit(law, campaign.space, campaign.seed, piece, noise, campaign.settings)
+             for piece in pieces]  # fmt: skip
+    return [trial for some in compute_all(run_points, units, executor) for trial in some]
+
+
+def _cost(question: str, space: SampleSpace, point: Point, trial: Trial) -> float:
+    """Return what a search minimises."""
+    severity = trial.severity(space.duration)
+    if question == HARDEST:
+        return -severity
+    # every failure before every survivor, and of these first the one that had it hardest
+    return 2.0 - severity if trial.survived else distance_of(space, point)
+
+
+def run_points(unit: PointUnit) -> list[Trial]:
+    """Run a controller at points of the cube."""
+    rigs = [unit.space.scenario_of(point, unit.noise, unit.seed) for point in unit.points]
+    return run_trials(rigs, unit.law, unit.settings)
+
+
+def distance_of(space: SampleSpace, point: Point) -> float:
+    """Return how far a point is from the paper's nominal run, as a share of the cube's diagonal."""
+    return float(np.linalg.norm(point - space.reference) / np.sqrt(space.dimension))
+
+
+def _found(
+    question: str, law: Law, campaign: Campaign, end: Start, trial: Trial, tried: int
+) -> Found:
+    """Put a result together."""
+    space, point = campaign.space, end.point
+    away = dict(zip(space.coordinates, (point - space.reference).tolist(), strict=True))
+    return Found(
+        question=question,
+        controller=law.name,
+        point=point,
+        noise=end.noise,
+        trial=trial,
+        distance=distance_of(space, point),
+        runs=tried,
+        changes=dict(sorted(away.items(), key=lambda item: (-abs(item[1]), item[0]))),
+    )

@@ -1,0 +1,61 @@
+"""How a threshold compares with the reference hardware."""
+
+from __future__ import annotations
+
+from afl_mujoco.document.numbers import short
+from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
+from afl_mujoco.studies.thresholds.imperfections import COMBINED, Imperfection
+from afl_mujoco.studies.thresholds.result import Sweep
+
+FAILS, LITTLE, SOME, MUCH = range(4)
+"""Classes of a threshold: the reference hardware fails; it survives with less than 3 times, less
+than 10 times, or at least 10 times to spare."""
+
+CLASSES = (
+    "fails on the reference hardware",
+    "survives, less than 3 × to spare",
+    "3 to 10 × to spare",
+    "more than 10 ×, or all that was tried",
+)
+
+
+def level_text(imperfection: Imperfection, level: float) -> str:
+    """Return a level [SI] in the unit of its imperfection, with two digits."""
+    digits = 3 if imperfection.name == COMBINED.name else 2  # near 1 a third one counts
+    return short(imperfection.scale * level, digits)
+
+
+def threshold_text(imperfection: Imperfection, threshold: Threshold) -> str:
+    """Return a threshold: the level of the failure, or that all levels hold or none."""
+    past, before = ("<", ">") if imperfection.less_is_worse else (">", "<")
+    if threshold.fails_at is None:
+        return f"{past} {level_text(imperfection, reached(threshold))}"
+    sign = f"{before} " if threshold.bound == UPPER else ""
+    return f"{sign}{level_text(imperfection, threshold.fails_at)}"
+
+
+def reached(threshold: Threshold) -> float:
+    """Return the level of a threshold: of the failure, or the last one tried."""
+    level = threshold.holds_at if threshold.fails_at is None else threshold.fails_at
+    if level is None:
+        raise ValueError("a threshold needs a level")
+    return level
+
+
+def tolerated(imperfection: Imperfection, sweep: Sweep) -> float:
+    """Return how many times the reference level was seen to be survived; 0 for none."""
+    level = sweep.survives.holds_at
+    if level is None:
+        return 0.0
+    ratio = level / imperfection.reference
+    return 1.0 / ratio if imperfection.less_is_worse else ratio
+
+
+def class_of(imperfection: Imperfection, sweep: Sweep) -> int:
+    """Return the class of a sweep: `FAILS`, `LITTLE`, `SOME` or `MUCH`."""
+    if not sweep.reference.survives:
+        return FAILS
+    if sweep.survives.bound == LOWER:
+        return MUCH
+    ratio = tolerated(imperfection, sweep)
+    return MUCH if ratio >= 10.0 else SOME if ratio >= 3.0 else LITTLE

@@ -1,0 +1,121 @@
+"""What the study of thresholds finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from afl_mujoco.studies.bisection import Threshold
+from afl_mujoco.studies.delay_margin import LeastMargin
+from afl_mujoco.studies.thresholds.imperfections import Imperfection
+
+END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "no force"
+"""Ways to fail besides the outcomes of a run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The outcome of one controller at one level, over all scenarios and seeds.
+
+    Attributes
+    ----------
+    level
+        The level.
+    survives
+        Whether no pole fell, no run diverged and no cart reached an end stop.
+    settles
+        Whether every run survived and ended within the bands of `sampled.loop`.
+    failure
+        How the first run failed, survival before settling; empty if none did.
+    scenario, time
+        Which that was, and when it ended or reached the stop [s]; None if none failed.
+    metrics
+        The largest of each of `sweep.METRICS` over the runs; None where a run has none.
+    message
+        Why a controller computed no force; empty for all others.
+    """
+
+    level: float
+    survives: bool
+    settles: bool
+    failure: str
+    scenario: str | None
+    time: float | None
+    metrics: dict[str, float | None]
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """One controller under one imperfection.
+
+    Attributes
+    ----------
+    imperfection, controller
+        Their names.
+    reference
+        At the level of the reference hardware.
+    survives, settles
+        Up to where the controller survives, and settles.
+    failure
+        At the least level found at which it does not survive; None if it always does.
+    """
+
+    imperfection: str
+    controller: str
+    reference: Verdict
+    survives: Threshold
+    settles: Threshold
+    failure: Verdict | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """How thresholds were searched: names of the scenarios, and as of `sweep.Settings`."""
+
+    scenarios: tuple[str, ...]
+    seeds: int
+    scan: int
+    tolerance: float
+    integrator: str
+    timestep: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """Thresholds of every controller under every imperfection.
+
+    Attributes
+    ----------
+    settings
+        How they were searched.
+    controllers, imperfections
+        In their order.
+    sweeps
+        Each controller under each imperfection, by imperfection and then by controller.
+    added
+        Names of the imperfections that were added one after another, at their reference level.
+    combined
+        By controller, the verdict with the first, the first two ... of `added`.
+    delay_margins
+        Least delay margin of the linearised loop of each controller over the plants of the
+        scenarios, if the delay was among the imperfections; not of a controller with the
+        estimator, nor of one in Python, which may have memory.
+    """
+
+    settings: Settings
+    controllers: tuple[str, ...]
+    imperfections: tuple[Imperfection, ...]
+    sweeps: tuple[Sweep, ...]
+    added: tuple[str, ...]
+    combined: dict[str, tuple[Verdict, ...]]
+    delay_margins: tuple[LeastMargin, ...]
+
+    def imperfection(self, name: str) -> Imperfection | None:
+        """Return an imperfection by its name, None if it was not studied."""
+        return next((one for one in self.imperfections if one.name == name), None)
+
+    def sweep(self, imperfection: str, controller: str) -> Sweep:
+        """Return one controller under one imperfection, by their names."""
+        names = [one.name for one in self.imperfections]
+        row, column = names.index(imperfection), self.controllers.index(controller)
+        return self.sweeps[row * len(self.controllers) + column]

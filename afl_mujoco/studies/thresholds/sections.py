@@ -1,0 +1,403 @@
+"""The study of thresholds in words, tables and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+from afl_mujoco.document.blocks import (
+    Block,
+    Cell,
+    Column,
+    Figure,
+    Finding,
+    Section,
+    Status,
+    Table,
+    Text,
+)
+from afl_mujoco.document.numbers import fixed, listed, percent, sentence, short
+from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
+from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
+from afl_mujoco.studies.thresholds.classes import (
+    FAILS,
+    LITTLE,
+    class_of,
+    level_text,
+    reached,
+    threshold_text,
+    tolerated,
+)
+from afl_mujoco.studies.thresholds.figures import added_titles, draw_combined, draw_thresholds
+from afl_mujoco.studies.thresholds.imperfections import COMBINED, IMPERFECTIONS, Imperfection
+from afl_mujoco.studies.thresholds.result import (
+    END_STOP,
+    REFUSED,
+    Result,
+    Sweep,
+    Verdict,
+)
+
+SUBJECT, REFERENCE = "adaptive", "lqr"
+"""The controller that the findings are about where it was studied, and the one it is compared
+with."""
+
+RAIL, DELAY = "rail", "delay"
+
+_ASKED = {
+    DELAY: "a delay",
+    "control-period": "a control period",
+    "force-limit": "a force limit",
+    "noise": "sensor noise",
+}
+
+_HOW = {
+    "fell": "the pole falls",
+    "diverged": "the run diverges",
+    END_STOP: "the cart reaches the end stop",
+    REFUSED: "the controller computes no force",
+}
+
+_EQUAL = 1.05  # thresholds closer than this factor count as equal
+
+
+def sections(result: Result) -> list[Section]:
+    """Return what a report says of the thresholds."""
+    blocks: list[Block] = [
+        *findings(result),
+        Text(
+            "To *survive*: no pole falls, no run diverges, no cart reaches an end stop. To "
+            f"*settle*: at the end |z| stays within {short(1e2 * BAND_Z)} cm and |φ| within "
+            f"{short(BAND_PHI)} rad."
+        ),
+        _thresholds_figure(result),
+        _overview(result),
+        _details(result),
+        _combined_figure(result),
+    ]
+    if result.delay_margins:
+        blocks.append(_delays(result))
+    return [Section("Imperfection thresholds", "thresholds", blocks)]
+
+
+def findings(result: Result) -> Iterator[Finding]:
+    """Return the sentences of the summary."""
+    ours = SUBJECT if SUBJECT in result.controllers else result.controllers[0]
+    yield Finding("What holds", _holds(result, ours))
+    yield Finding("What breaks first", _breaks(result, ours))
+    yield Finding("At what threshold", _thresholds(result, ours))
+    if REFERENCE in result.controllers and ours != REFERENCE:
+        yield Finding("Compared with LQR", _compared(result, ours))
+
+
+def _holds(result: Result, ours: str) -> str:
+    """Say what one imperfection at a time does at its reference level."""
+    single = [one for one in result.imperfections if one.name not in (RAIL, COMBINED.name)]
+    if not single:
+        return "No single imperfection was tried."
+    sweeps = [result.sweep(one.name, ours) for one in single]
+    survived = sum(sweep.reference.survives for sweep in sweeps)
+    settled = sum(sweep.reference.settles for sweep in sweeps)
+    ample = sum(tolerated(*pair) >= 10.0 for pair in zip(single, sweeps, strict=True))
+    whole = len(single) == len(IMPERFECTIONS) - 1
+    kinds = " (delay, lag, limits, noise, friction, inertias, wrong M and l)" if whole else ""
+    return (
+        f"Of {len(single)} single imperfections{kinds}, each at the level of the reference "
+        f"hardware and without a rail's end, the {ours} controller survives {survived}, settles "
+        f"under {settled}, and survives {ample} even at ten times that level."
+    )
+
+
+def _breaks(result: Result, ours: str) -> str:
+    """Say which imperfection has the least to spare, or is already too much."""
+    sweeps = {
+        one.name: (one, result.sweep(one.name, ours))
+        for one in result.imperfections
+        if one.name != COMBINED.name
+    }
+    failing = {name: pair for name, pair in sweeps.items() if pair[1].survives.bound != LOWER}
+    if not failing:
+        return "Nothing, within the ranges that were tried."
+    if all(sweep.survives.bound == UPPER for _, sweep in sweeps.values()):
+        return "Everything that was tried, at its mildest: it may fail on the ideal loop already."
+    text = ""
+    if RAIL in failing and not failing[RAIL][1].reference.survives:
+        text = _rail(*failing.pop(RAIL))
+        if not failing:
+            return f"{text}."
+    clause = _clause(*min(failing.values(), key=lambda pair: tolerated(*pair)))
+    return f"{text}; on an endless rail, {clause}." if text else f"{sentence(clause)}."
+
+
+def _rail(rail: Imperfection, sweep: Sweep) -> str:
+    """Say that the reference rail is too short, and which is not."""
+    level = level_text(rail, rail.reference)
+    text = f"The rail: {level} m to either side, the reference, is too short"
+    if sweep.survives.bound == UPPER:
+        return text
+    return f"{text}; the least is {threshold_text(rail, sweep.survives)} m"
+
+
+def _clause(one: Imperfection, sweep: Sweep) -> str:
+    """Say from which level on a controller fails, and how."""
+    failure = "" if sweep.failure is None else sweep.failure.failure
+    how, level = _HOW.get(failure, failure), reached(sweep.survives)
+    at = f"{level_text(one, level)} {one.unit}"
+    if sweep.survives.bound == UPPER:
+        return f"{one.title}: already at {at}, the mildest tried, {how}"
+    times = level / one.reference
+    times_text = short(1.0 / times if one.less_is_worse else times, 2)
+    return f"{one.title}: at {at}, {times_text} times the reference, {how}"
+
+
+def _thresholds(result: Result, ours: str) -> str:
+    """Say the thresholds that users ask for, and that of everything combined."""
+    fatal: list[str] = []
+    harmless: list[str] = []
+    for name, words in _ASKED.items():
+        if (one := result.imperfection(name)) is not None:
+            threshold = result.sweep(name, ours).survives
+            text = f"{words} of {level_text(one, reached(threshold))} {one.unit}"
+            (harmless if threshold.bound == LOWER else fatal).append(text)
+    parts = []
+    if fatal:
+        parts.append(f"the {ours} controller fails at {listed(fatal, 'or')}")
+    if harmless:
+        subject = "" if fatal else f"the {ours} controller "
+        parts.append(f"{subject}survives {listed(harmless, 'and')}, the harshest tried")
+    if (one := result.imperfection(COMBINED.name)) is not None:
+        parts.append(_all_combined(one, result.sweep(one.name, ours)))
+    if not parts:
+        return "Delay, control period, force limit and noise were not tried."
+    settings = result.settings
+    seeds = f"{settings.seeds} seed{'s' * (settings.seeds != 1)}"
+    return (
+        f"{sentence('; '.join(parts))}. Thresholds are bisected to "
+        f"{percent(settings.tolerance, 3)} on {listed(settings.scenarios, 'and')}, with {seeds} "
+        "of noise."
+    )
+
+
+def _all_combined(one: Imperfection, sweep: Sweep) -> str:
+    """Say at how many times the reference all imperfections combined are too much."""
+    bound = in_words(one, sweep.survives)
+    if sweep.survives.bound == LOWER:
+        return f"with all imperfections combined it survives up to {bound} times the reference"
+    return (
+        f"with all imperfections combined, but for the rail's end, it fails at {bound} times the "
+        f"reference levels and no longer settles at {in_words(one, sweep.settles)} times"
+    )
+
+
+def in_words(one: Imperfection, threshold: Threshold) -> str:
+    """Return a threshold as a sentence has it: 5, more than 5, less than 5."""
+    return threshold_text(one, threshold).replace("> ", "more than ").replace("< ", "less than ")
+
+
+def _compared(result: Result, ours: str) -> str:
+    """Say under how many imperfections it tolerates more than LQR."""
+    ratios, neither = [], 0
+    for one in result.imperfections:
+        sweeps = [result.sweep(one.name, name) for name in (ours, REFERENCE)]
+        if all(sweep.survives.bound == LOWER for sweep in sweeps):
+            neither += 1
+            continue
+        mine, theirs = (tolerated(one, sweep) for sweep in sweeps)
+        ratios.append(1.0 if mine == theirs else mine / theirs if theirs > 0.0 else 2.0 * _EQUAL)
+    better = sum(ratio > _EQUAL for ratio in ratios)
+    worse = sum(ratio < 1.0 / _EQUAL for ratio in ratios)
+    text = (
+        f"The {ours} controller tolerates more than LQR under {better} imperfections, as much "
+        f"under {len(ratios) - better - worse} and less under {worse}"
+    )
+    if neither:
+        text += f"; neither fails under {neither}"
+    if (everything := result.imperfection(COMBINED.name)) is not None:
+        mine_text, theirs_text = (
+            in_words(everything, result.sweep(everything.name, name).survives)
+            for name in (ours, REFERENCE)
+        )
+        text += f"; combined, it fails at {mine_text} times the reference, LQR at {theirs_text}"
+    return f"{text}."
+
+
+def _thresholds_figure(result: Result) -> Figure:
+    """Return the figure of the thresholds."""
+    kinds = [
+        class_of(one, result.sweep(one.name, controller))
+        for one in result.imperfections
+        for controller in result.controllers
+    ]
+    return Figure(
+        name="thresholds",
+        title="From where each controller no longer survives",
+        caption=(
+            f"Scenario {listed(result.settings.scenarios, 'and')}. In each cell the level, in the "
+            "unit of its row, from which the pole falls, the run diverges or the cart reaches an "
+            f"end stop, by bisection to {100.0 * result.settings.tolerance:g} %. The colour "
+            "compares it with the reference hardware, whose level is given beside each "
+            "imperfection. ~ : at that level the controller survives but does not settle."
+        ),
+        alt=(
+            f"A table of {len(result.imperfections)} imperfections by {len(result.controllers)} "
+            f"controllers; {kinds.count(FAILS)} of {len(kinds)} fail at the reference level."
+        ),
+        draw=partial(draw_thresholds, result),
+    )
+
+
+def _combined_figure(result: Result) -> Figure:
+    """Return the figure of the imperfections that are added one after another."""
+    titles = added_titles(result)
+    said = (f"{name}: {_story(verdicts, titles)}" for name, verdicts in result.combined.items())
+    return Figure(
+        name="thresholds-combined",
+        title="Reference imperfections, added one after another",
+        caption=(
+            f"Scenario {listed(result.settings.scenarios, 'and')}. Each column adds one "
+            "imperfection, at the level of the reference hardware, to those before it."
+        ),
+        alt=f"{'; '.join(said)}.",
+        draw=partial(draw_combined, result),
+    )
+
+
+def _story(verdicts: tuple[Verdict, ...], titles: list[str]) -> str:
+    """Say from which imperfection on a controller does not settle, and does not survive."""
+    lost = {
+        "does not settle": [not verdict.settles for verdict in verdicts],
+        "fails": [not verdict.survives for verdict in verdicts],
+    }
+    said = [f"{w} from {titles[x.index(True)]} on" for w, x in lost.items() if True in x]
+    return " and ".join(said) or "settles throughout"
+
+
+def _overview(result: Result) -> Table:
+    """Return the thresholds of survival: a row for each imperfection."""
+    return Table(
+        caption=(
+            f"From where each controller no longer survives "
+            f"{listed(result.settings.scenarios, 'and')}; on the reference hardware it fails "
+            "where marked ✗, and has little to spare or does not settle where marked ◐"
+        ),
+        columns=(
+            Column("Imperfection"),
+            Column("Reference", number=True),
+            *(Column(name, number=True) for name in result.controllers),
+        ),
+        rows=[
+            (
+                one.title,
+                f"{level_text(one, one.reference)} {one.unit}",
+                *(_cell(one, result.sweep(one.name, name)) for name in result.controllers),
+            )
+            for one in result.imperfections
+        ],
+    )
+
+
+def _cell(one: Imperfection, sweep: Sweep) -> Cell:
+    """Return a threshold, marked by what happens on the reference hardware."""
+    kind = class_of(one, sweep)
+    status: Status = "bad" if kind == FAILS else "neutral"
+    plain = kind not in (FAILS, LITTLE) and sweep.reference.settles
+    return Cell(threshold_text(one, sweep.survives), "" if plain else status)
+
+
+def _details(result: Result) -> Table:
+    """Return one row for each imperfection and controller."""
+    return Table(
+        summary="Every imperfection and controller: thresholds, and on the reference hardware",
+        caption=(
+            "From where each controller no longer survives, and what happens there; from where it "
+            "no longer settles; and what it does on the reference hardware"
+        ),
+        columns=(
+            Column("Imperfection"),
+            Column("Reference", number=True),
+            Column("Controller"),
+            Column("Fails at", number=True),
+            Column("How"),
+            Column("Unsettled at", number=True),
+            Column("On the reference hardware"),
+            Column("|z|", "m", number=True),
+            Column("Force", "N", number=True),
+        ),
+        rows=[
+            _detail(one, result.sweep(one.name, controller))
+            for one in result.imperfections
+            for controller in result.controllers
+        ],
+    )
+
+
+def _detail(one: Imperfection, sweep: Sweep) -> tuple[Cell | str, ...]:
+    """Return one controller under one imperfection."""
+    kinds: tuple[Status, ...] = ("bad", "neutral", "good", "good")
+    reference, metrics = sweep.reference, sweep.reference.metrics
+    status: Status = "good" if reference.settles else "neutral" if reference.survives else "bad"
+    settles = f"settles in {fixed(metrics['settling_time'], 1)} s"
+    return (
+        one.title,
+        f"{level_text(one, one.reference)} {one.unit}",
+        sweep.controller,
+        Cell(threshold_text(one, sweep.survives), kinds[class_of(one, sweep)]),
+        _how(sweep.failure),
+        threshold_text(one, sweep.settles),
+        Cell(reference.failure or settles, status),
+        fixed(metrics["peak_z"], 2),
+        fixed(metrics["max_force"], 0),
+    )
+
+
+def _how(failure: Verdict | None) -> str:
+    """Say what happened first where a controller does not survive."""
+    if failure is None:
+        return "none"
+    return failure.failure + ("" if failure.time is None else f" at {fixed(failure.time, 2)} s")
+
+
+def _delays(result: Result) -> Section:
+    """Return the delay margins beside the thresholds of the delay."""
+    return Section(
+        "Delay: linear margin and threshold",
+        "thresholds-delay",
+        (
+            Text(
+                "The delay margin is of small motions on a plant that does not change, the least "
+                "over the plants that the scenario goes through. The run starts far from upright "
+                "and passes its worst plant within seconds: a loop that is unstable there may "
+                "survive, and one that is stable may fail from the start. Where the ratio is far "
+                "from 1 the linearisation is not valid for such a run."
+            ),
+            Table(
+                caption="Least delay margin, and the delay at which the controller fails",
+                columns=(
+                    Column("Controller"),
+                    Column("Margin", "ms", number=True),
+                    Column("At M, l"),
+                    Column("Threshold", "ms", number=True),
+                    Column("Ratio", number=True),
+                ),
+                rows=list(_delay_rows(result)),
+            ),
+        ),
+    )
+
+
+def _delay_rows(result: Result) -> Iterator[tuple[str, ...]]:
+    """Return one row for each controller that has a margin."""
+    delay = result.imperfection(DELAY)
+    if delay is None:
+        return
+    for margin in result.delay_margins:
+        threshold = result.sweep(DELAY, margin.controller).survives
+        sign = {LOWER: "> ", UPPER: "< "}.get(threshold.bound, "")
+        ratio = reached(threshold) / margin.margin if margin.margin else None
+        yield (
+            margin.controller,
+            fixed(1e3 * margin.margin, 1),
+            f"{short(margin.cart_mass)} kg, {short(margin.half_length)} m",
+            threshold_text(delay, threshold),
+            fixed(None, 2) if ratio is None else f"{sign}{fixed(ratio, 2)}",
+        )

@@ -1,0 +1,104 @@
+"""The configuration of the study of thresholds, and its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
+
+if TYPE_CHECKING:
+    from afl_mujoco.studies.thresholds.result import Result
+
+DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
+"""Seeds, levels of the scan and tolerance, where not given otherwise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thresholds:
+    """Find how much delay, noise, friction and so on each controller survives in MuJoCo.
+
+    Example: afl-mujoco thresholds step-step --controllers adaptive lqr --imperfections delay noise
+
+    Each imperfection is one departure from the ideal loop. For each the study runs the level of
+    the reference hardware, good but ordinary in a laboratory, and finds by bisection the level
+    from which the pole falls, the run diverges or the cart reaches an end stop; then all of them
+    combined. Writes thresholds.json and figures. The whole takes some ten minutes on two cores.
+    """
+
+    scenarios: ScenarioNames = ()
+    """Scenarios by name, or TOML files: each level must be survived in all of them; step-step by
+    default."""
+    controllers: tuple[str, ...] = (
+        "fixed",
+        "adaptive",
+        "fixed-retuned",
+        "adaptive-retuned",
+        "adaptive-nominal",
+        "adaptive-estimated",
+        "lqr",
+        "pole-placement",
+        "partial-linearization",
+    )
+    """Controllers by name, or module:function of your own."""
+    imperfections: tuple[str, ...] = ()
+    """Imperfections by name; all, and all of them combined, by default."""
+    seeds: int | None = None
+    """Seeds of the noise, all of which must be survived; 4 by default."""
+    scan: int | None = None
+    """Levels of the scan before bisection; 13 by default."""
+    tolerance: float | None = None
+    """Relative width to which bisection narrows a threshold; 0.02 by default."""
+    quick: bool = False
+    """2 seeds, 7 levels and a tolerance of 0.2, where not given otherwise."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+
+
+def check(configuration: Thresholds) -> None:
+    """Raise at what breaks a rule."""
+    from afl_mujoco.studies.thresholds.sweep import request_of
+
+    request_of(configuration)
+
+
+def run(
+    configuration: Thresholds,
+    *,
+    progress: Progress = silent,
+    workers: int = 1,
+    cluster: str | None = None,
+) -> Result:
+    """Find the thresholds; who computes does not change a bit.
+
+    Parameters
+    ----------
+    configuration
+        What to study.
+    progress
+        Called as of `Progress`.
+    workers, cluster
+        Who computes, as of `open_executor`.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule, or a controller cannot be run.
+    """
+    from afl_mujoco.studies.thresholds.sweep import find_thresholds, request_of
+
+    request = request_of(configuration)
+    return find_thresholds(*request, workers=workers, cluster=cluster, progress=progress)
+
+
+STUDY = Study(
+    name="thresholds",
+    title="Imperfection thresholds",
+    order=10,
+    schema=2,
+    configuration=Thresholds,
+    check=check,
+    run=run,
+)

@@ -1,0 +1,289 @@
+"""The sweep of each imperfection: what each controller survives, and from where it fails."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from afl_mujoco.control.controllers import GainError, find_controller
+from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.law import Law
+from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_model import INTEGRATORS
+from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
+from afl_mujoco.studies.contract import Progress, silent
+from afl_mujoco.studies.delay_margin import least_margin
+from afl_mujoco.studies.thresholds import result
+from afl_mujoco.studies.thresholds.imperfections import (
+    COMBINED,
+    IMPERFECTIONS,
+    TIMESTEP,
+    Imperfection,
+    combined,
+    find_imperfection,
+    realism_at,
+)
+from afl_mujoco.studies.thresholds.result import (
+    END_STOP,
+    REFUSED,
+    UNSETTLED,
+    Result,
+    Sweep,
+    Verdict,
+)
+from afl_mujoco.studies.thresholds.study import DEFAULT, QUICK, Thresholds
+
+SCENARIO, DELAY = "step-step", "delay"
+
+METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
+"""Metrics of a run, in SI units, as of `Rollouts`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """How thresholds are searched.
+
+    Attributes
+    ----------
+    scenarios
+        Each level must be survived in all of them.
+    seeds
+        How many seeds of noise must be survived where there is noise.
+    scan
+        Levels of the scan of each imperfection; and how many levels beside the threshold of
+        survival, half the tolerance apart, must be survived.
+    tolerance
+        Relative width to which bisection narrows a threshold [1].
+    integrator
+        MuJoCo's.
+    """
+
+    scenarios: tuple[Scenario, ...]
+    seeds: int = 4
+    scan: int = 13
+    tolerance: float = 0.02
+    integrator: str = "RK4"
+
+
+Unit = tuple[str, Law, Settings]
+
+
+def sweep(unit: Unit) -> Sweep:
+    """Return the thresholds of one controller under one imperfection, with some settings."""
+    name, law, settings = unit
+    imperfection = find_imperfection(name)
+
+    @functools.cache
+    def at(level: float) -> Verdict:
+        chance = seeds(imperfection.seeded, settings)
+        real = [realism_at(imperfection, level, seed) for seed in chance]
+        return judge(level, real, imperfection.timestep, law, settings)
+
+    def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
+        scan = scan_levels(imperfection.benign, imperfection.harsh, settings.scan)
+        return find_threshold(holds, scan, settings.tolerance, imperfection.snapped, closer=closer)
+
+    survives = threshold(lambda level: at(level).survives, settings.scan)
+    return Sweep(
+        imperfection=imperfection.name,
+        controller=law.name,
+        reference=at(imperfection.reference),
+        survives=survives,
+        settles=threshold(lambda level: at(level).settles),
+        failure=None if survives.fails_at is None else at(survives.fails_at),
+    )
+
+
+def sweep_combined(unit: tuple[Law, Settings]) -> tuple[Verdict, ...]:
+    """Return the verdicts on one controller as the imperfections of `added` are added in turn.
+
+    The n-th has the first n of them; its level is n.
+    """
+    law, settings = unit
+    found = []
+    for count in range(1, len(added()) + 1):
+        present = added()[:count]
+        chance = seeds(any(one.seeded for one in present), settings)
+        real = [combined(1.0, present, seed) for seed in chance]
+        found.append(judge(float(count), real, TIMESTEP, law, settings))
+    return tuple(found)
+
+
+def added() -> tuple[Imperfection, ...]:
+    """Return the imperfections that are added one after another, the rail last."""
+    return tuple(one for one in IMPERFECTIONS if not one.name.endswith("-under"))
+
+
+def seeds(seeded: bool, settings: Settings) -> range:
+    """Return the seeds that must be survived; one where nothing is random."""
+    return range(settings.seeds if seeded else 1)
+
+
+def judge(
+    level: float, real: Sequence[Realism], timestep: float, law: Law, settings: Settings
+) -> Verdict:
+    """Return the verdict on a controller in every scenario, each with every one of `real`.
+
+    Parameters
+    ----------
+    level
+        Of the verdict.
+    real
+        Departures from the ideal; all must be survived.
+    timestep
+        MuJoCo's step [s].
+    law, settings
+        The controller, and in which scenarios.
+    """
+    scenarios = [replace(s, realism=r) for s in settings.scenarios for r in real]
+    try:
+        runs = run_rollouts(scenarios, law, timestep=timestep, integrator=settings.integrator)
+    except (LawError, GainError) as error:
+        return _refused(level, str(error))
+    failures = [_failure(runs, i) for i in range(len(runs))]
+    fatal = [failure not in ("", UNSETTLED) for failure in failures]
+    worst = min(range(len(runs)), key=lambda i: (not fatal[i], not failures[i]))
+    stopped = failures[worst] == END_STOP
+    ended = float((runs.stop_time if stopped else runs.end_time)[worst])
+    return Verdict(
+        level=level,
+        survives=not any(fatal),
+        settles=not any(failures),
+        failure=failures[worst],
+        scenario=scenarios[worst].name if failures[worst] else None,
+        time=ended if failures[worst] else None,
+        metrics={name: _largest(getattr(runs, name).tolist()) for name in METRICS},
+    )
+
+
+def _refused(level: float, message: str) -> Verdict:
+    """Return the verdict on a controller that computes no force."""
+    nothing: dict[str, float | None] = dict.fromkeys(METRICS)
+    return Verdict(
+        level=level, survives=False, settles=False, failure=REFUSED, scenario=None, time=None,
+        metrics=nothing, message=message,
+    )  # fmt: skip
+
+
+def _failure(runs: Rollouts, index: int) -> str:
+    """Return how a run failed; empty if it did not."""
+    outcome = runs.outcome(index)
+    if math.isfinite(runs.stop_time[index]):
+        return END_STOP
+    if outcome.kind != COMPLETED:
+        return outcome.kind
+    return "" if math.isfinite(runs.settling_time[index]) else UNSETTLED
+
+
+def _largest(values: Sequence[float]) -> float | None:
+    """Return the largest of some numbers, None if one is not finite."""
+    return max(values) if all(math.isfinite(value) for value in values) else None
+
+
+def names_of(chosen: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the imperfections to study, by default all and all combined."""
+    if not chosen:
+        return (*(one.name for one in IMPERFECTIONS), COMBINED.name)
+    return tuple(find_imperfection(name).name for name in chosen)
+
+
+class Request(NamedTuple):
+    """What is studied: controllers, settings, names of imperfections."""
+
+    controllers: Sequence[Law]
+    settings: Settings
+    names: Sequence[str]
+
+
+def request_of(configuration: Thresholds) -> Request:
+    """Return what a configuration asks for."""
+    c = configuration
+    seeds, scan, tolerance = QUICK if c.quick else DEFAULT
+    settings = Settings(
+        scenarios=tuple(find_scenario(name) for name in c.scenarios or (SCENARIO,)),
+        seeds=seeds if c.seeds is None else c.seeds,
+        scan=scan if c.scan is None else c.scan,
+        tolerance=tolerance if c.tolerance is None else c.tolerance,
+        integrator=c.integrator,
+    )
+    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    return Request(controllers, settings, require(controllers, settings, c.imperfections))
+
+
+def require(
+    controllers: Sequence[Law], settings: Settings, imperfections: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the names of the imperfections, or raise at what breaks a rule."""
+    names = names_of(imperfections)
+    require_distinct("controller", [law.name for law in controllers])
+    require_distinct("scenario", [scenario.name for scenario in settings.scenarios])
+    require_distinct("imperfection", names)
+    for name, count, least in (("seeds", settings.seeds, 1), ("scan", settings.scan, 2)):
+        if count < least:
+            raise InvalidValueError(name, f"must be at least {least}", count)
+    if not 1e-4 <= settings.tolerance <= 1.0:
+        raise InvalidValueError("tolerance", "must lie in 1e-4 to 1", settings.tolerance)
+    if settings.integrator not in INTEGRATORS:
+        raise UnknownNameError.among("integrator", settings.integrator, INTEGRATORS)
+    for scenario in settings.scenarios:
+        if scenario.realism != IDEAL:
+            rule = "must be ideal: remove [realism]: this study sets it"
+            raise InvalidValueError(f"scenario {scenario.name!r}", rule)
+        whole_steps("duration", scenario.duration, "timestep", TIMESTEP)
+    return names
+
+
+def find_thresholds(
+    controllers: Sequence[Law],
+    settings: Settings,
+    imperfections: Sequence[str] = (),
+    *,
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Progress = silent,
+) -> Result:
+    """Find the thresholds of some controllers."""
+    names = require(controllers, settings, imperfections)
+    units = [(name, law, settings) for name in names for law in controllers]
+    done, total = itertools.count(1), len(units) + len(controllers)
+    progress("sweeping", 0, total)
+
+    def advance(index: int) -> None:
+        progress("sweeping", next(done), total)
+
+    with open_executor(workers, cluster) as executor:
+        sweeps = compute_all(sweep, units, executor, advance)
+        each = [(law, settings) for law in controllers]
+        verdicts = compute_all(sweep_combined, each, executor, advance)
+        linear = [law for law in controllers if not isinstance(law, EstimatedLaw | PythonLaw)]
+        plants = [(law, settings.scenarios) for law in linear if DELAY in names]
+        margins = compute_all(least_margin, plants, executor)
+    return Result(
+        settings=result.Settings(
+            scenarios=tuple(scenario.name for scenario in settings.scenarios),
+            seeds=settings.seeds,
+            scan=settings.scan,
+            tolerance=settings.tolerance,
+            integrator=settings.integrator,
+            timestep=TIMESTEP,
+        ),
+        controllers=tuple(law.name for law in controllers),
+        imperfections=tuple(find_imperfection(name) for name in names),
+        sweeps=tuple(sweeps),
+        added=tuple(one.name for one in added()),
+        combined={law.name: v for law, v in zip(controllers, verdicts, strict=True)},
+        delay_margins=tuple(margin for margin in margins if margin is not None),
+    )

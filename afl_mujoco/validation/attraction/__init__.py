@@ -1,1 +1,0 @@
-"""From where each law settles: where the ideal equations and MuJoCo disagree."""

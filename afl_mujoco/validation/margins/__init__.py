@@ -1,1 +1,0 @@
-"""How far a loop is from instability at upright: gain, phase, disk and delay margins."""

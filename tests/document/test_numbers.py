@@ -1,0 +1,73 @@
+"""Numbers as a person would write them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from afl_mujoco.document.numbers import fixed, limit, percent, scientific, short
+from afl_mujoco.reporting.page.checks import margin
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(5.84e-12, "5.8×10⁻¹²"), (-0.0, "0"), (0.0, "0"), (None, "–"), (-1.1e-16, "−1.1×10⁻¹⁶"),
+     (9.97e-14, "1.0×10⁻¹³"), (2.6, "2.6×10⁰"), (math.inf, "–")],
+    ids=str,
+)  # fmt: skip
+def test_scientific_numbers_have_two_digits_and_a_power_of_ten(
+    value: float | None, text: str
+) -> None:
+    assert scientific(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(38.03, "38.03"), (3.0, "3"), (-1.84265, "−1.843"), (100000, "100 000"), (9999.6, "10 000"),
+     (0.001, "0.001"), (0.00099, "9.9×10⁻⁴"), (1.2e7, "1.2×10⁷"), (0.0, "0"), (None, "–")],
+    ids=str,
+)  # fmt: skip
+def test_short_numbers_are_plain_where_that_is_short(value: float | None, text: str) -> None:
+    assert short(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1e-9, "10⁻⁹"), (1e-11, "10⁻¹¹"), (0.0, "0"), (0.05, "0.05"), (0.3, "0.3"),
+     (2e-9, "2.0×10⁻⁹")],
+    ids=str,
+)  # fmt: skip
+def test_a_limit_that_is_a_power_of_ten_is_written_as_one(value: float, text: str) -> None:
+    assert limit(value) == text
+
+
+def test_shares_and_columns() -> None:
+    assert percent(0.00052) == "0.052 %"
+    assert percent(0.504, 3) == "50.4 %"
+    assert percent(None) == "–"
+    assert fixed(-0.04, 1) == "0.0"
+    assert fixed(-66.49, 1) == "−66.5"
+    assert fixed(None, 1) == fixed(math.inf, 1) == fixed(math.nan, 1) == "–"
+
+
+@pytest.mark.parametrize(
+    ("value", "most", "passed", "text"),
+    [
+        (1e-13, 1e-11, True, "100 times below"),
+        (3.4e-7, 1e-8, False, "34 times above"),
+        (0.0, 0.0, True, "0, as it must be"),
+        (0.0, 1e-9, True, "exactly 0"),
+        (1.0, 0.0, False, "must be 0"),
+        (None, 1e-9, False, "no finite value"),
+        (1e-9, 1e-9, True, "at the limit"),
+    ],
+)
+def test_a_margin_says_how_far_the_limit_is(
+    value: float | None, most: float, passed: bool, text: str
+) -> None:
+    found = margin(value, most, passed)
+    assert found.text == text
+    assert 0.0 <= found.filled <= 1.0
+    if most:
+        assert (found.filled <= found.limit + 1e-12) is passed

@@ -1,0 +1,102 @@
+"""Figures are written whole, in one style, and are the same bytes each time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import pytest
+from matplotlib.figure import Figure
+
+from afl_mujoco.document.style import (
+    decade_above,
+    draw_limit,
+    in_words,
+    lay_out,
+    new_figure,
+    save_figure,
+    styled,
+)
+from afl_mujoco.errors import FileError, InvalidValueError
+
+
+@styled()
+def a_figure() -> Figure:
+    figure = new_figure(3.0, 2.0)
+    axis = figure.subplots()
+    axis.semilogy([0.0, 1.0], [1e-3, 1.0])
+    axis.set(xlabel="time t [s]", ylabel="z [m]")
+    draw_limit(axis, 0.1, "B1", "black")
+    return figure
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png"])
+def test_the_same_figure_is_the_same_bytes(tmp_path: Path, suffix: str) -> None:
+    for name in ("one", "two"):
+        save_figure(a_figure(), tmp_path / f"{name}.{suffix}")
+    one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
+    assert one == two
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_an_svg_has_no_date_and_needs_no_font(tmp_path: Path) -> None:
+    save_figure(a_figure(), tmp_path / "figure.svg")
+    text = (tmp_path / "figure.svg").read_text(encoding="utf-8")
+    assert "dc:date" not in text
+    assert "<text" not in text
+    assert "font-family" not in text
+
+
+def test_a_dated_svg_would_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    with styled():
+        a_figure().savefig(tmp_path / "figure.svg")
+    assert "dc:date" in (tmp_path / "figure.svg").read_text(encoding="utf-8")
+
+
+def test_a_figure_laid_out_is_as_one_laid_out_when_saved(tmp_path: Path) -> None:
+    laid = a_figure()
+    lay_out(laid)
+    lay_out(laid)
+    assert laid.get_layout_engine() is None
+    place = laid.axes[0].get_position()
+    save_figure(laid, tmp_path / "laid.png")
+    other = a_figure()
+    save_figure(other, tmp_path / "other.png")
+    assert laid.axes[0].get_position().bounds == place.bounds
+    assert other.axes[0].get_position().bounds == pytest.approx(place.bounds, abs=0.01)
+
+
+def test_another_suffix_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match=r"suffix of a figure must be \.png or \.svg"):
+        save_figure(a_figure(), tmp_path / "figure.pdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_is_an_error_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be written"):
+        save_figure(a_figure(), tmp_path / "nowhere" / "figure.svg")
+
+
+def test_the_style_is_left_behind() -> None:
+    before = matplotlib.rcParams["svg.hashsalt"]
+    a_figure()
+    assert matplotlib.rcParams["svg.hashsalt"] == before
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (0.0, "0"),
+        (0.0348, "0.0348"),
+        (-2.59e-10, "−2.6 × 10⁻¹⁰"),
+        (999.9, "1.0 × 10³"),
+        (-12.3456, "−12.3"),
+    ],
+)
+def test_numbers_are_said_as_in_print(value: float, words: str) -> None:
+    assert in_words(value) == words
+
+
+def test_an_axis_ends_at_the_decade_above() -> None:
+    assert [decade_above(x) for x in (0.5, 1.0, 1.1, 3e-7)] == pytest.approx([1.0, 1.0, 10.0, 1e-6])

@@ -1,0 +1,132 @@
+"""The same blocks on the terminal, in Markdown and in HTML: nothing lost, everything escaped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from afl_mujoco.document.blocks import (
+    Cell,
+    Column,
+    Command,
+    Figure,
+    Finding,
+    Section,
+    Table,
+    Text,
+    figures_of,
+)
+from afl_mujoco.document.html import to_html, write_sections
+from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.document.style import new_figure, write_figures
+from afl_mujoco.document.terminal import print_sections
+
+NASTY = "<script>alert(1)</script> [red] | a_b"
+
+
+def draw():
+    figure = new_figure(3.0, 2.0)
+    figure.subplots().plot([0.0, 1.0])
+    return figure
+
+
+def table(summary: str = "") -> Table:
+    return Table(
+        caption="How far each goes",
+        columns=(Column("name"), Column("distance", "m", number=True), Column("verdict")),
+        rows=(
+            ("first", "1.5", Cell("stays", "good")),
+            (NASTY, "−2", Cell("falls", "bad")),
+            ("third", "0", Cell("rests", "neutral")),
+        ),
+        summary=summary,
+    )
+
+
+LINE = Figure(name="a-line", title="A line", caption="It rises.", alt="a line", draw=draw)
+SECTION = Section(
+    "Study",
+    "study",
+    (
+        Finding("In short", "It holds with `--quick` and *without*."),
+        Text(f"Given: {NASTY}"),
+        table(),
+        Section("Part", "part", (table("All rows"), LINE)),
+        Command("Made by", "afl-mujoco study 'my file.toml'"),
+    ),
+)
+
+
+def terminal(section: Section) -> str:
+    stream = StringIO()
+    print_sections([section], Path("out"), Console(file=stream, width=140))
+    return stream.getvalue()
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> str:
+    write_figures(figures_of([SECTION]), tmp_path)
+    return to_html("Report", [SECTION], tmp_path)
+
+
+WRITERS: dict[str, Callable[[Path], str]] = {
+    "terminal": lambda folder: terminal(SECTION),
+    "Markdown": lambda folder: to_markdown([SECTION]),
+    "HTML": lambda folder: re.sub(r"<[^>]*>", "", to_html("Report", [SECTION], folder)),
+}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_every_writer_says_titles_findings_cells_and_commands(writer: str, tmp_path: Path) -> None:
+    said = WRITERS[writer](tmp_path)
+    for text in (
+        "Study", "Part", "In short", "--quick", "without", "How far each goes", "distance", "−2",
+        "stays", "falls", "rests", "All rows", "A line",
+    ):  # fmt: skip
+        assert text in said, text
+    assert "afl-mujoco study" in said
+    assert "`--quick`" in said or writer != "Markdown"
+
+
+def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are() -> None:
+    said = terminal(SECTION)
+    assert "✗ falls" in said and "◐ rests" in said
+    assert NASTY in said
+    assert said.count("first") == 1  # the folded table is left out
+    assert "[All rows: 3 rows, not shown here]" in said
+
+
+def test_a_row_does_not_repeat_the_name_of_the_row_above_on_the_terminal() -> None:
+    twice = Table(caption="t", columns=(Column("a"), Column("b")), rows=(("x", "1"), ("x", "2")))
+    assert terminal(Section("s", "s", (twice,))).count("x") == 1
+
+
+def test_markdown_escapes_what_would_be_markup() -> None:
+    said = to_markdown([SECTION])
+    assert "<script>" not in said.replace("\\<", "")
+    assert r"\<script\>alert(1)\</script\> \[red\] \| a\_b" in said
+    assert "![a line](a-line.png)" in said
+    assert "| name | distance \\[m\\] | verdict |\n| --- | ---: | --- |" in said
+    assert "## Part" in said and "<details><summary>All rows</summary>" in said
+
+
+def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> None:
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert(1)" in page
+    assert '<img src="data:image/svg+xml;base64,' in page
+    assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page) == []
+    assert page.count("<script>") == 1
+    assert "Content-Security-Policy" in page
+    assert '<h2 id="study">' in page and '<h3 id="part">' in page
+    assert 'href="#study"' in page
+    assert 'class="tag bad"' in page and 'class="tag part"' in page
+    assert "<em>without</em>" in page and "<code>--quick</code>" in page
+
+
+def test_a_figure_without_its_files_is_said_to_be_missing(tmp_path: Path) -> None:
+    assert "The figure “A line” is missing" in write_sections([SECTION], tmp_path)

@@ -1,0 +1,67 @@
+"""What the report says of margins is what the result holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+import study_results
+from rich.console import Console
+
+from afl_mujoco.document.blocks import Finding, Text, figures_of
+from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.studies.margins.sections import sections
+
+RESULT = study_results.margins()
+
+
+def printed(result) -> list[list[str]]:
+    stream = StringIO()
+    print_sections(sections(result), Path("out"), Console(file=stream, width=160))
+    return [line.split() for line in stream.getvalue().splitlines()]
+
+
+def test_each_loop_has_its_own_count_of_unstable_plants() -> None:
+    rows = printed(RESULT)
+    first = next(row for row in rows if row[:2] == ["adaptive", "continuous"])
+    second = next(row for row in rows if row[:2] == ["held", "1"])
+    assert first[2] == "0"
+    assert second[3:5] == ["✗", "1"]
+
+
+def test_the_worst_margin_is_of_stable_plants_and_what_is_infinite_is_shown() -> None:
+    row = next(row for row in printed(RESULT) if row[:2] == ["held", "1"])
+    assert row[5:10] == ["0.60", "16.6", "0.4", "0.40", "12.00"]
+    assert row[10:] == ["0.1", "kg,", "0.05", "m"]
+    infinite = study_results.margins(gain_increase=None)
+    assert next(row for row in printed(infinite) if row[:1] == ["held"])[6] == "∞"
+
+
+def test_the_finding_says_where_the_loop_is_unstable() -> None:
+    (section,) = sections(RESULT)
+    (finding,) = (block for block in section.blocks if isinstance(block, Finding))
+    assert "adaptive is unstable on 1 of 6 plants; lqr is unstable on 1" in finding.text
+
+
+def test_measured_delays_are_compared_where_both_exist() -> None:
+    (section,) = sections(RESULT)
+    (said,) = (block.text for block in section.blocks if isinstance(block, Text))
+    assert "On 1 of 2 plants and controllers there are both" in said
+    assert "at most 0.5 %" in said and "1 agree within 5 %" in said
+    _, measured = figures_of([section])
+    assert "1 comparisons on 1 plants; the largest difference is 0.5 %" in measured.alt
+    assert measured.draw().axes
+    (alone,) = sections(replace(RESULT, measured=()))
+    assert [figure.name for figure in figures_of([alone])] == ["margins-delay"]
+
+
+def test_margins_are_drawn_over_the_plants_and_unstable_ones_left_out() -> None:
+    delay, _ = figures_of(sections(RESULT))
+    values = delay.draw().axes[0].collections[0].get_array()
+    assert values.shape == (3, 2)  # lengths, masses
+    assert np.ma.getmaskarray(values).sum() == 1
+    assert values[1, 0] == pytest.approx(30.0)
+    assert "adaptive 12 ms" in delay.alt

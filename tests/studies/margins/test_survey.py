@@ -1,0 +1,83 @@
+"""Margins over a grid of plants against those of one plant at a time."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from afl_mujoco import CONTROLLERS
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.parameters import NOMINAL
+from afl_mujoco.studies.linearization import linearize
+from afl_mujoco.studies.loop_margins import loop_margins
+from afl_mujoco.studies.margins.result import METRICS, Result
+from afl_mujoco.studies.margins.survey import survey_margins
+
+GRID = {"cart_masses": (0.1, 1.0), "half_lengths": (0.05, 0.5)}
+
+
+@pytest.fixture(scope="module")
+def survey() -> Result:
+    laws = [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")]
+    return survey_margins(laws, **GRID)
+
+
+def test_a_survey_holds_the_margins_of_each_plant(survey: Result) -> None:
+    loop = linearize(CONTROLLERS["fixed"], NOMINAL)
+    for sampled, period in ((False, None), (True, 1e-3)):
+        expected = loop_margins(loop, period)
+        for metric in METRICS:
+            values = survey.values("fixed", metric, sampled=sampled)
+            assert values.shape == (2, 2)
+            assert values[1, 1] == getattr(expected, metric)
+
+
+def test_the_worst_margin_says_where_it_stands(survey: Result) -> None:
+    worst = survey.worst("fixed-nominal", "delay")
+    assert (worst.cart_mass, worst.half_length) == (0.1, 0.05)
+    assert worst.value == survey.values("fixed-nominal", "delay").min()
+    largest = survey.worst("fixed", "gain_decrease")
+    assert largest.value == survey.values("fixed", "gain_decrease").max()
+    fastest, crossovers = survey.worst("fixed", "crossover"), survey.values("fixed", "crossover")
+    assert fastest.value == crossovers.max() > crossovers.min()
+
+
+def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: Result) -> None:
+    # a controller that assumes 1 kg and 0.5 m commands ten times too much force
+    assert np.isnan(survey.values("fixed-nominal", "delay", sampled=True)[0, 0])
+    assert not np.isnan(survey.values("fixed-nominal", "delay")[0, 0])
+    worst = survey.worst("fixed-nominal", "delay", sampled=True)
+    assert (worst.cart_mass, worst.half_length) != (0.1, 0.05)
+    grid = survey.grid("fixed-nominal", sampled=True)
+    assert grid.stable == ((False, True), (True, True))
+    assert grid.delay[0][0] is None and grid.unstable == 1
+
+
+def test_two_workers_find_the_same_margins(survey: Result) -> None:
+    laws = [CONTROLLERS[name] for name in survey.margins]
+    assert survey_margins(laws, **GRID, workers=2) == survey
+
+
+def test_a_survey_names_what_it_does_not_hold(survey: Result) -> None:
+    with pytest.raises(UnknownNameError, match=r"^controller must be one of fixed, fixed-nominal"):
+        survey.values("lqr", "delay")
+    with pytest.raises(UnknownNameError, match=r"^margin must be one of gain_decrease, "):
+        survey.values("fixed", "delays")
+    with pytest.raises(InvalidValueError, match="controllers must hold at least one, each once"):
+        survey_margins([])
+
+
+def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> None:
+    grid = ["--cart-masses", "1", "--half-lengths", "0.5"]
+    few = ["--controllers", "lqr", *grid, "--no-measure", "--workers", "1", "--out", "out"]
+    code, output, errors = command_line("margins", *few)
+    assert (code, errors) == (0, "")
+    content = json.loads((tmp_path / "out" / "margins.json").read_text())
+    assert content["command"] == (
+        "afl-mujoco margins --controllers lqr --cart-masses 1.0 --half-lengths 0.5 --no-measure"
+    )
+    delay = content["result"]["margins"]["lqr"]["continuous"]["delay"][0][0]
+    assert f"{1e3 * delay:.2f}" in output
+    assert "Delay [ms]" in output

@@ -1,0 +1,225 @@
+"""A campaign: the same bits whoever computes, every failure replayed, laws that break down."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.user_law.loading import load_python_law
+from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.execution.executors import open_executor
+from afl_mujoco.scenario.files import load_scenario
+from afl_mujoco.simulation.trajectory import FALL_ANGLE
+from afl_mujoco.studies.monte_carlo import campaign as module
+from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
+from afl_mujoco.studies.monte_carlo.files import write
+from afl_mujoco.studies.monte_carlo.result import result_of
+from afl_mujoco.studies.monte_carlo.space import SampleSpace
+from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
+
+ADAPTIVE, LQR = afl.CONTROLLERS["adaptive"], afl.CONTROLLERS["lqr"]
+SHORT = SampleSpace(
+    duration=2.0, last_change=1.0, rail_damping=(2.0, 8.0), cart_mass=(0.1, 0.5), phi=(-1.4, 1.4)
+)
+"""Rigs on which both fall, and soon."""
+
+
+def run(laws=(ADAPTIVE, LQR), *, samples=30, workers=1, seed=1, space=SHORT) -> Campaign:
+    with open_executor(workers) as executor:
+        return run_campaign(
+            laws, space, samples=samples, seed=seed, settings=Settings(), executor=executor
+        )
+
+
+@pytest.fixture(scope="module")
+def thirty() -> Campaign:
+    found = run()
+    assert all(3 <= len(found.failures(name)) <= 27 for name in found.trials)
+    return found
+
+
+def same(one, other) -> bool:
+    return repr(one) == repr(other)  # repr tells floats apart to the last bit, and NaN from none
+
+
+def test_two_processes_and_a_repetition_give_the_same_bits(thirty: Campaign) -> None:
+    assert same(run(workers=2).trials, thirty.trials)
+
+
+def test_the_chunks_change_no_bit(thirty: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CHUNK", 7)
+    assert same(run().trials, thirty.trials)
+
+
+def test_sample_i_is_the_same_whatever_their_number_and_the_company(thirty: Campaign) -> None:
+    few = run(laws=[LQR], samples=12)
+    assert same(few.trials["lqr"], thirty.trials["lqr"][:12])
+
+
+def test_another_seed_is_another_campaign(thirty: Campaign) -> None:
+    assert not same(run(laws=[LQR], samples=5, seed=2).trials["lqr"], thirty.trials["lqr"][:5])
+
+
+def test_every_failure_replays_from_its_file_to_the_same_bits(thirty: Campaign, tmp_path) -> None:
+    result = result_of(thirty, [])
+    write(result, tmp_path)
+    for law, rates in zip((ADAPTIVE, LQR), result.controllers, strict=True):
+        assert [failure.index for failure in rates.failures] == thirty.failures(law.name)
+        for failure in rates.failures:
+            trial = thirty.trials[law.name][failure.index]
+            rig = load_scenario(tmp_path / failure.file)
+            alone = afl.simulate_mujoco(rig, law, "sampled")
+            assert (alone.outcome.kind, alone.outcome.time) == (trial.outcome, trial.end_time)
+            z, phi = np.abs(alone.state[:, :2]).max(axis=0)
+            assert (z, phi) == (trial.peak_z, trial.peak_phi)
+            assert np.abs(alone.force[:-1]).max() == trial.max_force
+
+
+def test_the_counts_are_those_of_the_trials(thirty: Campaign) -> None:
+    result = result_of(thirty, [])
+    for rates in result.controllers:
+        trials = thirty.trials[rates.controller]
+        assert rates.survived == sum(t.outcome == "completed" for t in trials)
+        assert rates.settled == sum(not math.isnan(t.settling_time) for t in trials)
+        assert rates.rate == rates.survived / 30
+        assert rates.interval[0] < rates.rate < rates.interval[1]
+        peaks = sorted(t.peak_z for t in trials if t.survived)
+        assert peaks[0] < rates.median_displacement < rates.largest_displacement == peaks[-1]
+        assert sum(rates.failures_by_outcome.values()) == len(rates.failures)
+        assert len(rates.failures) == 30 - rates.survived
+    (pairing,) = result.comparisons
+    assert (pairing.first, pairing.second) == ("adaptive", "lqr")
+    assert pairing.both + pairing.only_first == result.controllers[0].survived
+    assert pairing.both + pairing.only_second == result.controllers[1].survived
+
+
+def test_a_run_that_settles_is_told_from_one_that_stays_up() -> None:
+    calm = SampleSpace(
+        **{name: (0.0, 0.0) for name in ("rail_friction", "noise_phi", "noise_phi_dot")},
+        phi=(0.1, 0.2), cart_mass=(1.0, 1.0), half_length=(0.5, 0.5), rail_damping=(0.0, 0.0),
+        duration=8.0, last_change=1.0,
+    )  # fmt: skip
+    found = run([LQR], samples=3, space=calm)
+    assert found.survival("lqr").count == found.settling("lqr").count == 3
+
+
+# Laws that break down
+
+
+def raises(t, state, belief):
+    if t > 0.1 and state[1] > 0.0:
+        raise RuntimeError("no idea")
+    return ADAPTIVE.force(state, belief)
+
+
+def not_a_number(t, state, belief):
+    return math.nan
+
+
+def wrong_shape(t, state, belief):
+    return np.zeros(2)
+
+
+def hangs(t, state, belief):
+    while True:
+        pass
+
+
+BROKEN = {
+    "raises": (raises, r"^controller 'raises' raised RuntimeError at t = \S+ s: no idea$"),
+    "wrong shape": (
+        wrong_shape,
+        r"must return one number at t = 0 s, got an array of shape \(2,\)$",
+    ),
+    "hangs": (hangs, r"must answer within 0.05 s, did not at t = 0 s$"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_law_that_breaks_down_fails_its_runs_and_says_how(name: str) -> None:
+    function, message = BROKEN[name]
+    law = PythonLaw(name=name, function=function, call_limit=5.0 if name == "raises" else 0.05)
+    started = time.perf_counter()
+    found = run([law, LQR], samples=4)
+    assert time.perf_counter() - started < 60.0
+    failed = [trial for trial in found.trials[name] if trial.outcome == CONTROLLER_FAILED]
+    assert failed
+    if name != "raises":
+        assert len(failed) == 4
+    for trial in failed:
+        with pytest.raises(LawError, match=message):
+            raise LawError(trial.message or "", "")
+        assert not trial.survived
+        assert not trial.settled
+    rates, lqr = result_of(found, []).controllers
+    assert rates.failures_by_outcome[CONTROLLER_FAILED] == len(failed)
+    assert lqr.failures_by_outcome[CONTROLLER_FAILED] == 0
+    with pytest.raises(LawError):
+        first = found.failures(name)[0]
+        afl.simulate_mujoco(module.sample_scenario(SHORT, first, 1), law, "sampled")
+
+
+def test_a_law_without_a_force_ends_the_run_as_a_failure() -> None:
+    law = PythonLaw(name="nan", function=not_a_number)
+    found = run([law], samples=3)
+    assert {trial.outcome for trial in found.trials["nan"]} == {"diverged"}
+    assert found.survival("nan").count == found.settling("nan").count == 0
+    assert found.failures("nan") == [0, 1, 2]
+
+
+def test_a_law_of_a_users_module_goes_to_the_workers(tmp_path, monkeypatch) -> None:
+    (tmp_path / "mine_for_montecarlo.py").write_text(
+        "def law(t, state, belief):\n    return 1 / 0\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    law = load_python_law("mine_for_montecarlo:law")
+    try:
+        trials = run([law], samples=2, workers=2).trials[law.name]
+    finally:
+        sys.modules.pop("mine_for_montecarlo")
+    assert [trial.outcome for trial in trials] == [CONTROLLER_FAILED] * 2
+    assert "raised ZeroDivisionError at t = 0 s" in trials[0].message
+
+
+def test_severity_ranks_failures_before_survivors_and_early_falls_first() -> None:
+    calm = Trial(outcome="completed", end_time=20.0, peak_phi=0.1, iae_phi=0.1)
+    rough = Trial(outcome="completed", end_time=20.0, peak_phi=1.5, iae_phi=20.0)
+    late = Trial(outcome="fell", end_time=19.0)
+    early = Trial(outcome="diverged", end_time=0.5)
+    broken = Trial(outcome=CONTROLLER_FAILED)
+    order = [trial.severity(20.0) for trial in (calm, rough, late, early, broken)]
+    assert order == sorted(order)
+    assert len(set(order)) == 5
+    assert order[1] < 1.0 < order[2]
+
+
+def test_severity_is_what_its_words_say() -> None:
+    survivor = Trial(outcome="completed", end_time=20.0, peak_phi=1.2, iae_phi=8.0)
+    assert survivor.severity(20.0) == pytest.approx(0.5 * (1.2 + 0.4) / FALL_ANGLE)
+    assert Trial(outcome="fell", end_time=15.0).severity(20.0) == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"samples": 0}, "samples must be at least 1, got 0"),
+        ({"seed": -1}, "seed must lie in 0 to 2**63 - 1, got -1"),
+        ({"laws": []}, "controllers must be at least one, got 0"),
+        ({"laws": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
+        ({"space": SampleSpace(control_period=1.5e-3)},
+         "timestep 0.001 s must divide control_period 0.0015 s"),
+        ({"laws": [ADAPTIVE], "space": SampleSpace(half_length=(1e-3, 1.0))},
+         "switching of the gain function at M = 0.1 kg, l = 0.001 m must be positive, got -"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_cannot_be_run_is_refused_before_it_begins(changes, message: str) -> None:
+    with pytest.raises(AflMujocoError) as raised:
+        run(**changes)
+    assert str(raised.value).startswith(message)

@@ -1,0 +1,54 @@
+"""The features of a hardware sample against one whose numbers were chosen to be distinct."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.monte_carlo.features import FEATURES
+
+RIG = Scenario(
+    name="rig",
+    cart_mass=afl.staircase((1.0, 2.0), (1.5, 0.5, 2.0)),
+    half_length=afl.trapezoid((1.0, 2.0, 3.0, 4.0), 0.3, 0.9),
+    initial_state=(0.01, math.radians(-20.0), -0.7, 0.6),
+    realism=Realism(
+        rail_damping=3.0, rail_friction=0.4, hinge_damping=5e-4, delay=2e-3, actuator_lag=7e-3,
+        noise_phi=1.1e-3, noise_phi_dot=13e-3, encoder_step_phi=1.7e-3,
+    ),
+)  # fmt: skip
+
+
+def test_every_feature_is_the_number_that_its_label_says() -> None:
+    assert {name: feature(RIG) for name, feature in FEATURES.items()} == pytest.approx(
+        {
+            "start angle |φ₀| [deg]": 20.0,
+            "start velocity z′₀ [m/s]": -0.7,
+            "start rate away from upright [rad/s]": -0.6,  # it leans left and swings to the right
+            "cart mass at the start [kg]": 1.5,
+            "least cart mass [kg]": 0.5,
+            "half-length at the start [m]": 0.3,
+            "least half-length [m]": 0.3,
+            "rail damping [N s/m]": 3.0,
+            "rail damping / least cart mass [1/s]": 6.0,
+            "dry friction [N]": 0.4,
+            "hinge damping [mN m s/rad]": 0.5,
+            "delay + lag [ms]": 9.0,
+            "noise of φ [mrad]": 1.1,
+            "noise of φ′ [mrad/s]": 13.0,
+            "encoder step of φ [mrad]": 1.7,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("phi", "rate", "away"),
+    [(0.2, 0.6, 0.6), (-0.2, -0.6, 0.6), (0.2, -0.6, -0.6), (-0.2, 0.6, -0.6)],
+)
+def test_a_rate_leads_away_from_upright_where_the_angle_grows(phi, rate, away) -> None:
+    rig = Scenario(name="start", initial_state=(0.0, phi, 0.0, rate))
+    assert FEATURES["start rate away from upright [rad/s]"](rig) == away

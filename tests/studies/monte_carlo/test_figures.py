@@ -1,0 +1,134 @@
+"""The figures and the tables of a campaign show what the campaign holds."""
+
+from __future__ import annotations
+
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from afl_mujoco.document.blocks import Figure, figures_of
+from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.studies.monte_carlo.campaign import Campaign
+from afl_mujoco.studies.monte_carlo.features import FEATURES, features_of, most_separating
+from afl_mujoco.studies.monte_carlo.figures import BINS, PANELS, colours_of
+from afl_mujoco.studies.monte_carlo.rates import Rate
+from afl_mujoco.studies.monte_carlo.result import result_of
+from afl_mujoco.studies.monte_carlo.sections import sections
+from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_point, sample_scenario
+from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
+from afl_mujoco.studies.monte_carlo.worst_case import NEAREST, Found
+
+SPACE, SAMPLES = SampleSpace(), 60
+UP = Trial(outcome="completed", end_time=20.0, settling_time=9.0, peak_z=1.234)
+DOWN = Trial(outcome="fell", end_time=2.5)
+BROKEN = Trial(outcome=CONTROLLER_FAILED, message="controller [x] raised")
+
+
+def campaign(**trials: list[Trial]) -> Campaign:
+    return Campaign(space=SPACE, seed=1, settings=Settings(), trials=trials)
+
+
+@pytest.fixture(scope="module")
+def rubbed() -> Campaign:
+    """One law that falls where dry friction is above 0.7 N, one that never does."""
+    rigs = [sample_scenario(SPACE, i, 1) for i in range(SAMPLES)]
+    stuck = [DOWN if rig.realism.rail_friction > 0.7 else UP for rig in rigs]
+    return campaign(adaptive=stuck, lqr=[UP] * SAMPLES)
+
+
+def figures(found: Campaign) -> dict[str, Figure]:
+    return {one.name: one for one in figures_of(sections(result_of(found, [])))}
+
+
+def test_what_makes_a_law_fail_is_the_first_feature_named(rubbed: Campaign) -> None:
+    failed = [np.array([t is DOWN for t in found]) for found in rubbed.trials.values()]
+    assert most_separating(features_of(SPACE, SAMPLES, 1), failed, 3)[0] == "dry friction [N]"
+    assert (
+        most_separating(features_of(SPACE, SAMPLES, 1), failed[1:], 2) == list(FEATURES)[:2]
+    )  # nobody to ask
+
+
+def test_the_bins_hold_the_failures_of_their_rigs(rubbed: Campaign) -> None:
+    drawn = figures(rubbed)["montecarlo-failures"]
+    panels = drawn.draw().axes
+    assert len(panels) == PANELS
+    assert panels[0].get_xlabel() == "dry friction [N]"
+    line = panels[0].containers[0].lines[0]
+    x, y = line.get_data()
+    values = features_of(SPACE, SAMPLES, 1)["dry friction [N]"]
+    bins = np.array_split(np.argsort(values), BINS)
+    expected = [100.0 * np.mean(values[part] > 0.7) for part in bins]
+    assert y == pytest.approx(expected)
+    assert y[0] == 0.0
+    assert y[-1] == 100.0
+    assert (np.diff(x) > 0.0).all()
+    low, high = 100.0 * np.array(Rate(0, SAMPLES // BINS).interval)
+    bars = panels[0].containers[0].lines[2][0].get_segments()
+    assert bars[0][:, 1] == pytest.approx([low, high])
+    failed = sum(t is DOWN for t in rubbed.trials["adaptive"])
+    assert f"adaptive {failed}, lqr 0, of 60" in drawn.alt
+
+
+def test_the_rates_are_drawn_with_their_intervals(rubbed: Campaign) -> None:
+    drawn = figures(rubbed)
+    assert list(drawn) == ["montecarlo-rates", "montecarlo-failures"]
+    (axis,) = drawn["montecarlo-rates"].draw().axes
+    rate = rubbed.survival("adaptive")
+    bar, point = axis.lines[0].get_xdata(), axis.lines[1].get_xdata()
+    assert bar == pytest.approx([100.0 * x for x in rate.interval])
+    assert list(point) == pytest.approx([100.0 * rate.share])
+    assert f"adaptive survives {100.0 * rate.share:.1f} %" in drawn["montecarlo-rates"].alt
+    assert [text.get_text() for text in axis.get_yticklabels()] == ["adaptive", "lqr"]
+
+
+def test_nothing_is_said_of_failures_where_there_are_none() -> None:
+    assert list(figures(campaign(lqr=[UP] * 3))) == ["montecarlo-rates"]
+    assert len(figures(campaign(lqr=[DOWN]))) == 2
+
+
+def test_every_controller_has_its_own_colour() -> None:
+    names = ["adaptive", "fixed", "lqr", "pole-placement", "partial-linearization", "mine.law"]
+    assert len(set(colours_of(names).values())) == len(names)
+
+
+def printed(found: Campaign, worst: list[Found]) -> str:
+    stream = StringIO()
+    result = result_of(found, worst, asked={"adaptive": "my:law"})
+    print_sections(sections(result), Path("out"), Console(file=stream, width=170))
+    return stream.getvalue()
+
+
+def test_the_tables_say_rates_pairs_and_worst_cases(rubbed: Campaign) -> None:
+    nearest = Found(
+        question=NEAREST, controller="adaptive", point=sample_point(SPACE, 0, 1), noise=0,
+        trial=DOWN, distance=0.123, runs=77, changes={"rail_friction": 0.4, "z": -0.01},
+    )  # fmt: skip
+    text = printed(rubbed, [nearest])
+    failed = sum(t is DOWN for t in rubbed.trials["adaptive"])
+    rows = [line.split() for line in text.splitlines()]
+    share = f"{float(f'{100.0 * (1.0 - failed / 60):.3g}'):g}"
+    assert ["adaptive", share, "%"] in [row[:3] for row in rows]
+    assert ["0", "1.23"] in [row[-2:] for row in rows]
+    assert ["adaptive", "lqr", str(60 - failed), "0", str(failed), "0"] in [row[:6] for row in rows]
+    assert "nearest failure   ✗ fell at 2.50 s" in text
+    assert "rail_friction 0.40, z −0.01" in text
+    replay = "afl-mujoco simulate out/montecarlo/adaptive/failure-"
+    (line,) = (line for line in text.splitlines() if replay in line)
+    assert line.endswith(".toml --controller my:law")
+
+
+def test_the_findings_say_rates_with_intervals_and_the_comparison(rubbed: Campaign) -> None:
+    failed = sum(t is DOWN for t in rubbed.trials["adaptive"])
+    text = " ".join(printed(rubbed, []).split())
+    assert "On 60 random samples with an endless rail the adaptive controller survives" in text
+    assert "(exact 95 % interval" in text
+    assert f"Only the adaptive controller survives 0 samples, only LQR {failed} (McNemar" in text
+
+
+def test_what_a_broken_controller_said_is_printed() -> None:
+    text = printed(campaign(mine=[UP, BROKEN]), [])
+    assert "mine: controller failed on sample 1: controller [x] raised" in text
+    assert "McNemar" not in text  # there is nobody to compare with

@@ -1,0 +1,175 @@
+"""The cube and the rigs that it stands for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.files import load_scenario, save_scenario
+from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.monte_carlo.space import (
+    SHAPES,
+    UNITS,
+    SampleSpace,
+    sample_point,
+    sample_scenario,
+    search_generator,
+)
+
+SPACE = SampleSpace()
+MANY = 300
+
+
+@pytest.fixture(scope="module")
+def rigs() -> list[Scenario]:
+    return [sample_scenario(SPACE, i, 7) for i in range(MANY)]
+
+
+def at(**shares: float) -> Scenario:
+    """The rig in the middle of the cube but for what is given."""
+    point = dict.fromkeys(SPACE.coordinates, 0.5) | {
+        k.replace("__", " "): v for k, v in shares.items()
+    }
+    return SPACE.scenario_of([point[name] for name in SPACE.coordinates], 0, 0)
+
+
+def test_a_sample_depends_on_its_index_and_the_seed_alone() -> None:
+    assert sample_scenario(SPACE, 3, 7) == sample_scenario(SPACE, 3, 7)
+    points = {sample_point(SPACE, i, seed).tobytes() for i in range(20) for seed in range(20)}
+    assert len(points) == 400
+    noise = {sample_scenario(SPACE, i, s).realism.seed for i in range(20) for s in range(20)}
+    assert len(noise) == 400
+
+
+def test_the_numbers_of_a_sample_are_the_same_for_ever() -> None:
+    """Philox and SeedSequence promise their streams; a sample of today is that of tomorrow."""
+    np.testing.assert_array_equal(
+        sample_point(SPACE, 12, 1)[:3],
+        [0.08889323355387169, 0.20068358985659007, 0.8312670906835586],
+    )
+    assert sample_scenario(SPACE, 12, 1).realism.seed == 2389723553712521205
+
+
+def test_a_point_does_not_say_what_the_noise_is_nor_the_noise_where_the_point_is() -> None:
+    point = np.full(SPACE.dimension, 0.3)
+    one, other = (SPACE.scenario_of(point, i, 1) for i in (0, 1))
+    assert one.realism.seed != other.realism.seed
+    assert replace(one, name="x", realism=Realism()) == replace(other, name="x", realism=Realism())
+    assert replace(one.realism, seed=0) == replace(other.realism, seed=0)
+
+
+def test_a_search_shares_its_random_numbers_with_no_sample() -> None:
+    drawn = search_generator(7).random(SPACE.dimension)
+    assert all((sample_point(SPACE, i, 7) != drawn).all() for i in range(100))
+
+
+def test_every_sample_lies_in_the_ranges_and_fills_them(rigs: list[Scenario]) -> None:
+    states = np.array([rig.initial_state for rig in rigs])
+    found = {name: states[:, i] for i, name in enumerate(("z", "phi", "z_dot", "phi_dot"))}
+    for thing in ("cart_mass", "half_length"):
+        found[thing] = np.concatenate([getattr(rig, thing).values for rig in rigs])
+    for field in fields(Realism):
+        if hasattr(SPACE, field.name) and isinstance(getattr(SPACE, field.name), tuple):
+            found[field.name] = np.array([getattr(rig.realism, field.name) for rig in rigs])
+    ranges = {f.name for f in fields(SPACE) if isinstance(getattr(SPACE, f.name), tuple)}
+    assert set(found) == ranges
+    for name, values in found.items():
+        low, high = getattr(SPACE, name)
+        share = (values - low) / (high - low)
+        assert 0.0 <= share.min() < 0.05, name
+        assert 0.95 < share.max() <= 1.0, name
+        assert share.mean() == pytest.approx(0.5, abs=0.08), name  # 5 sigma of 300
+
+
+def test_the_shapes_and_their_instants_are_as_said(rigs: list[Scenario]) -> None:
+    counts = dict.fromkeys((1, 4, 6), 0)
+    for rig in rigs:
+        assert rig.duration == 20.0
+        assert rig.realism.control_period == 1e-3
+        assert rig.realism.force_limit is None
+        for schedule in (rig.cart_mass, rig.half_length):
+            breaks = schedule.breakpoints
+            counts[{0: 1, 2: 6, 4: 4}[len(breaks)]] += 1
+            assert all(0.0 < t <= SPACE.last_change for t in breaks)
+            assert all(round(1e3 * t) == pytest.approx(1e3 * t, abs=1e-9) for t in breaks)
+    assert min(counts.values()) > MANY / 2  # each a third of twice as many schedules
+
+
+def test_a_coordinate_moves_what_it_names_and_nothing_else() -> None:
+    middle = at()
+    assert middle.initial_state == (0.0, 0.0, 0.0, 0.0)
+    assert middle.realism.rail_friction == 0.5
+    assert at(rail_friction=1.0) == replace(
+        middle, realism=replace(middle.realism, rail_friction=1.0)
+    )
+    assert at(phi=1.0).initial_state == (0.0, math.radians(75.0), 0.0, 0.0)
+    shapes = [at(cart_mass__shape=x, cart_mass__level__1=0.0) for x in (0.0, 0.34, 0.67, 1.0)]
+    assert [len(s.cart_mass.breakpoints) for s in shapes] == [0, 2, 4, 4]
+    assert all(s.half_length == middle.half_length for s in shapes)
+    assert len(SHAPES) == 3
+
+
+def test_instants_that_coincide_in_the_cube_do_not_in_the_rig() -> None:
+    names = [f"cart_mass__instant {i}" for i in (1, 2, 3, 4)]
+    last = at(cart_mass__shape=1.0, **dict.fromkeys(names, 1.0))
+    assert last.cart_mass.times == pytest.approx((9.997, 9.998, 9.999, 10.0))
+    first = at(cart_mass__shape=1.0, **dict.fromkeys(names, 0.0))
+    assert first.cart_mass.times == pytest.approx((0.001, 0.002, 0.003, 0.004))
+
+
+def test_the_reference_is_the_papers_nominal_run_on_an_ideal_rig() -> None:
+    rig = SPACE.scenario_of(SPACE.reference, 0, 0)
+    nominal = Scenario(name="nominal")
+    np.testing.assert_allclose(rig.initial_state, nominal.initial_state, atol=1e-15)
+    assert rig.cart_mass.values == pytest.approx(nominal.cart_mass.values)
+    assert rig.half_length.values == pytest.approx(nominal.half_length.values)
+    assert rig.realism == Realism(control_period=1e-3, seed=rig.realism.seed)
+    assert (rig.pole_mass, rig.gravity) == SPACE.constants
+
+
+def test_a_sample_survives_its_file(rigs: list[Scenario], tmp_path) -> None:
+    for rig in rigs[:30]:
+        save_scenario(rig, tmp_path / "rig.toml")
+        assert load_scenario(tmp_path / "rig.toml") == rig
+
+
+def test_every_field_has_a_unit() -> None:
+    assert set(UNITS) == {field.name for field in fields(SampleSpace)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"z": (1.0, 0.0)}, "z must not fall, got 1 to 0"),
+        ({"noise_z": (-1.0, 0.0)}, "noise_z must not be negative, got -1.0"),
+        ({"cart_mass": (0.0, 1.0)}, "schedule.cart_mass must be positive, got 0.0"),
+        ({"last_change": 21.0}, "last_change must be within the duration, got 21.0"),
+    ],
+    ids=str,
+)
+def test_a_space_that_no_rig_has_is_refused(changes, message: str) -> None:
+    with pytest.raises(InvalidValueError) as raised:
+        SampleSpace(**changes)
+    assert str(raised.value) == message
+
+
+@pytest.mark.parametrize("point", [np.zeros(3), np.full(SPACE.dimension, 1.1)], ids=["3", "1.1"])
+def test_a_point_outside_the_cube_is_refused(point) -> None:
+    with pytest.raises(InvalidValueError, match=r"^point must "):
+        SPACE.scenario_of(point, 0, 0)
+
+
+def test_the_documentation_has_the_ranges_of_the_code() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "montecarlo.md").read_text(encoding="utf-8")
+    said = [[cell.strip() for cell in line.split("|")[1:4]] for line in page.splitlines()]
+    for name, unit in UNITS.items():
+        value = getattr(SPACE, name)
+        ends = value if isinstance(value, tuple) else (value,)
+        text = "none" if value is None else " to ".join(f"{x:.4g}" for x in ends)
+        assert [f"`{name}`", unit, text] in said

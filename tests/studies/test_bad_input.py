@@ -1,0 +1,228 @@
+"""Bad input of every study, through the real command line: exit code 2, one line, nothing left."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+import tyro
+from page_case import make_curves, make_report
+from program import run
+
+from afl_mujoco.studies.contract import Study
+from afl_mujoco.studies.registry import studies
+from afl_mujoco.validation.curves import save_curves
+
+ALL = list(studies())
+NAMES = [*ALL, "dice"]  # the toy study passes as well, without a line of its own
+
+
+def takes_scenarios(study: Study) -> bool:
+    """Whether scenarios are named before the options."""
+    hints = get_type_hints(study.configuration, include_extras=True).values()
+    return any(tyro.conf.Positional in getattr(hint, "__metadata__", ()) for hint in hints)
+
+
+def controllers_option(study: Study) -> str:
+    """The option that names controllers, if there is one."""
+    names = {field.name for field in fields(study.configuration)}
+    return next((f"--{n}" for n in ("controllers", "controller") if n in names), "")
+
+
+WITH_SCENARIOS = [*(name for name in ALL if takes_scenarios(studies()[name])), "dice"]
+
+FILES = {
+    "missing file": ("missing.toml", None, "missing.toml"),
+    "directory for a file": ("folder.toml", None, "folder.toml"),
+    "broken TOML": ("bad.toml", "duration = = 1", "bad.toml is not valid TOML"),
+    "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "half_lenght is not a known key"),
+    "NaN": ("bad.toml", "duration = nan", "bad.toml"),
+}
+
+
+@pytest.fixture
+def refuses(command_line, tmp_path: Path):
+    """Runs a command that must fail; returns what it said."""
+
+    def check(*arguments: str) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        code, output, errors = command_line(*arguments)
+        assert (code, output) == (2, "")
+        (line,) = errors.splitlines()
+        assert line.startswith("afl-mujoco: ")
+        assert sorted(tmp_path.rglob("*")) == before
+        return line
+
+    return check
+
+
+@pytest.mark.parametrize("case", FILES, ids=str)
+@pytest.mark.parametrize("name", WITH_SCENARIOS)
+def test_a_scenario_file_that_cannot_be_used(
+    toy: str, refuses, tmp_path: Path, name: str, case: str
+) -> None:
+    file, text, message = FILES[case]
+    (tmp_path / "folder.toml").mkdir()
+    if text is not None:
+        (tmp_path / file).write_text(text)
+    said = refuses(name, file, "--out", "out")
+    if name == "estimation":  # of the paper's scenarios only
+        message = "scenario must be one of nominal, step-step, "
+    assert message in said
+
+
+@pytest.mark.parametrize("name", WITH_SCENARIOS)
+def test_an_unknown_scenario_with_what_was_meant(toy: str, refuses, name: str) -> None:
+    assert "did you mean step-step" in refuses(name, "step-stp", "--out", "out")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_an_unknown_controller_with_what_was_meant(refuses, name: str) -> None:
+    option = controllers_option(studies()[name])
+    said = refuses(name, option, "adaptve", "--out", "out")
+    assert "controller must be one of fixed, adaptive, " in said
+    assert "got 'adaptve'; did you mean adaptive" in said
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_workers(toy: str, refuses, name: str) -> None:
+    said = refuses(name, "--workers", "0", "--out", "out")
+    assert "workers must be at least 1, got 0" in said
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_unknown_option_and_an_option_that_is_no_number(
+    toy: str, command_line, name: str
+) -> None:
+    for arguments in (("--quik",), ("--workers", "many")):
+        with pytest.raises(SystemExit) as end:
+            command_line(name, *arguments)
+        assert end.value.code == 2
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_output_folder_that_is_a_file(toy: str, refuses, tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("")
+    assert "output folder file cannot be written: " in refuses(name, "--quick", "--out", "file")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_folder_where_the_result_belongs(toy: str, refuses, tmp_path: Path, name: str) -> None:
+    (tmp_path / "held" / f"{name}.json").mkdir(parents=True)
+    said = refuses(name, "--quick", "--out", "held")
+    assert f"held/{name}.json must be a file, is a folder" in said
+
+
+@pytest.fixture
+def validated(tmp_path: Path) -> Path:
+    """A report that studies are put into."""
+    folder = tmp_path / "renders" / "validation"
+    folder.mkdir(parents=True)
+    (folder / "report.json").write_text(json.dumps(make_report(second="mine")))
+    save_curves(folder / "curves.npz", make_curves(second="mine"))
+    return folder
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_result_of_another_schema_names_the_command_that_makes_it_anew(
+    toy: str, refuses, tmp_path: Path, validated: Path, name: str
+) -> None:
+    folder = tmp_path / "renders" / "robustness"
+    folder.mkdir()
+    text = json.dumps({"schema": 0, "study": name, "command": "", "figures": []})
+    (folder / f"{name}.json").write_text(text)
+    said = refuses("report")
+    assert f"robustness/{name}.json is no result of afl-mujoco {name}: " in said
+    assert said.endswith(f"got '{name}' and 0: run afl-mujoco {name}")
+    other = "margins" if name != "margins" else "estimation"
+    assert f"run afl-mujoco {name}" in refuses(other, "--quick")  # before anything slow
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_films_that_are_not_understood(refuses, tmp_path: Path, validated: Path, name: str) -> None:
+    (tmp_path / "films.json").write_text("{}")
+    said = refuses(name, "--quick", "--films", ".")
+    assert "films.json does not list films: 'schema' is missing: run afl-mujoco render" in said
+
+
+def test_a_folder_of_results_that_is_not_there(refuses, validated: Path) -> None:
+    said = refuses("report", "--robustness", "nosuch")
+    assert "nosuch must be a folder of results, is not" in said
+
+
+CASES = {
+    "thresholds": [
+        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
+        (["--imperfections", "gravity"], "imperfection must be one of control-period, delay, "),
+        (["--seeds", "0"], "seeds must be at least 1, got 0"),
+        (["--scan", "1"], "scan must be at least 2, got 1"),
+        (["--tolerance", "nan"], "tolerance must lie in 1e-4 to 1, got nan"),
+        (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
+        (["--gain-labels", "table3"], "gain labels must be one of table2, table1"),
+        (["real.toml"], "scenario 'real' must be ideal: remove [realism]"),
+    ],
+    "montecarlo": [
+        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
+        (["--controllers", "nowhere:law"], "controller 'nowhere:law' must be in a module"),
+        (["--samples", "0"], "samples must be at least 1, got 0"),
+        (["--seed", "-1"], "seed must lie in 0 to 2**63 - 1, got -1"),
+        (["--generations", "0"], "generations must be at least 1, got 0"),
+        (["--integrator", "verlet"], "integrator must be one of "),
+        (["--keep", "-1"], "keep must be at least 0, got -1"),
+        (["--cluster", "nowhere"], "cluster must be the address of a Dask scheduler"),
+        (["--out", "taken"], "taken/montecarlo/notes.txt is not of this study"),
+    ],
+    "attraction": [
+        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
+        (["--planes", "phase"], "plane must be one of states, plants, got 'phase'"),
+        (["--grid", "1"], "grid must be at least 2, got 1"),
+        (["--mass", "-1"], "mass must be positive, got -1"),
+        (["--masses", "2", "0.1"], "masses must rise from its low end 2, got 0.1"),
+        (["--masses", "-1", "1"], "mass must be positive, got -1"),
+        (["--max-angle", "nan"], "max_angle must be finite, got nan"),
+        (["--timestep", "0.003"], "timestep 0.003 s must divide dwell 1 s"),
+        (["--horizon", "0.5"], "dwell must be within 0.5 s, got 1"),
+        (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
+        (["--controllers", "pushing:force"], "controller 'pushing.force' is written in Python"),
+        (["--controllers", "fixed-estimated"], "controller 'fixed-estimated'"),
+    ],
+    "margins": [
+        (["--controllers", "lqr", "lqr"], "controllers must hold at least one, each once"),
+        (["--controllers", "fixed-estimated"], "controller 'fixed-estimated'"),
+        (["--cart-masses", "nan"], "cart_masses must be "),
+        (["--control-period", "0"], "control_period must be positive, got 0"),
+    ],
+    "estimation": [
+        (["--seeds", "0"], "seeds must be at least 1, got 0"),
+        (["--controller", "adaptive-estimated"], "controller 'adaptive-estimated' must be"),
+        (["nominal", "nominal"], "scenario names must differ, got 'nominal' twice"),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [(name, *case) for name, cases in CASES.items() for case in cases],
+    ids=lambda x: " ".join(x) if isinstance(x, list) else "",
+)
+def test_an_option_that_breaks_its_rule(
+    refuses, tmp_path: Path, monkeypatch, name: str, arguments: list[str], message: str
+) -> None:
+    monkeypatch.setattr("sys.dont_write_bytecode", True)
+    (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
+    (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
+    (tmp_path / "real.toml").write_text('name = "real"\n[realism]\ndelay = 0.01\n')
+    (tmp_path / "pushing.py").write_text("def force(time, state, belief): return 0.0\n")
+    where = [] if "--out" in arguments else ["--out", "out"]
+    assert message in refuses(name, *arguments, *where)
+
+
+def test_a_process_of_its_own_says_the_same(tmp_path: Path) -> None:
+    result = run("thresholds", "--controllers", "lqrr", cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert len(result.stderr.splitlines()) == 1
+    assert "did you mean lqr" in result.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,118 @@
+"""A study is one folder: what a toy study gets by being there, and what every study has."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import time
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from page_case import make_curves, make_report
+
+from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.registry import find_study, studies
+from afl_mujoco.validation.curves import save_curves
+
+ROOT = Path(__file__).parents[2]
+TOY = Path(__file__).parent / "toy"
+
+
+def test_the_toy_study_is_one_folder_that_nothing_else_names() -> None:
+    sources = [*(ROOT / "afl_mujoco").rglob("*.py"), ROOT / "Makefile", ROOT / "pyproject.toml"]
+    assert [path for path in sources if re.search(r"\bdice\b", path.read_text())] == []
+
+
+def test_a_study_is_there_by_being_a_folder(toy: str) -> None:
+    assert list(studies())[-1] == toy
+    assert find_study(toy).title == "Dice"
+
+
+def test_it_gets_a_command_files_a_terminal_and_markdown(
+    toy: str, command_line, tmp_path: Path
+) -> None:
+    code, output, errors = command_line(toy, "nominal", "--throws", "3", "--out", "out")
+    assert (code, errors) == (0, "")
+    assert "The dice: The mean is 4.00." in output
+    assert "Every throw" in output and "Fair dice." in output
+    assert "Made by: afl-mujoco dice nominal --throws 3" in output
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"dice.json", "dice.npz", "dice.md", "dice.svg", "dice.png"}
+    text = (tmp_path / "out" / "dice.md").read_text()
+    assert "| 0 | 3 |" in text and "![3 throws.](dice.png)" in text
+
+
+def test_its_result_comes_back_from_json(toy: str, command_line, tmp_path: Path) -> None:
+    command_line(toy, "--quick", "--out", "out")
+    data = json.loads((tmp_path / "out" / "dice.json").read_text())
+    assert (data["study"], data["schema"]) == ("dice", 1)
+    result = load_record(find_study(toy), tmp_path / "out").result
+    assert [throw.eyes for throw in result.throws] == result.all_eyes.tolist()
+    assert isinstance(result.all_eyes, np.ndarray)
+
+
+def test_it_has_help_with_an_example_and_the_options_of_its_run(toy: str, capsys) -> None:
+    from afl_mujoco.cli.main import main
+
+    with pytest.raises(SystemExit) as end:
+        main([toy, "--help"])
+    assert end.value.code == 0
+    said = capsys.readouterr().out
+    assert "Example: afl-mujoco dice --throws 10" in said
+    assert "How many throws." in said
+    assert "--workers" in said and "--out" in said and "--cluster" not in said
+
+
+def test_it_is_put_into_the_report(toy: str, command_line, tmp_path: Path) -> None:
+    folder = tmp_path / "renders" / "validation"
+    folder.mkdir(parents=True)
+    (folder / "report.json").write_text(json.dumps(make_report(second="mine")))
+    save_curves(folder / "curves.npz", make_curves(second="mine"))
+    code, output, _ = command_line(toy)
+    assert code == 0 and "wrote renders/validation/report.html" in output
+    page = (folder / "report.html").read_text()
+    assert '<h3 id="dice">Dice</h3>' in page and 'href="#dice"' in page
+    assert "<em>Fair</em> dice." in page
+    assert page.count("The mean is") == 2  # in the section, and at the top of the page
+    assert command_line("report")[0] == 0
+    assert (folder / "report.html").read_text() == page
+    code, output, _ = command_line(toy, "--out", "own")
+    assert code == 0 and "afl-mujoco report --robustness own puts it into a report" in output
+    assert (folder / "report.html").read_text() == page
+
+
+def test_bad_input_of_its_own_is_one_line(toy: str, command_line, tmp_path: Path) -> None:
+    code, output, errors = command_line(toy, "--throws", "0", "--out", "out")
+    assert (code, output, errors) == (2, "", "afl-mujoco: throws must be at least 1, got 0\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_study_is_named_with_what_was_meant() -> None:
+    with pytest.raises(UnknownNameError, match=r"study must be one of .*did you mean margins\?"):
+        find_study("margin")
+
+
+@pytest.mark.parametrize("study", studies().values(), ids=list(studies()))
+def test_every_study_has_what_the_contract_asks_for(study) -> None:
+    assert "Example: afl-mujoco " + study.name in study.configuration.__doc__
+    assert study.configuration()  # every option has a default
+    assert "quick" in {field.name for field in fields(study.configuration)}
+    assert fields(study.result_type)
+
+
+def test_the_list_of_commands_imports_nothing_heavy_and_is_quick() -> None:
+    heavy = {"matplotlib", "mujoco", "numba", "numpy", "pydantic", "scipy"}
+    program = (
+        "import sys; from afl_mujoco.cli.study import study_commands; study_commands(); "
+        "print(*sys.modules)"
+    )
+    started = time.perf_counter()
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert time.perf_counter() - started < 5.0  # half a second on a quiet machine
+    assert run.returncode == 0, run.stderr
+    assert heavy.isdisjoint(run.stdout.split())

@@ -1,0 +1,254 @@
+"""Margins against textbook loops, simulated delays, and MuJoCo itself."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.baselines.linear_model import upright_model
+from afl_mujoco.control.controllers import CONTROLLERS, Controller
+from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.studies.linearization import Loop, linearize
+from afl_mujoco.studies.loop_margins import held_plant, loop_margins
+
+LAWS = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
+NOMINAL = afl.CartPoleParameters()
+LIGHT_AND_SHORT = afl.CartPoleParameters(cart_mass=0.1, half_length=0.05)
+
+
+def companion(numerator, denominator):
+    """A loop whose transfer function is a constant over a polynomial, as state feedback."""
+    order = len(denominator) - 1
+    a = np.eye(order, k=1)
+    a[-1] = -np.array(denominator[:0:-1]) / denominator[0]
+    b, k = np.zeros(order), np.zeros(order)
+    b[-1], k[0] = 1.0, numerator / denominator[0]
+    return Loop(a, b, k)
+
+
+def unstable_lag(gain):
+    """L(s) = gain / (s - 1)."""
+    return Loop(np.eye(1), np.ones(1), np.array([gain]))
+
+
+# Textbook loops
+
+
+def test_the_loop_of_seiler_packard_and_gahinet_has_the_margins_that_they_print():
+    # An introduction to disk margins (2020): L = 25 / (s^3 + 10 s^2 + 10 s + 10)
+    margins = loop_margins(companion(25.0, [1.0, 10.0, 10.0, 10.0]))
+    assert margins.gain_increase == pytest.approx(3.6, abs=1e-9)
+    assert margins.gain_decrease == 0.0
+    assert margins.phase == pytest.approx(29.1, abs=0.05)
+    assert margins.disk == pytest.approx(0.46, abs=0.005)
+    assert margins.disk_gain == pytest.approx(1.59, abs=0.005)
+    assert margins.disk_phase == pytest.approx(25.8, abs=0.05)
+
+
+@pytest.mark.parametrize("gain", [1.3, 4.0, 60.0], ids=str)
+def test_an_unstable_lag_has_the_margins_of_its_closed_forms(gain):
+    margins = loop_margins(unstable_lag(gain))
+    crossover = math.sqrt(gain**2 - 1.0)  # |L| = 1; there the phase is arctan(crossover) - pi
+    assert margins.gain_decrease == pytest.approx(1.0 / gain, rel=1e-9)
+    assert margins.gain_increase == math.inf
+    assert margins.crossover == pytest.approx(crossover, rel=1e-9)
+    assert math.radians(margins.phase) == pytest.approx(math.atan(crossover), rel=1e-9)
+    assert margins.delay == pytest.approx(math.atan(crossover) / crossover, rel=1e-9)
+    # (S - T)/2 = (s - 1 - gain) / (2 (s - 1 + gain)) peaks at s = 0
+    assert margins.disk == pytest.approx(2.0 * (gain - 1.0) / (gain + 1.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.3], ids=str)
+def test_a_held_unstable_lag_has_the_gains_at_which_its_pole_leaves_the_circle(period):
+    gain, growth = 2.5, math.exp(period)
+    margins = loop_margins(unstable_lag(gain), period)
+    # x' = (growth - gain (growth - 1)) x is stable for gain from 1 to (growth + 1)/(growth - 1)
+    assert margins.gain_decrease == pytest.approx(1.0 / gain, rel=1e-7)
+    most = (growth + 1.0) / (growth - 1.0)
+    assert margins.gain_increase == pytest.approx(most / gain, rel=1e-7)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.3], ids=str)
+def test_a_held_unstable_lag_has_the_crossover_of_its_closed_form(period):
+    gain, growth = 2.5, math.exp(period)
+    margins = loop_margins(unstable_lag(gain), period)
+    # L = gain (growth - 1) / (z - growth) has size 1 at this turn of z from sample to sample
+    swing = gain * (growth - 1.0)
+    turn = math.acos((1.0 + growth**2 - swing**2) / (2.0 * growth))
+    z = complex(math.cos(turn), math.sin(turn))
+    lag = math.pi - abs(math.atan2((1 / (z - growth)).imag, (1 / (z - growth)).real))
+    assert margins.crossover == pytest.approx(turn / period, rel=1e-7)
+    assert math.radians(margins.phase) == pytest.approx(lag, rel=1e-6)
+    assert margins.delay == pytest.approx(lag / turn * period, rel=1e-6)
+
+
+def test_a_double_integrator_has_the_margins_of_its_closed_forms():
+    stiffness, damping = 7.0, 3.0
+    loop = Loop(np.eye(2, k=1), np.array([0.0, 1.0]), np.array([stiffness, damping]))
+    margins = loop_margins(loop)
+    square = 0.5 * (damping**2 + math.sqrt(damping**4 + 4.0 * stiffness**2))
+    lead = math.atan(damping * math.sqrt(square) / stiffness)
+    assert margins.crossover == pytest.approx(math.sqrt(square), rel=1e-9)
+    assert math.radians(margins.phase) == pytest.approx(lead, rel=1e-9)
+    assert margins.delay == pytest.approx(lead / math.sqrt(square), rel=1e-9)
+
+
+def test_a_loop_that_is_not_stable_has_no_margins():
+    assert loop_margins(unstable_lag(0.9)) is None
+    assert loop_margins(unstable_lag(2.5), 1.0) is None  # held too long
+    assert loop_margins(unstable_lag(2.5)) is not None
+    with pytest.raises(InvalidValueError, match=r"^control_period must be positive, got 0.0$"):
+        loop_margins(unstable_lag(2.5), 0.0)
+
+
+# The delay margin is where a delayed loop loses its stability
+
+
+def delayed_radius(loop, period, periods):
+    """Spectral radius of the sampled loop whose force comes some whole periods late."""
+    a, b = held_plant(loop, period)
+    order = len(a)
+    late = np.eye(order + periods, k=-1)
+    late[:order, :order], late[order:, :order], late[:order, order:] = a, 0.0, 0.0
+    if periods:
+        late[:order, -1], late[order, :order] = b, -loop.k
+    else:
+        late[:order, :order] = a - np.outer(b, loop.k)
+    return np.abs(np.linalg.eigvals(late)).max()
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("plant", [NOMINAL, LIGHT_AND_SHORT], ids=["nominal", "light"])
+def test_a_held_loop_bears_delays_of_whole_periods_up_to_its_margin(name, plant):
+    loop, period = linearize(CONTROLLERS[name], plant), 1e-3
+    whole = math.floor(loop_margins(loop, period).delay / period)
+    assert delayed_radius(loop, period, whole) < 1.0
+    assert delayed_radius(loop, period, whole + 1) > 1.0
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_bisection_on_a_simulated_delay_finds_the_delay_margin(name):
+    """March x' = A x - B K x(t - delay) in steps of a 50th of the delay."""
+    loop, steps = linearize(CONTROLLERS[name], NOMINAL), 50
+
+    def grows(delay):
+        step = delay / (steps + 0.5)  # holding the force delays it by another half step
+        a, b = held_plant(loop, step)
+        x, forces = np.array([0.0, 1.0, 0.0, 0.0]), np.zeros(steps)
+        peaks = []
+        for k in range(300 * steps):
+            x, forces[k % steps] = a @ x + b * forces[k % steps], -loop.k @ x
+            peaks.append(np.abs(x[1]))
+        return max(peaks[-40 * steps :]) > max(peaks[200 * steps : 240 * steps])
+
+    low, high = 0.01, 0.3
+    while high / low > 1.0005:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    assert loop_margins(loop).delay == pytest.approx(low, rel=1e-3)
+
+
+def tilts(name, plant, delay, period=1e-3, duration=12.0):
+    """Largest tilt in the last second of MuJoCo's run, of a microradian at the start."""
+    law, model = CONTROLLERS[name], CartPoleModel(plant, timestep=period)
+    m, d = model.mj_model, model.mj_data
+    d.qpos[1] = 1e-6
+    waiting, seen = [0.0] * delay, []
+    for _ in range(round(duration / period)):
+        waiting.append(law.force([*d.qpos, *d.qvel], plant))
+        d.ctrl[0] = waiting.pop(0)
+        mujoco.mj_step(m, d)
+        seen.append(abs(d.qpos[1]))
+        if seen[-1] > 0.1:
+            return math.inf
+    return max(seen[-round(1.0 / period) :])
+
+
+@pytest.mark.parametrize("name", ["fixed", "lqr"])
+def test_mujoco_itself_loses_the_pole_at_the_delay_margin(name):
+    margin = loop_margins(linearize(CONTROLLERS[name], NOMINAL), 1e-3).delay
+    assert tilts(name, NOMINAL, math.floor(0.95 * margin / 1e-3)) < 1e-6
+    assert tilts(name, NOMINAL, math.ceil(1.05 * margin / 1e-3)) > 1e-5
+
+
+# Linearisation
+
+
+def test_the_linearised_plant_is_the_closed_form(odd_parameters):
+    for plant in (odd_parameters, NOMINAL, LIGHT_AND_SHORT):
+        loop, model = linearize(CONTROLLERS["lqr"], plant), upright_model(plant)
+        np.testing.assert_allclose(loop.a, model.a, atol=1e-8 * np.abs(model.a).max())
+        np.testing.assert_allclose(loop.b, model.b, atol=1e-8 * np.abs(model.b).max())
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_two_steps_agree_to_the_square_of_the_longer(name, odd_parameters):
+    assert linearize(CONTROLLERS[name], odd_parameters).disagreement < 1e-7
+
+
+def test_linear_feedback_is_its_own_linearisation():
+    gains = linearize(CONTROLLERS["lqr"], NOMINAL).k
+    np.testing.assert_allclose(gains, CONTROLLERS["lqr"].gains.gains(1.0, 0.5), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["pole-placement", "partial-linearization"])
+def test_the_placed_poles_make_the_loop_of_the_paper_s_law(name):
+    for plant in (NOMINAL, LIGHT_AND_SHORT):
+        paper, placed = (linearize(CONTROLLERS[n], plant).k for n in ("fixed", name))
+        np.testing.assert_allclose(placed, paper, rtol=1e-6)
+
+
+def test_a_law_with_a_kink_at_upright_is_refused():
+    gains = afl.Gains(switching=100.0, slope=1.3, boundary_layer=1e-4)  # thinner than a step
+    sharp = Controller(name="sharp", gain_function=afl.GainFunction.constant(gains))
+    with pytest.raises(InvalidValueError) as caught:
+        linearize(sharp, NOMINAL)
+    assert str(caught.value).startswith(
+        "linearisation of 'sharp' at M = 1 kg, l = 0.5 m must not depend on the step by more than"
+    )
+
+
+@pytest.mark.parametrize("kink", [300.0, 1.0])
+def test_a_kink_that_central_differences_do_not_see_is_refused(kink):
+    def function(time, state, belief):
+        return float(-100.0 * state[1] + kink * abs(state[1]))
+
+    with pytest.raises(InvalidValueError, match="must have slopes to either side that differ"):
+        linearize(PythonLaw(name="kinked", function=function), NOMINAL)
+
+
+@pytest.mark.parametrize(
+    ("function", "rule"),
+    [
+        (lambda time, state, belief: math.nan, "must be about an equilibrium"),
+        (lambda time, state, belief: math.inf, "must be about an equilibrium"),
+        (lambda time, state, belief: 1.0 - state[1], "no force at upright, got 1 N"),
+        (lambda time, state, belief: math.nan if state[1] else 0.0, "must have finite slopes"),
+    ],
+)
+def test_a_law_without_an_equilibrium_or_a_slope_at_upright_is_refused(function, rule):
+    with pytest.raises(InvalidValueError, match=rule):
+        linearize(PythonLaw(name="lame", function=function), NOMINAL)
+
+
+def test_a_law_that_bends_smoothly_at_upright_has_its_slope():
+    def function(time, state, belief):
+        return float(-100.0 * state[1] + 500.0 * state[1] ** 2 - 7.0 * state[2])
+
+    found = linearize(PythonLaw(name="bent", function=function), NOMINAL).k
+    np.testing.assert_allclose(found, (0.0, 100.0, 7.0, 0.0), rtol=1e-8, atol=1e-8)
+
+
+def test_the_lqr_has_the_margins_that_every_lqr_has():
+    for mass, length in ((0.1, 0.05), (0.7, 0.3), (1.0, 0.5), (2.0, 1.0)):
+        plant = afl.CartPoleParameters(cart_mass=mass, half_length=length)
+        margins = loop_margins(linearize(CONTROLLERS["lqr"], plant))
+        assert margins.phase >= 60.0
+        assert margins.gain_decrease <= 0.5
+        assert margins.gain_increase == math.inf

@@ -1,0 +1,158 @@
+"""A record comes back from its files; what an older one wrote goes, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import study_results
+
+from afl_mujoco.document import style
+from afl_mujoco.errors import FileError
+from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record
+from afl_mujoco.studies.registry import find_study
+
+NAMES = tuple(study_results.RESULTS)
+
+
+def names(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values are equal, arrays in them included."""
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other)
+    if is_dataclass(one):
+        parts = (field.name for field in fields(one))
+        return type(one) is type(other) and all(
+            same(getattr(one, name), getattr(other, name)) for name in parts
+        )
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    return bool(one == other)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_record_comes_back_as_it_was(name: str, tmp_path: Path) -> None:
+    record = study_results.record(name)
+    written = save_record(record, tmp_path)
+    assert written[0] == tmp_path / f"{name}.json"
+    again = load_record(record.study, tmp_path)
+    assert same(again.result, record.result)
+    assert (again.command, dict(again.versions)) == (record.command, dict(record.versions))
+    assert [s.title for s in again.sections] == [s.title for s in record.sections]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_files_are_the_same_bytes_each_time(name: str, tmp_path: Path) -> None:
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        folder.mkdir()
+        save_record(study_results.record(name), folder)
+    assert names(tmp_path / "one") == names(tmp_path / "two")
+    for path in (tmp_path / "one").rglob("*.*"):
+        other = tmp_path / "two" / path.relative_to(tmp_path / "one")
+        assert path.read_bytes() == other.read_bytes(), path
+
+
+def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path: Path) -> None:
+    users = {"margins-notes.png", "margins.txt", "thresholds.json", "attraction-mine.npz"}
+    for name in users:
+        (tmp_path / name).write_text("mine")
+    record = study_results.record("margins")
+    first = save_record(record, tmp_path)
+    assert names(tmp_path) == users | {path.name for path in first}
+    assert {"margins-measured.svg", "margins.md"} < names(tmp_path)
+    unmeasured = replace(record, result=replace(record.result, measured=()))
+    second = save_record(unmeasured, tmp_path)
+    assert names(tmp_path) == users | {path.name for path in second}
+    assert "margins-measured.svg" not in names(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"files": 3}',
+        json.dumps({"files": ["../margins-x.svg", "thresholds.png", "margins-a/x.svg"]}),
+    ],
+)
+def test_a_list_that_names_what_is_no_file_of_the_study_removes_nothing(
+    tmp_path: Path, text: str
+) -> None:
+    folder = tmp_path / "out"
+    (folder / "margins-a").mkdir(parents=True)
+    others = [
+        tmp_path / "margins-x.svg", folder / "thresholds.png", folder / "margins-a" / "x.svg",
+    ]  # fmt: skip
+    for other in others:
+        other.write_text("mine")
+    (folder / "margins.json").write_text(text)
+    remove_record(find_study("margins"), folder)
+    assert not (folder / "margins.json").exists()
+    assert all(other.exists() for other in others)
+
+
+def test_a_write_that_is_broken_off_leaves_the_older_record(tmp_path: Path, monkeypatch) -> None:
+    save_record(study_results.record("margins"), tmp_path)
+    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
+
+    def interrupted(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(style, "save_figure", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save_record(study_results.record("margins"), tmp_path)
+    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
+    assert len(list(tmp_path.iterdir())) == len(before)  # nothing is left of what was staged
+
+
+def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
+    record = study_results.record("margins")
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        save_record(
+            replace(record, result=replace(record.result, control_period=math.nan)), tmp_path
+        )
+    assert names(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    ("content", "rule"),
+    [
+        ("{", "is no result of afl-mujoco margins: "),
+        ("[]", "is no result of afl-mujoco margins: "),
+        ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 2, got 'mar"),
+        ('{"schema": 2, "study": "ladder"}', "must be of 'margins' and have schema 2, got 'ladder"),
+        ('{"schema": 2, "study": "margins"}', "'command' is missing"),
+        ('{"schema": 2, "study": "margins", "command": 3}', "command must be a text"),
+        (
+            '{"schema": 2, "study": "margins", "command": "", "versions": {}, '
+            '"result": {"control_period": "long"}}',
+            "result.control_period: input should be a valid number",
+        ),
+        ('{"schema": NaN}', "NaN is no number of JSON"),
+    ],
+)
+def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(
+    tmp_path: Path, content: str, rule: str
+) -> None:
+    (tmp_path / "margins.json").write_text(content)
+    with pytest.raises(FileError) as error:
+        load_records(tmp_path)
+    assert rule in str(error.value)
+    assert str(error.value).startswith(str(tmp_path / "margins.json"))
+    assert str(error.value).endswith("run afl-mujoco margins")
+
+
+def test_a_folder_need_not_be_there_or_hold_a_record(tmp_path: Path) -> None:
+    assert load_records(tmp_path / "nowhere") == []
+    remove_record(find_study("margins"), tmp_path)
+    assert names(tmp_path) == set()
