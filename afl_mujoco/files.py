@@ -152,7 +152,8 @@ def _in_one_line(error: Any, kind: Any) -> str:
             return str(first["msg"])
         case "missing" | "missing_argument", _:
             got = ""
-    rule = _RULES.get(first["type"], first["msg"].replace("Input should", "must", 1))
+    said = first["msg"].replace("Input should", "must", 1).replace("an object", "a table")
+    rule = _RULES.get(first["type"], said)
     return f"{_resolved(kind, place)[0]} {rule}{got}".strip()
 
 

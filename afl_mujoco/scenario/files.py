@@ -251,16 +251,13 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
         initial_state=list(s.initial_state),
         schedule=_Schedules(**schedules),
         disturbances=[shapes[type(d)](**asdict(d)) for d in s.disturbances],
-        realism=s.realism,
     )
     found = asdict(table)
-    del found["replay"]
-    found["realism"] = {
-        f.name: value for f in fields(Realism) if (value := found["realism"][f.name]) != f.default
+    del found["replay"], found["realism"]
+    departures = {
+        f.name: value for f in fields(Realism) if (value := getattr(s.realism, f.name)) != f.default
     }
-    if not found["realism"]:
-        del found["realism"]
-    return found
+    return found | ({"realism": departures} if departures else {})
 
 
 def _read(path: Path) -> _File:

@@ -64,4 +64,4 @@ def test_an_unknown_name_is_answered_with_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
         find_scenario("step-stop")
     assert str(caught.value).startswith("scenario must be one of nominal, step-step, ")
-    assert str(caught.value).endswith("got 'step-stop'")
+    assert "got 'step-stop'; did you mean step-step or " in str(caught.value)
