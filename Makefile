@@ -66,9 +66,9 @@ tune: $(READY) ## search the gain table and fit the gain functions, the whole of
 	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
 	@$(BIN)/python -m afl_mujoco.reporting.gain_figures renders/tuning
 
-bench: $(READY) ## what things cost, as ratios: the loop, the ensemble, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
+bench: $(READY) ## what things cost, as ratios: the loop, the batch integrator, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
 	@$(BIN)/python benchmarks/bench_rollout.py
-	@$(BIN)/python benchmarks/bench_ensemble.py
+	@$(BIN)/python benchmarks/bench_batch.py
 	@$(BIN)/python benchmarks/bench_optimisers.py --out renders/bench
 	@$(BIN)/python benchmarks/bench_gain_functions.py
 	@$(BIN)/python benchmarks/bench_render.py

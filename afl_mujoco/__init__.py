@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from afl_mujoco.control.afl import control_force, sliding_variable
     from afl_mujoco.control.baselines.gain_grid import GainGrid
     from afl_mujoco.control.baselines.state_feedback import StateFeedback
-    from afl_mujoco.control.controllers import CONTROLLERS, Controller, find_controller
+    from afl_mujoco.control.catalogue import CONTROLLERS, AFLController, find_controller
+    from afl_mujoco.control.controller import Controller
     from afl_mujoco.control.gain_function import GainFunction
     from afl_mujoco.control.gains import FIXED_GAINS, Gains
-    from afl_mujoco.control.law import Law
     from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.plant.dynamics import acceleration, mass_matrix
     from afl_mujoco.plant.energy import linear_momentum, total_energy
     from afl_mujoco.scenario.catalogue import SCENARIOS
     from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
     from afl_mujoco.scenario.files import find_scenario, load_scenario, save_scenario
+    from afl_mujoco.scenario.imperfections import Imperfections
     from afl_mujoco.scenario.parameters import CartPoleParameters
-    from afl_mujoco.scenario.realism import Realism
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.scenario.schedules import (
         Schedule,
@@ -46,10 +46,10 @@ _HOMES = {
     "control.afl": ("control_force", "sliding_variable"),
     "control.baselines.gain_grid": ("GainGrid",),
     "control.baselines.state_feedback": ("StateFeedback",),
-    "control.controllers": ("CONTROLLERS", "Controller", "find_controller"),
+    "control.catalogue": ("CONTROLLERS", "AFLController", "find_controller"),
     "control.gain_function": ("GainFunction",),
     "control.gains": ("FIXED_GAINS", "Gains"),
-    "control.law": ("Law",),
+    "control.controller": ("Controller",),
     "errors": ("AflMujocoError",),
     "plant.dynamics": ("acceleration", "mass_matrix"),
     "plant.energy": ("linear_momentum", "total_energy"),
@@ -57,7 +57,7 @@ _HOMES = {
     "scenario.disturbances": ("ForcePulse", "Impulse"),
     "scenario.files": ("find_scenario", "load_scenario", "save_scenario"),
     "scenario.parameters": ("CartPoleParameters",),
-    "scenario.realism": ("Realism",),
+    "scenario.imperfections": ("Imperfections",),
     "scenario.scenario": ("Scenario",),
     "scenario.schedules": (
         "Schedule",
@@ -81,6 +81,7 @@ __all__ = [
     "CONTROLLERS",
     "FIXED_GAINS",
     "SCENARIOS",
+    "AFLController",
     "AflMujocoError",
     "CartPoleModel",
     "CartPoleParameters",
@@ -89,10 +90,9 @@ __all__ = [
     "GainFunction",
     "GainGrid",
     "Gains",
+    "Imperfections",
     "Impulse",
-    "Law",
     "Outcome",
-    "Realism",
     "Rollouts",
     "Scenario",
     "Schedule",

@@ -92,6 +92,18 @@ class _CacheImplementation(caching.CompileResultCacheImpl):
 class _Cache(caching.FunctionCache):
     _impl_class = _CacheImplementation
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return compiled code from the cache, None where there is none that can be read.
+
+        What an older source wrote may name modules that are gone, which numba finds out before it
+        compares the stamps.
+        """
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except (ImportError, AttributeError):
+            self.flush()  # type: ignore[no-untyped-call]
+            return None
+
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of floats and arrays on first use, and keep the result on disk.

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import afl_mujoco as afl
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.control.estimation.settings import EstimatorSettings
-from afl_mujoco.control.law import Law
-from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.estimated import simulate_estimated
 from afl_mujoco.studies.estimation.loops import CASES
@@ -31,9 +31,9 @@ from afl_mujoco.tuning.gain_cost import paper_scales
 
 Array = NDArray[np.float64]
 
-FINE = Realism(noise_z=1e-4, noise_phi=1e-4)
-COARSE = Realism(noise_z=1e-4, noise_phi=1e-3)
-ENCODERS = Realism(encoder_step_z=3.5e-4, encoder_step_phi=2.0 * np.pi / 3600.0)
+FINE = Imperfections(noise_z=1e-4, noise_phi=1e-4)
+COARSE = Imperfections(noise_z=1e-4, noise_phi=1e-3)
+ENCODERS = Imperfections(encoder_step_z=3.5e-4, encoder_step_phi=2.0 * np.pi / 3600.0)
 RIGS = {"no noise": IDEAL, "fine": FINE, "usual": USUAL, "coarse": COARSE, "encoders": ENCODERS}
 TOLD = afl.CONTROLLERS["adaptive"]
 
@@ -70,16 +70,18 @@ class Run:
         return np.asarray(self.error[np.searchsorted(self.time, time + 1e-9) - 1])
 
 
-def settings_for(rig: Realism, **changes: Any) -> EstimatorSettings:
+def settings_for(rig: Imperfections, **changes: Any) -> EstimatorSettings:
     """The estimator's settings where the noise is known and the rest of the rig is not."""
     pairs = ((rig.noise_z, rig.encoder_step_z), (rig.noise_phi, rig.encoder_step_phi))
     z, phi = (max(float(np.hypot(noise, step / 12**0.5)), 1e-5) for noise, step in pairs)
     return EstimatorSettings(position_noise=z, angle_noise=phi, **changes)
 
 
-def estimated(scenario: Scenario, rig: Realism, settings: EstimatorSettings | None = None) -> Run:
-    law = EstimatedLaw(name="estimated", law=TOLD, settings=settings or settings_for(rig))
-    found = simulate_estimated(replace(scenario, realism=rig), law)
+def estimated(
+    scenario: Scenario, rig: Imperfections, settings: EstimatorSettings | None = None
+) -> Run:
+    law = EstimatedController(name="estimated", law=TOLD, settings=settings or settings_for(rig))
+    found = simulate_estimated(replace(scenario, imperfections=rig), law)
     ticks = found.time[1:]
     before = ticks - 0.5e-3
     truth = np.stack([scenario.cart_mass(before), scenario.half_length(before)], axis=1)
@@ -87,12 +89,12 @@ def estimated(scenario: Scenario, rig: Realism, settings: EstimatorSettings | No
     return Run(found.run, ticks, np.log(estimates / truth))
 
 
-def told(scenario: Scenario, rig: Realism, law: Law = TOLD) -> Run:
-    run = afl.simulate_mujoco(replace(scenario, realism=rig), law, "sampled")
+def told(scenario: Scenario, rig: Imperfections, law: Controller = TOLD) -> Run:
+    run = afl.simulate_mujoco(replace(scenario, imperfections=rig), law, "sampled")
     return Run(run, np.empty(0), np.empty((0, 2)))
 
 
-def seeded(rig: Realism, seeds: int) -> list[Realism]:
+def seeded(rig: Imperfections, seeds: int) -> list[Imperfections]:
     """The same rig under several noises; once where there is none."""
     count = seeds if rig.noise_z or rig.noise_phi else 1
     return [replace(rig, seed=seed) for seed in range(count)]
@@ -211,8 +213,14 @@ def rig(seeds: int) -> None:
     print("  survived; objective (O1) less its force term; rms of ln M / ln l, 0.05-6 s")
     lines: dict[str, tuple[dict[str, Any], EstimatorSettings]] = {
         "nothing": ({}, settings_for(USUAL)),
-        "noise thought 3 times less": ({}, settings_for(Realism(noise_z=3e-5, noise_phi=1.7e-4))),
-        "noise thought 3 times more": ({}, settings_for(Realism(noise_z=3e-4, noise_phi=1.5e-3))),
+        "noise thought 3 times less": (
+            {},
+            settings_for(Imperfections(noise_z=3e-5, noise_phi=1.7e-4)),
+        ),
+        "noise thought 3 times more": (
+            {},
+            settings_for(Imperfections(noise_z=3e-4, noise_phi=1.5e-3)),
+        ),
         "5 ms control period": ({"control_period": 5e-3}, settings_for(USUAL)),
         "10 ms control period": ({"control_period": 1e-2}, settings_for(USUAL)),
         "damping 0.1 N s/m": ({"rail_damping": 0.1}, settings_for(USUAL)),

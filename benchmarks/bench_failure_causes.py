@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.realism import IDEAL
+from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.studies.monte_carlo.features import FEATURES
 from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
 from afl_mujoco.studies.record import load_record
@@ -44,7 +44,7 @@ def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int)
     """How many of the runs of some files stay up where some options are ideal."""
     ideal = {name: getattr(IDEAL, name) for name in names}
     rigs = [afl.load_scenario(file) for file in files]
-    rigs = [replace(rig, realism=replace(rig.realism, **ideal)) for rig in rigs]
+    rigs = [replace(rig, imperfections=replace(rig.imperfections, **ideal)) for rig in rigs]
     runs = afl.run_rollouts(rigs, law, threads=threads)
     return sum(runs.outcome(i).kind == "completed" for i in range(len(runs)))
 

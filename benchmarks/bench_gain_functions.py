@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 import afl_mujoco as afl
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gain_function import scheduled_gain, shipped_data
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import compute_all, open_executor
@@ -39,15 +39,15 @@ Slope = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tried(Controller):
+class Tried(AFLController):
     """Fixed gains, but for lambda, which a function gives of M and l along the whole run."""
 
     slope: Slope
 
-    def law_inputs(
+    def inputs_along_run(
         self, cart_mass: Any, half_length: Any, pole_mass: float, gravity: float
     ) -> Array:
-        law = Controller.law_inputs(self, cart_mass, half_length, pole_mass, gravity)
+        law = AFLController.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
         law[..., 5] = self.slope(np.asarray(cart_mass), np.asarray(half_length))
         return law
 

@@ -21,14 +21,14 @@ import mujoco.rollout
 import numpy as np
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 
 TIMESTEP, THREADS = 1e-3, 2
 CONTROLLER = afl.CONTROLLERS["adaptive"]
-NOISE = Realism(noise_z=1e-3, noise_phi=1e-3, noise_z_dot=1e-2, noise_phi_dot=1e-2)
+NOISE = Imperfections(noise_z=1e-3, noise_phi=1e-3, noise_z_dot=1e-2, noise_phi_dot=1e-2)
 """Every channel of the measurement is noisy at every step, and nothing else is real."""
 
 WAYS = (
@@ -50,7 +50,7 @@ def scenarios(steps: int, batch: int) -> tuple[list[Scenario], list[Scenario]]:
     constant = Scenario(name="constant", duration=duration)
     changing = replace(constant, name="ramp", cart_mass=ramp, half_length=ramp)
     return tuple(
-        [replace(scenario, realism=replace(NOISE, seed=seed)) for seed in range(batch)]
+        [replace(scenario, imperfections=replace(NOISE, seed=seed)) for seed in range(batch)]
         for scenario in (constant, changing)
     )
 

@@ -21,7 +21,7 @@ import afl_mujoco as afl
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import perform, prepare
-from afl_mujoco.simulation.task import law_policy
+from afl_mujoco.simulation.task import controller_policy
 
 TIMESTEP = 1e-3
 CONTROLLER = afl.CONTROLLERS["adaptive"]
@@ -78,7 +78,7 @@ def bare(scenario: Scenario, integrator: str, steps: int, *, in_loop: bool) -> C
 def environment(scenario: Scenario, integrator: str, steps: int) -> Callable[[], object]:
     """Return the dm_control loop of agent and environment, one substep a control step."""
     env = afl.load(scenario, timestep=TIMESTEP, integrator=integrator)
-    policy = law_policy(CONTROLLER, scenario)
+    policy = controller_policy(CONTROLLER, scenario)
     spec = env.action_spec()
 
     def call() -> None:

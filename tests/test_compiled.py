@@ -1,10 +1,12 @@
 """The cache of compiled code: stale exactly when a source that it depends on has changed."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from numba.core import caching
 
 from afl_mujoco import compiled
 
@@ -16,7 +18,9 @@ def file_of(module: str) -> Path:
     return PACKAGE.joinpath(*module.split(".")).with_suffix(".py")
 
 
-@pytest.mark.parametrize("module", [LOOP, "simulation.ode_fixed_step", "control.compiled_law"])
+@pytest.mark.parametrize(
+    "module", [LOOP, "simulation.ode_fixed_step", "control.compiled_controller"]
+)
 def test_the_stamp_covers_every_file_that_python_itself_imports(module):
     program = (
         "import sys\n"
@@ -53,3 +57,23 @@ def test_an_edit_far_away_leaves_compiled_code_as_it_is_and_one_of_an_equation_d
     untouched = stamp("no-such-file.py")
     assert stamp("cli/main.py") == untouched
     assert stamp("control/feedback_linearization.py") != untouched
+
+
+def test_code_that_names_a_module_that_is_gone_is_compiled_anew(monkeypatch, tmp_path):
+    monkeypatch.setattr(compiled._Cache, "_impl_class", caching.CompileResultCacheImpl)
+    monkeypatch.setattr(compiled.caching.config, "CACHE_DIR", str(tmp_path))
+    load, gone = caching.IndexDataCacheFile._load_index, [True]
+
+    def load_index(self):
+        if gone and self._index_path.endswith(".nbi") and os.path.exists(self._index_path):
+            gone.clear()
+            raise ModuleNotFoundError("No module named 'afl_mujoco.gone'")
+        return load(self)
+
+    def double(x):
+        return 2.0 * x
+
+    assert compiled.kernel(double)(1.0) == 2.0  # writes the cache
+    monkeypatch.setattr(caching.IndexDataCacheFile, "_load_index", load_index)
+    assert compiled.kernel(double)(1.0) == 2.0
+    assert not gone

@@ -38,7 +38,7 @@ PLANTS = st.builds(
 
 def given_to_law(controller: str, plant: afl.CartPoleParameters) -> np.ndarray:
     p = plant
-    inputs = afl.CONTROLLERS[controller].law_inputs
+    inputs = afl.CONTROLLERS[controller].inputs_along_run
     return inputs(p.cart_mass, p.half_length, p.pole_mass, p.gravity)
 
 

@@ -27,7 +27,7 @@ class Regression:
 
     def run(self) -> int:
         """Run everything; compare, or bless."""
-        from afl_mujoco.control.controllers import CONTROLLERS
+        from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.scenario.catalogue import SCENARIOS
         from afl_mujoco.validation.regression import (
             REGRESSED,

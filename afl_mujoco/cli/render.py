@@ -54,7 +54,7 @@ class Render:
 
     def run(self) -> int:
         """Make the films, or the stills."""
-        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.files import output_folder
         from afl_mujoco.graphics import require_backend
         from afl_mujoco.scenario.catalogue import SCENARIOS

@@ -12,7 +12,7 @@ from afl_mujoco.cli.terminal import SUCCESS
 from afl_mujoco.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from afl_mujoco.control.law import Law
+    from afl_mujoco.control.controller import Controller
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.simulation.trajectory import Trajectory
 
@@ -59,7 +59,7 @@ class Simulate:
         if self.simulator not in SIMULATORS:
             raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
 
-        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.control.catalogue import find_controller
 
         name = self.controller or replay.controller or "adaptive"
         integrator = self.integrator or replay.integrator or "RK4"
@@ -92,7 +92,7 @@ class Simulate:
         return SUCCESS
 
     def _simulate(
-        self, scenario: Scenario, controller: Law, simulator: str, integrator: str
+        self, scenario: Scenario, controller: Controller, simulator: str, integrator: str
     ) -> Trajectory:
         """Run one simulator."""
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco

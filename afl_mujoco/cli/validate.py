@@ -74,7 +74,7 @@ class Validate:
 
         from rich.console import Console
 
-        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.execution.executors import open_executor
         from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.folder import forget_page

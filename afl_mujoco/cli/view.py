@@ -37,7 +37,7 @@ class View:
 
     def run(self) -> int:
         """Run, then show."""
-        from afl_mujoco.control.controllers import find_controller
+        from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.graphics import require_display
         from afl_mujoco.scenario.files import find_scenario
 

@@ -14,7 +14,7 @@ from afl_mujoco.control.sliding_mode import (
     sliding_surface,
     surface_drift,
 )
-from afl_mujoco.errors import LawDomainError
+from afl_mujoco.errors import ControllerDomainError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
 _xi1, _xi2, _xi3, _xi4 = fl.xi1, fl.xi2, fl.xi3, fl.xi4
@@ -97,7 +97,7 @@ def control_force(
 
     Raises
     ------
-    LawDomainError
+    ControllerDomainError
         If a pole angle is not inside ``|phi| < pi/2``.
     """
     z, phi, z_dot, phi_dot = _components(state)
@@ -131,7 +131,7 @@ def sliding_variable(
 
     Raises
     ------
-    LawDomainError
+    ControllerDomainError
         If a pole angle is not inside ``|phi| < pi/2``.
     """
     z, phi, z_dot, phi_dot = _components(state)
@@ -146,7 +146,7 @@ def _components(state: ArrayLike) -> NDArray[np.float64]:
     phi = components[1]
     outside = ~(np.abs(phi) < 0.5 * np.pi)
     if np.any(outside):
-        raise LawDomainError(
+        raise ControllerDomainError(
             "pole angle phi",
             "must lie inside (-pi/2, pi/2)",
             f"{np.extract(outside, phi)[0]:g} rad",

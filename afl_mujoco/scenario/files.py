@@ -20,7 +20,7 @@ from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, Unkn
 from afl_mujoco.files import parse_json, write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
     Schedule,
@@ -145,7 +145,7 @@ class _File:
     initial_state: list[float] | None = None
     schedule: _Schedules = field(default_factory=_Schedules)
     disturbances: list[_Disturbance] = field(default_factory=list)
-    realism: Realism = field(default_factory=Realism)
+    imperfections: Imperfections = field(default_factory=Imperfections)
     replay: Replay = field(default_factory=Replay)
 
 
@@ -185,7 +185,7 @@ def find_replay(name: str) -> Replay:
 
 
 def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
-    """Write a scenario to a TOML file, every default but an ideal `realism` written out.
+    """Write a scenario to a TOML file, every default but an ideal `imperfections` written out.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def find_scenario(name: str) -> Scenario:
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 
-    Every default is written out, but for `realism`, of which only what is not ideal.
+    Every default is written out, but for `imperfections`, of which only what is not ideal.
 
     Parameters
     ----------
@@ -253,11 +253,13 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
         disturbances=[shapes[type(d)](**asdict(d)) for d in s.disturbances],
     )
     found = asdict(table)
-    del found["replay"], found["realism"]
+    del found["replay"], found["imperfections"]
     departures = {
-        f.name: value for f in fields(Realism) if (value := getattr(s.realism, f.name)) != f.default
+        f.name: value
+        for f in fields(Imperfections)
+        if (value := getattr(s.imperfections, f.name)) != f.default
     }
-    return found | ({"realism": departures} if departures else {})
+    return found | ({"imperfections": departures} if departures else {})
 
 
 def _read(path: Path) -> _File:
@@ -294,7 +296,9 @@ def _scenario(file: _File, default_name: str) -> Scenario:
         with _within(f"disturbances[{i}]."):
             disturbances.append(_built(disturbance))
     name = default_name if file.name is None else file.name
-    return Scenario(name=name, disturbances=tuple(disturbances), realism=file.realism, **given)
+    return Scenario(
+        name=name, disturbances=tuple(disturbances), imperfections=file.imperfections, **given
+    )
 
 
 def _built(table: Any) -> Any:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import (
     NOMINAL,
     CartPoleParameters,
@@ -19,7 +20,6 @@ from afl_mujoco.scenario.parameters import (
     require_positive,
     require_type,
 )
-from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.schedules import Schedule, constant
 
 
@@ -77,7 +77,7 @@ class Scenario:
         (z, phi, z_dot, phi_dot) at t = 0 [m, rad, m/s, rad/s].
     duration
         Horizon T [s].
-    realism
+    imperfections
         Departures from the ideal loop, which only sampled mode simulates.
 
     Raises
@@ -94,7 +94,7 @@ class Scenario:
     disturbances: tuple[ForcePulse | Impulse, ...] = ()
     initial_state: tuple[float, float, float, float] = (0.0, -math.pi / 3, 0.0, 0.0)
     duration: float = 20.0
-    realism: Realism = IDEAL
+    imperfections: Imperfections = IDEAL
 
     def __post_init__(self) -> None:
         """Validate every field and normalise its type."""
@@ -114,8 +114,8 @@ class Scenario:
         if len(state) != 4:
             raise InvalidValueError("initial_state", "must hold four numbers", len(state))
         object.__setattr__(self, "initial_state", state)
-        require_type("realism", self.realism, Realism)
-        rail = self.realism.rail_half_length
+        require_type("imperfections", self.imperfections, Imperfections)
+        rail = self.imperfections.rail_half_length
         if rail is not None and abs(state[0]) >= rail:
             rule = f"must lie within rail_half_length, {rail:g} m"
             raise InvalidValueError("initial_state z", rule, f"{state[0]:g} m")
@@ -213,6 +213,6 @@ class Scenario:
         InvalidValueError
             If it does.
         """
-        if self.realism != IDEAL:
-            rule = "has realism, which only sampled mode simulates"
+        if self.imperfections != IDEAL:
+            rule = "has imperfections, which only sampled mode simulates"
             raise InvalidValueError(f"scenario {self.name!r}", rule)

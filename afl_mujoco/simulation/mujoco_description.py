@@ -10,8 +10,8 @@ from typing import Any
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.realism import Realism
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
 """Half-size of the cart's box [m]; its inertia is that of a uniform box, and nothing turns it."""
@@ -81,7 +81,7 @@ def pole_inertia(rod, pole_mass, half_length, tip_share, radius):
     pole_mass, half_length
         m [kg] and l [m].
     tip_share, radius
-        `Realism.tip_mass_share` and `Realism.pole_radius`.
+        `Imperfections.tip_mass_share` and `Imperfections.pole_radius`.
     """
     if radius > 0.0:
         rod = capsule_inertia(pole_mass, half_length, radius)
@@ -115,20 +115,20 @@ def describe(spec: Any, p: CartPoleParameters) -> None:
 
 
 def passive_arrays(
-    compiled: Mapping[str, NDArray[Any]], realism: Realism, slider: Any, hinge: Any
+    compiled: Mapping[str, NDArray[Any]], imperfections: Imperfections, slider: Any, hinge: Any
 ) -> dict[str, NDArray[Any]]:
-    """Return what the fields of MjModel become under the passive physics of `realism`.
+    """Return what the fields of MjModel become under the passive physics of `imperfections`.
 
     Parameters
     ----------
     compiled
         The fields named in `PASSIVE` as they were compiled.
-    realism
+    imperfections
         Damping, friction and armature are added to that, an end stop replaces the joint's range.
     slider, hinge
         The model's joints.
     """
-    arrays, r = {name: array.copy() for name, array in compiled.items()}, realism
+    arrays, r = {name: array.copy() for name, array in compiled.items()}, imperfections
     z, phi = slider.dofadr[0], hinge.dofadr[0]
     arrays["dof_damping"][[z, phi]] += r.rail_damping, r.hinge_damping
     arrays["dof_armature"][[z, phi]] += r.rail_armature, r.hinge_armature

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.parameter_change import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import mujoco_loops as loops
@@ -21,11 +21,11 @@ from afl_mujoco.simulation.integrator import (
     segment_numbers,
 )
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike, write_parameters
-from afl_mujoco.simulation.user_law.march import march_own_law
+from afl_mujoco.simulation.python_controller_rk4 import integrate_python_controller
 
 
 def solver(
-    model: CartPoleModel, scenario: Scenario, controller: Law, change: ParameterChange
+    model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Solver:
     """Return what integrates the closed loop of MuJoCo's forward dynamics and the law.
 
@@ -42,7 +42,7 @@ def solver(
     """
     if controller.interpreted:
         return scipy_solver(closed_loop(model, scenario, controller, change))
-    law, assumed = tuple(controller.compiled), controller.believed(*[np.nan] * 4)
+    law, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
 
     def solve(segment: Segment, *rest: Any) -> Any:
         numbers = segment_numbers(scenario, segment, change)
@@ -54,7 +54,7 @@ def solver(
 
 
 def closed_loop(
-    model: CartPoleModel, scenario: Scenario, controller: Law, change: ParameterChange
+    model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Derivative:
     """Return the right-hand side of the same loop, called from Python; arguments as of `solver`."""
     at, pole_mass, gravity = model.addresses, scenario.pole_mass, scenario.gravity
@@ -62,7 +62,7 @@ def closed_loop(
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
         mass, length = segment.parameters_at(time)
         true = (mass, pole_mass, length, gravity)
-        force = controller.command(time, state[:4], np.array(controller.believed(*true)))
+        force = controller.command(time, state[:4], np.array(controller.assumed_parameters(*true)))
         rate = segment.half_length[1] if change.stretching else 0.0
         result: tuple[float, ...] = loops.forced_derivative(
             at, state, true, force, segment.push, rate
@@ -72,7 +72,7 @@ def closed_loop(
     return derivative
 
 
-def march_segment(
+def integrate_segment_rk4(
     at: Any,
     state: NDArray[np.float64],
     times: NDArray[np.float64],
@@ -80,21 +80,21 @@ def march_segment(
     half_length: NDArray[np.float64],
     constants: tuple[float, float],
     acting: tuple[float, float],
-    controller: Law,
+    controller: Controller,
     law: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], int]:
-    """March through a segment as `mujoco_loops.march_continuous` does, under any law.
+    """March through a segment as `mujoco_loops.integrate_continuous` does, under any law.
 
     Parameters
     ----------
     at, state, times, cart_mass, half_length, constants, acting, law
-        As of `mujoco_loops.march_continuous`.
+        As of `mujoco_loops.integrate_continuous`.
     controller
         The law.
     """
     course = (at, state, times, cart_mass, half_length, constants, acting)
     if not controller.interpreted:
-        reached: tuple[NDArray[np.float64], int] = loops.march_continuous(
+        reached: tuple[NDArray[np.float64], int] = loops.integrate_continuous(
             *course, controller.compiled.kind, law
         )
         return reached
@@ -105,7 +105,9 @@ def march_segment(
         rate: tuple[float, ...] = loops.forced_derivative(at, x, true, force, *acting)
         return rate
 
-    states, _, status = march_own_law(controller, state, times, law, lambda k, x: x, slope)
+    states, _, status = integrate_python_controller(
+        controller, state, times, law, lambda k, x: x, slope
+    )
     return states, status
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
-from afl_mujoco.control.compiled_law import given_force, law_force
+from afl_mujoco.control.compiled_controller import given_force, law_force
 from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.integrator import limit_margin
 from afl_mujoco.simulation.mujoco_model import (
@@ -72,7 +72,7 @@ def loop_rates(arguments, time, state, slopes):
 
     `arguments` are `CartPoleModel.addresses`, the numbers of the segment as of
     `integrator.segment_numbers`, what the law assumes (M, m, l, g) to be, NaN for as they are, and
-    the law as of `CompiledLaw`.
+    the law as of `CompiledController`.
     """
     at, numbers, assumed, law = arguments
     start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = numbers
@@ -99,7 +99,7 @@ def solve(at, numbers, assumed, law, start, end, state, times, options, work, fo
 
 
 @kernel
-def march_continuous(
+def integrate_continuous(
     at, initial_state, times, cart_mass, half_length, constants, acting, kind, law
 ):
     """March through one segment by RK4, law and parameters in every stage.
@@ -119,7 +119,7 @@ def march_continuous(
     acting
         Disturbing force [N] and acting rate of the half-length [m/s].
     kind
-        Of the law, as of `CompiledLaw`.
+        Of the law, as of `CompiledController`.
     law
         What the law is given in each stage, shape (N, 3, 7) or (N, 3, 8).
 

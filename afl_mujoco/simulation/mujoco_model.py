@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive
-from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.simulation.mujoco_description import (
     AXIAL_SHARE,
     CART_HALF_SIZE,
@@ -159,7 +159,7 @@ class CartPoleModel:
         The MJCF of `models/`: ``"cartpole.xml"``, or ``"scene.xml"`` for pictures.
     edit
         Called with the `mujoco.MjSpec` before it is compiled, to add what the paper leaves out.
-    realism
+    imperfections
         Passive physics and mass distribution, on top of what `edit` adds.
 
     Attributes
@@ -183,7 +183,7 @@ class CartPoleModel:
         integrator: str = "RK4",
         file: str = "cartpole.xml",
         edit: Callable[[mujoco.MjSpec], None] | None = None,
-        realism: Realism = IDEAL,
+        imperfections: Imperfections = IDEAL,
     ) -> None:
         if integrator not in INTEGRATORS:
             raise UnknownNameError.among("integrator", integrator, INTEGRATORS)
@@ -206,8 +206,8 @@ class CartPoleModel:
         self._scratch, self._shape = mujoco.MjData(self.mj_model), np.zeros(2)
         self._compiled = {name: getattr(self.mj_model, name).copy() for name in PASSIVE}
         self.drive(self.mj_data)
-        if realism != IDEAL:
-            self.set_realism(realism, parameters)
+        if imperfections != IDEAL:
+            self.set_imperfections(imperfections, parameters)
 
     def drive(self, data: mujoco.MjData) -> None:
         """Make `data` the state that compiled code reads and writes.
@@ -231,20 +231,22 @@ class CartPoleModel:
         p = parameters
         write_parameters(self.addresses, p.cart_mass, p.pole_mass, p.half_length, p.gravity)
 
-    def set_realism(self, realism: Realism, parameters: CartPoleParameters) -> None:
-        """Change passive physics and mass distribution: those of `realism`, and no others set here.
+    def set_imperfections(
+        self, imperfections: Imperfections, parameters: CartPoleParameters
+    ) -> None:
+        """Change passive physics and mass distribution to those of `imperfections` alone.
 
         Parameters
         ----------
-        realism
+        imperfections
             Damping, friction, armature and end stops are added to the model as it was compiled.
         parameters
             The plant.
         """
         joints = self.mj_model.joint("slider"), self.mj_model.joint("hinge")
-        for name, array in passive_arrays(self._compiled, realism, *joints).items():
+        for name, array in passive_arrays(self._compiled, imperfections, *joints).items():
             getattr(self.mj_model, name)[:] = array
-        self._shape[:] = realism.tip_mass_share, realism.pole_radius
+        self._shape[:] = imperfections.tip_mass_share, imperfections.pole_radius
         self.set_parameters(parameters)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel, load
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.realism import IDEAL
+from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm

@@ -8,14 +8,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from afl_mujoco.control.controllers import as_controller, require_stateless
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.catalogue import as_controller, require_stateless
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.sampling import steps, time_grid, whole_steps
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
-from afl_mujoco.simulation.mujoco_dynamics import march_segment, solver, transition
+from afl_mujoco.simulation.mujoco_dynamics import integrate_segment_rk4, solver, transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import control_period_of, simulate_sampled
 from afl_mujoco.simulation.trajectory import (
@@ -24,7 +24,7 @@ from afl_mujoco.simulation.trajectory import (
     Outcome,
     Trajectory,
     assemble,
-    law_along,
+    controller_inputs,
 )
 
 MODES = ("exact", "continuous", "sampled")
@@ -55,12 +55,12 @@ def simulate_mujoco(
         ``"continuous"``: RK4 around MuJoCo's forward dynamics, law and parameters in every stage,
         steps that end on every breakpoint; ``"sampled"``: as deployed, `mj_step` with the control
         held for `control_period`, the parameters of the middle of each step, and the scenario's
-        realism, which no other mode has.
+        imperfections, which no other mode has.
     timestep
         Physics step [s]; in exact mode the spacing of the reported instants.
     control_period
         How long sampled mode holds the force [s], a multiple of `timestep` (default: what the
-        scenario's realism says, else one step).
+        scenario's imperfections says, else one step).
     integrator
         MuJoCo's integrator in sampled mode: ``"RK4"``, ``"Euler"``, ``"implicit"`` or
         ``"implicitfast"``.
@@ -90,7 +90,7 @@ def simulate_mujoco(
         timestep=timestep,
         integrator=integrator,
         edit=edit,
-        realism=scenario.realism,
+        imperfections=scenario.imperfections,
     )
     period = control_period_of(scenario, control_period, timestep)
     whole_steps("control_period", period, "timestep", timestep)
@@ -110,13 +110,15 @@ def simulate_mujoco(
 def _exact(
     model: CartPoleModel,
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     change: ParameterChange,
     settings: dict[str, Any],
 ) -> Trajectory:
     """MuJoCo's forward dynamics as the right-hand side of the reference integrator."""
     times = time_grid(scenario, settings["timestep"])
-    law_along(scenario, controller, times)  # raises before the run if a gain is not positive
+    controller_inputs(
+        scenario, controller, times
+    )  # raises before the run if a gain is not positive
     states, outcome = integrate(
         scenario,
         solver(model, scenario, controller, change),
@@ -130,13 +132,13 @@ def _exact(
 def _continuous(
     model: CartPoleModel,
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     change: ParameterChange,
     settings: dict[str, Any],
 ) -> Trajectory:
     """RK4 around MuJoCo's forward dynamics, everything prescribed in every stage."""
     march = steps(scenario, settings["timestep"])
-    law = controller.law_inputs(
+    law = controller.inputs_along_run(
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
     )
     arrive = transition(model, scenario, change)
@@ -147,7 +149,7 @@ def _continuous(
         before = segment
         first, last = np.searchsorted(march.times, (segment.start, segment.end))
         part = slice(first, last)
-        states, code = march_segment(
+        states, code = integrate_segment_rk4(
             model.addresses,
             state,
             march.times[first : last + 1],

@@ -10,9 +10,9 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
-from afl_mujoco.control.compiled_law import law_force
-from afl_mujoco.control.controllers import as_controller, require_stateless
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.catalogue import as_controller, require_stateless
+from afl_mujoco.control.compiled_controller import law_force
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
     mass_matrix,
@@ -38,7 +38,13 @@ from afl_mujoco.simulation.integrator import (
     scipy_solver,
     segment_numbers,
 )
-from afl_mujoco.simulation.trajectory import STATE_LIMIT, Outcome, Trajectory, assemble, law_along
+from afl_mujoco.simulation.trajectory import (
+    STATE_LIMIT,
+    Outcome,
+    Trajectory,
+    assemble,
+    controller_inputs,
+)
 
 SAMPLE_PERIOD = 1e-3
 """Spacing of the reported instants [s]."""
@@ -100,7 +106,7 @@ def simulate_ode(
 
 def solve_ode(
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     *,
     sample_period: float,
     method: str = "DOP853",
@@ -122,7 +128,9 @@ def solve_ode(
     require_stateless(controller, "the ODE")
     change = ParameterChange() if change is None else change
     times = time_grid(scenario, sample_period)
-    law_along(scenario, controller, times)  # raises before the run if a gain is not positive
+    controller_inputs(
+        scenario, controller, times
+    )  # raises before the run if a gain is not positive
     if method != "DOP853" or controller.interpreted:
         loop = closed_loop(scenario, controller, change)
         solver = scipy_solver(loop, method, rtol, atol)
@@ -175,10 +183,10 @@ def _solve(plant, assumed, law, start, end, state, times, options, work, found):
 
 
 def compiled_loop(
-    scenario: Scenario, controller: Law, change: ParameterChange
+    scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Callable[..., tuple[int, float, int]]:
     """Return what solves the closed loop over a segment, as `compiled_solver` takes it."""
-    law, assumed = tuple(controller.compiled), controller.believed(*[np.nan] * 4)
+    law, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
 
     def solve(segment: Segment, *rest: Any) -> Any:
         plant = segment_numbers(scenario, segment, change)
@@ -187,7 +195,7 @@ def compiled_loop(
     return solve
 
 
-def closed_loop(scenario: Scenario, controller: Law, change: ParameterChange) -> Derivative:
+def closed_loop(scenario: Scenario, controller: Controller, change: ParameterChange) -> Derivative:
     """Return the right-hand side of the closed loop of plant and law, called from Python.
 
     Parameters
@@ -203,7 +211,7 @@ def closed_loop(scenario: Scenario, controller: Law, change: ParameterChange) ->
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
         mass, length = segment.parameters_at(time)
-        assumed = controller.believed(mass, pole_mass, length, gravity)
+        assumed = controller.assumed_parameters(mass, pole_mass, length, gravity)
         force = controller.command(time, state[:4], np.array(assumed))
         rate = segment.half_length[1] if change.stretching else 0.0
         slopes = np.empty(4)

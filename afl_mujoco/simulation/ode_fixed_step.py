@@ -15,12 +15,13 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.compiled_law import given_force
-from afl_mujoco.control.controllers import as_controller, require_stateless
+from afl_mujoco.control.catalogue import as_controller, require_stateless
+from afl_mujoco.control.compiled_controller import given_force
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.sampling import Steps, parameters_in, steps, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.python_controller_rk4 import integrate_python_controller
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FALL_ANGLE,
@@ -33,7 +34,6 @@ from afl_mujoco.simulation.trajectory import (
     ending_of,
     within_limits,
 )
-from afl_mujoco.simulation.user_law.march import march_own_law
 
 SUBSTEPS = 8
 """RK4 steps within each held step: they leave an error some 4000 times below RK4 at the step."""
@@ -78,7 +78,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1
     scenario.require_ideal()
     require_stateless(controller := as_controller(controller), "the ODE")
     march = steps(scenario, timestep)
-    law = controller.law_inputs(
+    law = controller.inputs_along_run(
         march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
     )
     plant = _plants(march.cart_mass, march.half_length, scenario)
@@ -144,7 +144,7 @@ def simulate_ode_held(
         update[start_of[:-1:hold]] = True
     looked_up = update if hold else np.s_[:]  # a held force needs its gains where it is taken
     stages = np.s_[:1] if hold else np.s_[:]
-    law = controller.law_inputs(
+    law = controller.inputs_along_run(
         fine.cart_mass[looked_up][:, stages],
         fine.half_length[looked_up][:, stages],
         scenario.pole_mass,
@@ -218,7 +218,7 @@ def _marched(controller, initial_state, times, plant, push, impulse, law, update
     def arrive(k, x):
         return np.array(_struck(tuple(x.tolist()), impulse[k], plant[k, 0]))
 
-    return march_own_law(controller, initial_state, times, law, arrive, slope)
+    return integrate_python_controller(controller, initial_state, times, law, arrive, slope)
 
 
 def _march_held_by(controller, initial_state, times, plant, push, impulse, law, update):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.files import find_scenario
@@ -219,8 +219,8 @@ def load(
     return control.Environment(physics, task, n_sub_steps=hold, legacy_step=False, **settings)
 
 
-def law_policy(
-    controller: Law, scenario: Scenario, *, control_period: float | None = None
+def controller_policy(
+    controller: Controller, scenario: Scenario, *, control_period: float | None = None
 ) -> Callable[[TimeStep], NDArray[np.float64]]:
     """Return the agent that runs a control law on the observation.
 
@@ -238,8 +238,9 @@ def law_policy(
     Returns
     -------
     callable
-        From a `dm_env.TimeStep` to an action. It raises `LawDomainError` at a pole angle where the
-        law has no value, and `InvalidValueError` if the observation lacks what the law needs.
+        From a `dm_env.TimeStep` to an action. It raises `ControllerDomainError` at a pole angle
+        where the controller has no force, and `InvalidValueError` if the observation lacks what it
+        needs.
 
     Raises
     ------

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.files import atomic_file
 from afl_mujoco.scenario.files import scenario_to_table
@@ -162,8 +162,8 @@ def ending_of(state):
     return 1 if abs(state[1]) > TIPPED else 2
 
 
-def law_along(
-    scenario: Scenario, controller: Law, times: NDArray[np.float64]
+def controller_inputs(
+    scenario: Scenario, controller: Controller, times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return what the law is given at each of the `times`, shape (N, 7) or (N, 8).
 
@@ -176,7 +176,7 @@ def law_along(
     times
         Instants [s], shape (N,).
     """
-    return controller.law_inputs(
+    return controller.inputs_along_run(
         scenario.cart_mass(times),
         scenario.half_length(times),
         scenario.pole_mass,
@@ -192,7 +192,7 @@ def _versions() -> Mapping[str, str]:
 
 def assemble(
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     simulator: str,
     settings: Mapping[str, Any],
     times: NDArray[np.float64],
@@ -221,7 +221,9 @@ def assemble(
     """
     reached = times[: len(states)]
     if forces is None:
-        forces = controller.forces(states, law_along(scenario, controller, reached), reached)
+        forces = controller.forces(
+            states, controller_inputs(scenario, controller, reached), reached
+        )
     return Trajectory(
         time=reached,
         state=states,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
@@ -21,7 +21,9 @@ EVERY = 0.1
 """How often a schedule is looked at [s]."""
 
 
-def delay_margin(law: Law, mass: float, length: float, period: float = PERIOD) -> float | None:
+def delay_margin(
+    law: Controller, mass: float, length: float, period: float = PERIOD
+) -> float | None:
     """Return the delay margin [s] of a linearised loop that holds its force; None without one.
 
     Parameters
@@ -58,7 +60,7 @@ class LeastMargin:
     half_length: float
 
 
-def least_margin(unit: tuple[Law, tuple[Scenario, ...]]) -> LeastMargin | None:
+def least_margin(unit: tuple[Controller, tuple[Scenario, ...]]) -> LeastMargin | None:
     """Return the least delay margin over the plants of some scenarios, looked at every `EVERY`."""
     law, scenarios = unit
     plants = sorted({plant for scenario in scenarios for plant in _plants_of(scenario)})

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward
@@ -65,7 +65,7 @@ class Loop:
         return bool(self.poles.real.max() < 0.0)
 
 
-def linearize(controller: Law, plant: CartPoleParameters) -> Loop:
+def linearize(controller: Controller, plant: CartPoleParameters) -> Loop:
     """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright.
 
     Raises

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from afl_mujoco.control.gain_function import GAIN_NAMES
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.simulation.ensemble import closed_loop_terms
-from afl_mujoco.simulation.ensemble.objective import ObjectiveScales, penalised_objective
+from afl_mujoco.simulation.batch import closed_loop_terms
+from afl_mujoco.simulation.batch.objective import ObjectiveScales, penalised_objective
 from afl_mujoco.tuning.settings import Box
 
 HORIZON = 20.0

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from afl_mujoco.control.estimation.estimated_law import refuse_estimated
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.estimation.estimated_controller import refuse_estimated
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import Executor, compute_all, open_executor
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.trajectory import law_along
+from afl_mujoco.simulation.trajectory import controller_inputs
 from afl_mujoco.validation.check import Check
 from afl_mujoco.validation.checks.closed_loop_checks import Settings
 from afl_mujoco.validation.checks.convergence import Refinement
@@ -106,7 +106,7 @@ class Report:
 
 def run_campaign(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     settings: Settings,
     *,
     workers: int = 1,
@@ -179,7 +179,7 @@ def run_campaign(
 
 def require_runnable(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     settings: Settings,
     workers: int,
 ) -> None:
@@ -208,4 +208,4 @@ def require_runnable(
             rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"
             raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")
         for controller in controllers:
-            law_along(scenario, controller, np.array([0.0, *scenario.breakpoints]))
+            controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.files import atomic_file
 from afl_mujoco.scenario.sampling import whole_steps
@@ -114,7 +114,7 @@ class Curves:
 
 def select_curves(
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     runs: Mapping[str, Trajectory],
     *,
     timestep: float,

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import CONTROLLERS
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.catalogue import CONTROLLERS
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.ensemble.objective import ObjectiveScales, objective
+from afl_mujoco.simulation.batch.objective import ObjectiveScales, objective
 from afl_mujoco.simulation.ode import simulate_ode, solve_ode
-from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, law_along
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, controller_inputs
 
 Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
@@ -49,7 +49,7 @@ UNITS: Mapping[str, str] = {
 """Unit of every metric."""
 
 
-def metrics(scenario: Scenario, controller: Law, run: Trajectory) -> Metrics:
+def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
     """Return every metric of a run but the objective, which needs `with_objective`.
 
     Parameters
@@ -60,7 +60,7 @@ def metrics(scenario: Scenario, controller: Law, run: Trajectory) -> Metrics:
         Its trajectory.
     """
     time, state, force = run.time, run.state, run.force
-    law = law_along(scenario, controller, time)
+    law = controller_inputs(scenario, controller, time)
     ratio = controller.saturation_ratio(state, law)
     figures: Metrics = {
         "iae_z": _integral(np.abs(state[:, 0]), time),
@@ -101,7 +101,9 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
     return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
 
 
-def ideal_objective(scenario: Scenario, controller: Law, scales: ObjectiveScales) -> float | None:
+def ideal_objective(
+    scenario: Scenario, controller: Controller, scales: ObjectiveScales
+) -> float | None:
     """Return the objective (O1) on the ideal equations, for thousands of runs; None if it fell.
 
     It is that of `simulate_ode` to 1e-6, relatively, without the run itself.
@@ -109,7 +111,7 @@ def ideal_objective(scenario: Scenario, controller: Law, scales: ObjectiveScales
     times, states, outcome = solve_ode(scenario, controller, **COARSE)
     if outcome.kind != COMPLETED:
         return None
-    forces = controller.forces(states, law_along(scenario, controller, times), times)
+    forces = controller.forces(states, controller_inputs(scenario, controller, times), times)
     iae_z, iae_phi = (_integral(np.abs(states[:, column]), times) for column in (0, 1))
     return float(objective(iae_z, iae_phi, np.abs(forces).max(), scales))
 

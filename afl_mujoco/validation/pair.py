@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.validation.check import Check
@@ -23,7 +23,7 @@ from afl_mujoco.validation.metrics import Metrics, metrics
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
 """Simulators whose metrics the report gives; the others are references of checks."""
 
-Pair = tuple[Scenario, Law, Settings]
+Pair = tuple[Scenario, Controller, Settings]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,7 +106,7 @@ def judge(pair: Pair) -> Judged:
 
 
 def reported_runs(
-    scenario: Scenario, controller: Law, runs: Mapping[str, Trajectory]
+    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
 ) -> tuple[Run, ...]:
     """Return the runs of `REPORTED` with their metrics, the objective aside.
 

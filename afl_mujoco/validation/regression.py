@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import FileError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.files import output_folder, write_text
@@ -63,7 +63,7 @@ def record(pair: Pair) -> Baseline:
 
 def record_all(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     *,
     workers: int = 1,
     progress: Callable[[str], None] = lambda done: None,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
-from afl_mujoco.simulation.ensemble import ObjectiveScales
+from afl_mujoco.simulation.batch import ObjectiveScales
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.validation.metrics import metrics, with_objective
 
@@ -27,7 +27,7 @@ def mujoco_objective(unit: Unit) -> float | None:
     """
     (mass, length, *gains), scales = unit
     found = Gains(**dict(zip(GAIN_NAMES, gains[:3], strict=True)))
-    controller = Controller(name="row", gain_function=GainFunction.constant(found))
+    controller = AFLController(name="row", gain_function=GainFunction.constant(found))
     scenario = Scenario(name="row", cart_mass=constant(mass), half_length=constant(length))
     run = simulate_mujoco(scenario, controller, "continuous", timestep=TIMESTEP)
     return with_objective(metrics(scenario, controller, run), scales)["objective"]

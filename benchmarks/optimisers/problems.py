@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from afl_mujoco.simulation.ensemble import closed_loop_terms, penalised_objective
+from afl_mujoco.simulation.batch import closed_loop_terms, penalised_objective
 from afl_mujoco.tuning.gain_cost import GAIN_BOX, HORIZON, Cost, gain_cost, paper_scales
 
 RESOLUTION = 1e-6

@@ -183,9 +183,7 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
             "simulation/trajectory", "import afl_mujoco.plant", ENGINE, id="engine-indirectly"
         ),
         pytest.param("plant/__init__", "import mujoco", ANALYTIC, id="analytic"),
-        pytest.param(
-            "simulation/ensemble/lanes", "import mujoco", ANALYTIC, id="analytic-ensemble"
-        ),
+        pytest.param("simulation/batch/block", "import mujoco", ANALYTIC, id="analytic-batch"),
         pytest.param(
             "simulation/attraction/mujoco_map",
             "import afl_mujoco.simulation.attraction.ode_map",

@@ -20,11 +20,11 @@ from afl_mujoco.control.baselines.linear_model import (
     upright_model,
 )
 from afl_mujoco.control.baselines.state_feedback import StateFeedback, baselines
-from afl_mujoco.control.compiled_law import LINEAR, PARTIAL
-from afl_mujoco.control.controllers import CONTROLLERS, find_controller
+from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
+from afl_mujoco.control.compiled_controller import LINEAR, PARTIAL
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.task import law_policy
+from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.validation.checks.closed_loop_checks import (
     Settings,
     closed_loop_checks,
@@ -209,7 +209,7 @@ def test_a_belief_stands_in_for_the_truth(name, odd_parameters):
     deaf = dataclasses.replace(law, belief=afl.CartPoleParameters())
     assert deaf.force(state, odd_parameters) == law.force(state, afl.CartPoleParameters())
     assert deaf.force(state, odd_parameters) != law.force(state, odd_parameters)
-    inputs = deaf.law_inputs([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
+    inputs = deaf.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
     np.testing.assert_array_equal(inputs[0], inputs[1])
 
 
@@ -257,7 +257,7 @@ def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name):
 def test_the_dm_control_agent_repeats_the_sampled_run_to_the_bit(name, odd_scenario):
     law = CONTROLLERS[name]
     env = afl.load(odd_scenario, force_limit=1e5)
-    policy, step, states = law_policy(law, odd_scenario), env.reset(), []
+    policy, step, states = controller_policy(law, odd_scenario), env.reset(), []
     while not step.last():
         states.append([*step.observation["position"], *step.observation["velocity"]])
         step = env.step(policy(step))

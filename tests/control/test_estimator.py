@@ -356,7 +356,7 @@ def test_the_gains_are_positive_for_whatever_may_be_believed(name):
     mass, length = np.meshgrid(
         np.linspace(*settings.cart_mass_range, 50), np.linspace(*settings.half_length_range, 50)
     )
-    law.law_inputs(mass, length, settings.pole_mass, settings.gravity)  # raises otherwise
+    law.inputs_along_run(mass, length, settings.pole_mass, settings.gravity)  # raises otherwise
 
 
 # The settings

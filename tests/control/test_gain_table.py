@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from afl_mujoco.control.controllers import CONTROLLERS
+from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.gain_table import COLUMNS, GainTable
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError
 

@@ -8,7 +8,7 @@ from afl_mujoco import SCENARIOS, Scenario, load_scenario, piecewise_linear, sav
 from afl_mujoco.errors import AflMujocoError, FileError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 
 POSITIVE = st.floats(1e-3, 1e3)
 NUMBER = st.floats(-1e5, 1e5)  # disturbances may not be larger
@@ -17,7 +17,7 @@ PULSES = st.builds(ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3
 HITS = st.builds(Impulse, momentum=NUMBER, time=TIME)
 NOT_NEGATIVE = st.floats(0, 1e3)
 REALISM = st.builds(
-    Realism,
+    Imperfections,
     control_period=st.none() | POSITIVE,
     delay=NOT_NEGATIVE,
     noise_phi=NOT_NEGATIVE,
@@ -47,7 +47,7 @@ def scenarios(draw):
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
         initial_state=draw(st.tuples(*[NUMBER] * 4)),
         duration=draw(st.floats(10, 1e3)),
-        realism=draw(REALISM),
+        imperfections=draw(REALISM),
     )
 
 

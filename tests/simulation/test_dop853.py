@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.compiled_law import LINEAR
+from afl_mujoco.control.compiled_controller import LINEAR
 from afl_mujoco.scenario.parameter_change import MOMENTA, STRETCHING_ROD, ParameterChange
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.simulation import mujoco_dynamics, ode

@@ -20,7 +20,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.simulation.gym_env import registration
-from afl_mujoco.simulation.task import law_policy
+from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 ROOT = Path(__file__).parents[2]
@@ -158,7 +158,7 @@ def test_an_episode_has_the_bits_of_the_dm_control_environment(
     twin = afl.load(name, control_period=0.01, force_limit=FORCE_LIMIT)
     (seen, _), step = environment.reset(), twin.reset()
     rewards = []
-    policy = law_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS[name])
+    policy = controller_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS[name])
     for _ in range(1500):
         np.testing.assert_array_equal(seen, np.concatenate(list(step.observation.values())))
         action = policy(step) / FORCE_LIMIT + rng.uniform(-0.05, 0.05, 1)

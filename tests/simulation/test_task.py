@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.simulation.task import Balance, law_policy, reward
+from afl_mujoco.simulation.task import Balance, controller_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 
 BACKEND = choose_backend()
@@ -73,7 +73,7 @@ def _compare(scenario, controller, hold, integrator) -> None:
     settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP, "integrator": integrator}
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
     environment = afl.load(scenario, **settings)
-    states = _states(environment, law_policy(controller, scenario))
+    states = _states(environment, controller_policy(controller, scenario))
     np.testing.assert_array_equal(states, reference.state[::hold])
     assert reference.outcome.kind == "completed"
 
@@ -95,23 +95,25 @@ def test_a_run_of_the_paper_is_repeated_to_its_end_at_20_s():
 
 
 def test_a_law_in_python_is_told_the_time():
-    law = PythonLaw(name="clock", function=lambda time, state, belief: 5.0 * np.sin(20.0 * time))
+    law = PythonController(
+        name="clock", function=lambda time, state, belief: 5.0 * np.sin(20.0 * time)
+    )
     scenario = _short("step-step", 0.3, initial_state=(0.0, 0.1, 0.0, 0.0))
     settings = {"timestep": TIMESTEP, "control_period": 10 * TIMESTEP}
     reference = afl.simulate_mujoco(scenario, law, mode="sampled", **settings)
     environment = afl.load(scenario, **settings)
-    policy = law_policy(law, scenario, control_period=10 * TIMESTEP)
+    policy = controller_policy(law, scenario, control_period=10 * TIMESTEP)
     for _ in range(2):  # the second episode begins at 0 again
         states = _states(environment, policy)
         np.testing.assert_array_equal(states, reference.state[::10])
     with pytest.raises(InvalidValueError, match=r"^control_period must be given for 'clock'$"):
-        law_policy(law, scenario)
+        controller_policy(law, scenario)
 
 
 def test_a_second_episode_repeats_the_first():
     scenario = CASES["impulses"]
     environment = afl.load(scenario, control_period=0.01)
-    policy = law_policy(afl.CONTROLLERS["fixed"], scenario)
+    policy = controller_policy(afl.CONTROLLERS["fixed"], scenario)
     np.testing.assert_array_equal(_states(environment, policy), _states(environment, policy))
 
 
@@ -315,7 +317,7 @@ def test_a_scenario_file_loads_like_a_name(tmp_path):
 
 def test_without_observed_parameters_the_law_says_what_it_misses():
     environment = afl.load(observe_parameters=False)
-    policy = law_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS["nominal"])
+    policy = controller_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS["nominal"])
     step = environment.reset()
     assert list(step.observation) == ["position", "velocity"]
     with pytest.raises(InvalidValueError, match=r"^observation must hold 'parameters'"):
@@ -341,7 +343,7 @@ def test_the_environment_is_what_the_suite_returns():
 def test_the_viewers_loop_runs_pauses_and_restarts_it():
     scenario = CASES["jumps"]
     environment = afl.load(scenario, control_period=0.01)
-    loop = runtime.Runtime(environment, law_policy(afl.CONTROLLERS["adaptive"], scenario))
+    loop = runtime.Runtime(environment, controller_policy(afl.CONTROLLERS["adaptive"], scenario))
     errors = []
     loop.on_error += errors.append
     for _ in range(30):

@@ -162,7 +162,7 @@ CASES = {
         (["--tolerance", "nan"], "tolerance must lie in 1e-4 to 1, got nan"),
         (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
         (["--gain-labels", "table3"], "gain labels must be one of table2, table1"),
-        (["real.toml"], "scenario 'real' must be ideal: remove [realism]"),
+        (["real.toml"], "scenario 'real' must be ideal: remove [imperfections]"),
     ],
     "montecarlo": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
@@ -214,7 +214,7 @@ def test_an_option_that_breaks_its_rule(
     monkeypatch.setattr("sys.dont_write_bytecode", True)
     (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
     (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
-    (tmp_path / "real.toml").write_text('name = "real"\n[realism]\ndelay = 0.01\n')
+    (tmp_path / "real.toml").write_text('name = "real"\n[imperfections]\ndelay = 0.01\n')
     (tmp_path / "pushing.py").write_text("def force(time, state, belief): return 0.0\n")
     where = [] if "--out" in arguments else ["--out", "out"]
     assert message in refuses(name, *arguments, *where)

@@ -10,8 +10,8 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.baselines.linear_model import upright_model
-from afl_mujoco.control.controllers import CONTROLLERS, Controller
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.studies.linearization import Loop, linearize
@@ -206,7 +206,7 @@ def test_the_placed_poles_make_the_loop_of_the_paper_s_law(name):
 
 def test_a_law_with_a_kink_at_upright_is_refused():
     gains = afl.Gains(switching=100.0, slope=1.3, boundary_layer=1e-4)  # thinner than a step
-    sharp = Controller(name="sharp", gain_function=afl.GainFunction.constant(gains))
+    sharp = AFLController(name="sharp", gain_function=afl.GainFunction.constant(gains))
     with pytest.raises(InvalidValueError) as caught:
         linearize(sharp, NOMINAL)
     assert str(caught.value).startswith(
@@ -220,7 +220,7 @@ def test_a_kink_that_central_differences_do_not_see_is_refused(kink):
         return float(-100.0 * state[1] + kink * abs(state[1]))
 
     with pytest.raises(InvalidValueError, match="must have slopes to either side that differ"):
-        linearize(PythonLaw(name="kinked", function=function), NOMINAL)
+        linearize(PythonController(name="kinked", function=function), NOMINAL)
 
 
 @pytest.mark.parametrize(
@@ -234,14 +234,14 @@ def test_a_kink_that_central_differences_do_not_see_is_refused(kink):
 )
 def test_a_law_without_an_equilibrium_or_a_slope_at_upright_is_refused(function, rule):
     with pytest.raises(InvalidValueError, match=rule):
-        linearize(PythonLaw(name="lame", function=function), NOMINAL)
+        linearize(PythonController(name="lame", function=function), NOMINAL)
 
 
 def test_a_law_that_bends_smoothly_at_upright_has_its_slope():
     def function(time, state, belief):
         return float(-100.0 * state[1] + 500.0 * state[1] ** 2 - 7.0 * state[2])
 
-    found = linearize(PythonLaw(name="bent", function=function), NOMINAL).k
+    found = linearize(PythonController(name="bent", function=function), NOMINAL).k
     np.testing.assert_allclose(found, (0.0, 100.0, 7.0, 0.0), rtol=1e-8, atol=1e-8)
 
 

@@ -11,7 +11,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import in_process
-from afl_mujoco.simulation.ensemble import ObjectiveScales
+from afl_mujoco.simulation.batch import ObjectiveScales
 from afl_mujoco.validation.claims import gains, schedules
 from afl_mujoco.validation.claims.claim import (
     IN_PART,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
+from afl_mujoco.simulation.batch.objective import ObjectiveScales
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 from afl_mujoco.validation.metrics import (
     UNITS,

@@ -23,7 +23,7 @@ from afl_mujoco.control.baselines.linear_model import (
     upright_model,
 )
 from afl_mujoco.control.baselines.state_feedback import SCHEMA
-from afl_mujoco.control.compiled_law import LINEAR, PARTIAL
+from afl_mujoco.control.compiled_controller import LINEAR, PARTIAL
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.files import write_text
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters

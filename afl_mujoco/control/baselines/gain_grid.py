@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.compiled_law import interpolated_gains
+from afl_mujoco.control.compiled_controller import interpolated_gains
 from afl_mujoco.errors import InvalidValueError
 
 GAIN_COUNT = 4

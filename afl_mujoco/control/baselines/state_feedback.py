@@ -9,9 +9,9 @@ from types import MappingProxyType
 from typing import Any
 
 from afl_mujoco.control.baselines.gain_grid import GainGrid
-from afl_mujoco.control.compiled_law import LINEAR, PARTIAL, CompiledLaw
+from afl_mujoco.control.compiled_controller import LINEAR, PARTIAL, CompiledController
+from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.control.gain_function import shipped_data
-from afl_mujoco.control.law import Law, belief_as_data
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
 
@@ -24,7 +24,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StateFeedback(Law):
+class StateFeedback(Controller):
     """A linear feedback of the state, with its gains and its belief.
 
     It has a force at every state, also where the paper's law has none.
@@ -35,9 +35,9 @@ class StateFeedback(Law):
         Name for reports and files.
     kind
         `LINEAR`, feedback to the force, or `PARTIAL`, feedback to the cart's acceleration u, made
-        a force by the input map (L1) of the believed plant.
+        a force by the input map (L1) of the assumed plant.
     gains
-        By the believed M and l.
+        By the assumed M and l.
     belief
         What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
         l(t) (decision D7).
@@ -63,10 +63,12 @@ class StateFeedback(Law):
         object.__setattr__(self, "design", dict(self.design))
 
     @property
-    def compiled(self) -> CompiledLaw:
+    def compiled(self) -> CompiledController:
         """The law as compiled loops take it; copies, for those are compiled for writable arrays."""
         grid = self.gains
-        return CompiledLaw(self.kind, grid.table.copy(), grid.masses.copy(), grid.lengths.copy())
+        return CompiledController(
+            self.kind, grid.table.copy(), grid.masses.copy(), grid.lengths.copy()
+        )
 
     def describe(self) -> dict[str, Any]:
         """Return the law as plain data, for provenance; its table by a hash."""
@@ -76,7 +78,7 @@ class StateFeedback(Law):
             "law": FORMULAS[self.kind],
             "design": dict(self.design),
             "table": table,
-            "belief": belief_as_data(self.belief),
+            "belief": assumed_as_data(self.belief),
         }
 
 

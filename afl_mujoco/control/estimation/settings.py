@@ -55,14 +55,14 @@ class EstimatorSettings:
     excitation_memory
         Memory of that moving mean [s].
     initial_cart_mass, initial_half_length
-        What is believed before the first measurement [kg, m]. A light cart makes the first force
+        What is assumed before the first measurement [kg, m]. A light cart makes the first force
         gentle: a belief too light costs milliseconds, one too heavy can cost the run.
     cart_mass_spread, half_length_spread
         Standard deviation of the logarithms of M and l before the first measurement [1].
     speed_spread, rate_spread
-        The same of the velocities, which are believed zero then [m/s, rad/s].
+        The same of the velocities, which are assumed zero then [m/s, rad/s].
     cart_mass_range, half_length_range
-        Least and largest M [kg] and l [m] that are ever believed: the box of the paper and a
+        Least and largest M [kg] and l [m] that are ever assumed: the box of the paper and a
         quarter more.
     pole_mass, gravity
         m [kg] and g [m/s^2], which are known.

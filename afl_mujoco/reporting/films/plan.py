@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.reporting.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.reporting.films.replay import Deployment, frame_times
@@ -46,7 +46,7 @@ class Film:
     kind: str
     name: str
     title: str
-    runs: tuple[tuple[Scenario, Law], ...]
+    runs: tuple[tuple[Scenario, Controller], ...]
     deployment: Deployment = field(default_factory=Deployment)
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
@@ -111,7 +111,7 @@ class Film:
 
 def plan(
     scenarios: Sequence[Scenario],
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     showcase: Sequence[Scenario] = (),
     **settings: Any,
 ) -> list[Film]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
@@ -96,7 +96,7 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
     return np.arange(round(duration * fps), dtype=np.float64) / fps
 
 
-def record(scenario: Scenario, controller: Law, deployment: Deployment, fps: int) -> Replay:
+def record(scenario: Scenario, controller: Controller, deployment: Deployment, fps: int) -> Replay:
     """Run the law as deployed in MuJoCo, and the ideal ODE, for a film.
 
     In the ideal ODE an estimating controller is given the true parameters, and the force of one

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.threads import Task, require_threads, share
+from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.scenario.realism import IDEAL
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.attraction.cells import (
     FALLEN,
@@ -49,7 +49,7 @@ UNUSED = (
 
 def map_in_mujoco(
     cells: Cells,
-    controller: Law,
+    controller: Controller,
     *,
     settling: Settling | None = None,
     timestep: float = TIMESTEP,
@@ -102,7 +102,7 @@ def map_in_mujoco(
     sensors, actuator = sensors_of(IDEAL, timestep), actuator_of(IDEAL, timestep, plan.steps)
     kind = controller.compiled.kind  # raises if the law is no compiled one
     masses, lengths = cells.plants.T
-    law = controller.law_inputs(masses, lengths, cells.pole_mass, cells.gravity)
+    law = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
     profiles = np.zeros((len(cells.starts), 1), PROFILE)
     profiles["cart_mass"][:, 0], profiles["half_length"][:, 0] = cells.plants.T
     found = np.empty((len(cells.starts), len(FOUND)))

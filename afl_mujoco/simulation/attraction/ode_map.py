@@ -12,8 +12,8 @@ import numpy as np
 from numba.extending import register_jitable
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.compiled_law import given_force
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.compiled_controller import given_force
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
@@ -46,7 +46,7 @@ FALL_RESOLUTION = 1e-6
 
 def map_by_ode(
     cells: Cells,
-    controller: Law,
+    controller: Controller,
     *,
     settling: Settling | None = None,
     tolerance: float = TOLERANCE,
@@ -80,13 +80,13 @@ def map_by_ode(
         raise InvalidValueError("tolerance", "must lie within 1e-12 and 1e-2", tolerance)
     kind = controller.compiled.kind  # raises if the law is no compiled one
     masses, lengths = cells.plants.T
-    law = controller.law_inputs(masses, lengths, cells.pole_mass, cells.gravity)
+    law = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
     rules = (settling.dwell, settling.horizon, tolerance, cells.pole_mass, cells.gravity)
     bands = np.array(settling.bands)
     found = np.empty((len(cells.starts), len(FOUND)))
 
     def march(part: slice) -> None:
-        march_cells(
+        integrate_cells(
             kind, cells.starts[part], law[part], cells.plants[part], bands, rules, found[part]
         )
 
@@ -161,7 +161,7 @@ def _march(kind, start, law, plant, bands, rules, found):
 
 
 @kernel
-def march_cells(kind, starts, laws, plants, bands, rules, found):
+def integrate_cells(kind, starts, laws, plants, bands, rules, found):
     """March rollouts one after the other.
 
     Parameters

@@ -1,4 +1,4 @@
-"""A run of a law that the estimator tells the plant, with what it believed along the way."""
+"""A run of a law that the estimator tells the plant, with what it assumed along the way."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.runs import control_period_of, simulate_sampled
 from afl_mujoco.simulation.trajectory import Trajectory
@@ -24,7 +24,7 @@ class EstimatedRun:
     time
         Control ticks that the run reached [s], shape (T,).
     cart_mass, half_length
-        M [kg] and l [m] as they were believed in the command of each tick, shape (T,).
+        M [kg] and l [m] as they were assumed in the command of each tick, shape (T,).
     """
 
     run: Trajectory
@@ -35,7 +35,7 @@ class EstimatedRun:
 
 def simulate_estimated(
     scenario: Scenario,
-    law: EstimatedLaw,
+    law: EstimatedController,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.simulation.mujoco_model import read_state
 from afl_mujoco.simulation.sampled.noise import normals
@@ -96,17 +96,17 @@ class Actuator(NamedTuple):
     lag: float
 
 
-def sensors_of(realism: Realism, period: float) -> Sensors:
+def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
     """Return how the hardware measures.
 
     Parameters
     ----------
-    realism
+    imperfections
         Noise, resolution, differentiation, filter.
     period
         Control period [s].
     """
-    r = realism
+    r = imperfections
     noise = (r.noise_z, r.noise_phi, r.noise_z_dot, r.noise_phi_dot)
     share = 1.0 if r.velocity_filter == 0.0 else -math.expm1(-period / r.velocity_filter)
     return Sensors(
@@ -115,19 +115,19 @@ def sensors_of(realism: Realism, period: float) -> Sensors:
     )  # fmt: skip
 
 
-def actuator_of(realism: Realism, timestep: float, steps: int) -> Actuator:
+def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Actuator:
     """Return how the hardware acts.
 
     Parameters
     ----------
-    realism
+    imperfections
         Limit, delay, slew rate, lag.
     timestep
         Physics step [s].
     steps
         How many the run has: a longer delay is as good as this.
     """
-    r = realism
+    r = imperfections
     delay = min(r.delay / timestep, steps + 1.0)
     late = math.floor(delay + SNAP)
     return Actuator(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from afl_mujoco.compiled import borrowing_kernel, load, store
-from afl_mujoco.control.compiled_law import given_force, law_force
+from afl_mujoco.control.compiled_controller import given_force, law_force
 from afl_mujoco.control.estimation.estimator import filtered_state
 from afl_mujoco.control.estimation.estimator import start as begin_estimate
 from afl_mujoco.control.estimation.estimator import update as update_estimate
@@ -241,8 +241,8 @@ def run_to_end(
     sensors
         A `Sensors`.
     kind, inputs
-        Of the controller, as of `CompiledLaw`, and what it is given at each tick, as of
-        `Law.law_inputs`; the last row stays in force.
+        Of the controller, as of `CompiledController`, and what it is given at each tick, as of
+        `Controller.inputs_along_run`; the last row stays in force.
     """
     start(at, plan, profile, run, record, initial_state)
     tick = 0
@@ -278,7 +278,7 @@ def run_estimating(
         commanded over each control period, cut off at the limit; if its settings say that the drive
         reports the force, the mean of what it exerted.
     law
-        A `CompiledLaw`.
+        A `CompiledController`.
     filter_, settings
         Of the estimator, as of `estimator.start`.
     estimates

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import as_controller
+from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import SNAP
@@ -117,7 +117,7 @@ def run_rollouts(
     settings: Any = {"timestep": timestep, "control_period": control_period}
 
     def run(model: CartPoleModel, i: int) -> None:
-        model.set_realism(scenarios[i].realism, scenarios[i].parameters_at(0.0))
+        model.set_imperfections(scenarios[i].imperfections, scenarios[i].parameters_at(0.0))
         done, _ = perform(model, prepare(scenarios[i], law, **settings), law, record=False)
         status[i] = done["status"]
         for name, value in _figures(done, timestep).items():

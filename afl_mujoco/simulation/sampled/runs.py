@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimator import new_filter
-from afl_mujoco.control.law import Law
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.sampling import SNAP, impulses_by_step, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
@@ -66,7 +66,7 @@ def control_period_of(scenario: Scenario, given: float | None, timestep: float) 
     InvalidValueError
         If the scenario has one and another is given.
     """
-    own = scenario.realism.control_period
+    own = scenario.imperfections.control_period
     if own is None:
         return timestep if given is None else given
     if given is not None and given != own:
@@ -78,7 +78,7 @@ def control_period_of(scenario: Scenario, given: float | None, timestep: float) 
 
 def prepare(
     scenario: Scenario,
-    law: Law,
+    law: Controller,
     *,
     timestep: float,
     control_period: float | None = None,
@@ -101,16 +101,17 @@ def prepare(
     AflMujocoError
         If a setting breaks its rule, or a gain of the law does.
     """
-    s, r = scenario, scenario.realism
+    s, r = scenario, scenario.imperfections
     period = control_period_of(s, control_period, timestep)
     hold = whole_steps("control_period", period, "timestep", timestep)
     count = whole_steps("duration", s.duration, "timestep", timestep)
     sources = (s.cart_mass, s.half_length, *s.disturbances)
     last = min(max((t for source in sources for t in source.breakpoints), default=0.0), s.duration)
     changing = min(math.ceil(last / timestep) + 1, count)
-    told_until = min(last + r.belief_delay, s.duration)
-    ticks = _grid(min(math.ceil(told_until / period) + 2, -(-count // hold)))
-    told_at = ticks * hold * timestep - (r.belief_delay - SNAP * timestep if r.belief_delay else 0)
+    known_until = min(last + r.parameter_delay, s.duration)
+    ticks = _grid(min(math.ceil(known_until / period) + 2, -(-count // hold)))
+    late = r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0
+    known_at = ticks * hold * timestep - late
     mass_error, length_error = r.mass_error, r.length_error
     if law.estimator is not None:  # what it assumes is its own
         mass_error = length_error = 0.0
@@ -127,9 +128,9 @@ def prepare(
         actuator=actuator_of(r, timestep, count),
         profile=input_profile(s, timestep, changing, count),
         initial_state=np.array(s.initial_state),
-        inputs=law.law_inputs(
-            s.cart_mass(told_at) * (1.0 + mass_error),
-            s.half_length(told_at) * (1.0 + length_error),
+        inputs=law.inputs_along_run(
+            s.cart_mass(known_at) * (1.0 + mass_error),
+            s.half_length(known_at) * (1.0 + length_error),
             s.pole_mass,
             s.gravity,
         ),
@@ -166,7 +167,7 @@ def _grid(count: int) -> NDArray[np.float64]:
 def perform(
     model: CartPoleModel,
     prepared: PreparedRun,
-    law: Law,
+    law: Controller,
     *,
     record: bool,
     estimates: NDArray[np.float64] | None = None,
@@ -220,7 +221,7 @@ def perform(
 
 def simulate_sampled(
     scenario: Scenario,
-    law: Law,
+    law: Controller,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -228,7 +229,7 @@ def simulate_sampled(
     model: CartPoleModel | None = None,
     estimates: NDArray[np.float64] | None = None,
 ) -> Trajectory:
-    """Simulate a scenario with all its realism, as `simulate_mujoco` does in sampled mode.
+    """Simulate a scenario with all its imperfections, as `simulate_mujoco` does in sampled mode.
 
     Parameters
     ----------
@@ -254,7 +255,7 @@ def simulate_sampled(
             scenario.parameters_at(0.0),
             timestep=timestep,
             integrator=integrator,
-            realism=scenario.realism,
+            imperfections=scenario.imperfections,
         )
     run, rows = perform(model, prepared, law, record=True, estimates=estimates)
     count = int(run["step"])

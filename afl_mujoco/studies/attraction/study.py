@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
-    from afl_mujoco.control.law import Law
+    from afl_mujoco.control.controller import Controller
     from afl_mujoco.simulation.attraction.cells import Cells, Settling
     from afl_mujoco.studies.attraction.result import Result
 
@@ -62,14 +62,14 @@ class Attraction:
 class Request(NamedTuple):
     """What is mapped: controllers, the cells of each map, and when a rollout has settled."""
 
-    controllers: list[Law]
+    controllers: list[Controller]
     maps: list[Cells]
     settling: Settling
 
 
 def request_of(configuration: Attraction) -> Request:
     """Return what a configuration asks for."""
-    from afl_mujoco.control.controllers import find_controller
+    from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.errors import UnknownNameError
     from afl_mujoco.scenario.parameters import require_distinct
     from afl_mujoco.scenario.sampling import whole_steps
@@ -90,7 +90,7 @@ def request_of(configuration: Attraction) -> Request:
         _ = controller.compiled  # raises if it is written in Python
         for cells in maps:  # raises if a gain is not positive
             masses, lengths = cells.plants.T
-            controller.law_inputs(masses, lengths, cells.pole_mass, cells.gravity)
+            controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
     return Request(controllers, maps, settling)
 
 

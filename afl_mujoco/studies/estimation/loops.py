@@ -8,17 +8,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from afl_mujoco.control.controllers import CONTROLLERS, find_controller
-from afl_mujoco.control.controllers import ESTIMATED as SUFFIX
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
-from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
+from afl_mujoco.control.catalogue import ESTIMATED as SUFFIX
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import require_distinct
-from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.ensemble.objective import ObjectiveScales
+from afl_mujoco.simulation.batch.objective import ObjectiveScales
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.sampled.estimated import EstimatedRun, simulate_estimated
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
@@ -28,7 +27,7 @@ from afl_mujoco.validation.metrics import Metrics, metrics, nominal_scales, with
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 """The paper's four schedules."""
 
-NOISE = Realism(noise_z=1e-4, noise_phi=5e-4)
+NOISE = Imperfections(noise_z=1e-4, noise_phi=5e-4)
 """The usual noise: 0.1 mm and 0.5 mrad, as of encoders of 0.35 mm and 3600 counts a turn."""
 
 TRUE, NOMINAL, ESTIMATED = "true", "nominal", "estimated"
@@ -87,25 +86,25 @@ class Runs:
     controller: str
     cart_mass: tuple[Tracking, ...]
     half_length: tuple[Tracking, ...]
-    noise: Realism
+    noise: Imperfections
     loops: tuple[Loop, ...]
     oracle: Trajectory
     estimated: EstimatedRun
 
 
-def require_study(controller: str, cases: Sequence[str], seeds: int) -> EstimatedLaw:
+def require_study(controller: str, cases: Sequence[str], seeds: int) -> EstimatedController:
     """Return the controller with the estimator, or raise before anything is run."""
     if seeds < 1:
         raise InvalidValueError("seeds", "must be at least 1", seeds)
     law = find_controller(controller)
-    if isinstance(law, EstimatedLaw | PythonLaw) or law.belief is not None:
+    if law.estimator is not None or law.interpreted or law.belief is not None:
         rule = "must be a compiled controller that takes M and l: the study estimates them"
         raise InvalidValueError(f"controller {controller!r}", rule)
     for name in cases:
         if name not in SCENARIOS:
             raise UnknownNameError.among("scenario", name, SCENARIOS)
     require_distinct("scenario", cases)
-    return EstimatedLaw(name=f"{controller}{SUFFIX}", law=law)
+    return EstimatedController(name=f"{controller}{SUFFIX}", law=law)
 
 
 class Unit(NamedTuple):
@@ -114,7 +113,7 @@ class Unit(NamedTuple):
     scenario: str
     controller: str
     seeds: int
-    noise: Realism = NOISE
+    noise: Imperfections = NOISE
 
 
 def run_case(unit: Unit) -> Runs:
@@ -122,7 +121,8 @@ def run_case(unit: Unit) -> Runs:
     scenario, controller, seeds, noise = SCENARIOS[unit.scenario], *unit[1:]
     estimating = require_study(controller, (unit.scenario,), seeds)
     noisy = [
-        replace(scenario, realism=replace(noise, seed=noise.seed + seed)) for seed in range(seeds)
+        replace(scenario, imperfections=replace(noise, seed=noise.seed + seed))
+        for seed in range(seeds)
     ]
     runs = [simulate_estimated(one, estimating) for one in noisy]
     quiet = simulate_estimated(scenario, estimating).run
@@ -155,14 +155,14 @@ def _scales() -> ObjectiveScales:
     return nominal_scales(1e-3)
 
 
-def _loop(parameters: str, scenario: Scenario, law: Law, runs: Sequence[Trajectory]) -> Loop:
+def _loop(parameters: str, scenario: Scenario, law: Controller, runs: Sequence[Trajectory]) -> Loop:
     """Return what some runs of one loop cost."""
     each = [with_objective(metrics(scenario, law, run), _scales()) for run in runs]
     known = {name: [x for one in each if (x := one[name]) is not None] for name in METRICS}
     whole = all(len(values) == len(runs) for values in known.values())
     return Loop(
         parameters=parameters,
-        noise=scenario.realism != IDEAL,
+        noise=scenario.imperfections != IDEAL,
         runs=len(runs),
         completed=sum(run.outcome.kind == COMPLETED for run in runs),
         metrics={n: statistics.median(x) if whole else None for n, x in known.items()},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies.estimation.loops import Loop, Runs, Unit, run_case
 from afl_mujoco.studies.estimation.tracking import FOUND, WINDOWS, Tracking
 from afl_mujoco.studies.record import Array
@@ -90,7 +90,7 @@ class Result:
     cases: tuple[Case, ...]
 
 
-def result_of(controller: str, noise: Realism, cases: Sequence[Case]) -> Result:
+def result_of(controller: str, noise: Imperfections, cases: Sequence[Case]) -> Result:
     """Return the cases of one controller under one noise as a result."""
     return Result(
         controller=controller,

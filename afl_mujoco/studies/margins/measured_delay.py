@@ -10,9 +10,9 @@ from itertools import product
 
 import numpy as np
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
@@ -99,7 +99,7 @@ def measured_plants(
 
 
 def compare_delays(
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     plants: Sequence[tuple[float, float]],
     *,
     control_period: float = TIMESTEP,
@@ -127,7 +127,7 @@ def compare_delays(
         return compute_all(compare_delay, units, executor, lambda i: progress(next(done)))
 
 
-def compare_delay(unit: tuple[Law, float, float, float]) -> DelayComparison:
+def compare_delay(unit: tuple[Controller, float, float, float]) -> DelayComparison:
     """Compare margin and measurement for one controller on one plant.
 
     Parameters
@@ -147,7 +147,7 @@ def compare_delay(unit: tuple[Law, float, float, float]) -> DelayComparison:
 
 
 def measured_delay(
-    law: Law, mass: float, length: float, about: float, period: float = TIMESTEP
+    law: Controller, mass: float, length: float, about: float, period: float = TIMESTEP
 ) -> float | None:
     """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
 
@@ -170,7 +170,7 @@ def measured_delay(
 
 
 def motion_decays(
-    law: Law, mass: float, length: float, delay: float, period: float = TIMESTEP
+    law: Controller, mass: float, length: float, delay: float, period: float = TIMESTEP
 ) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
 
@@ -192,7 +192,7 @@ def motion_decays(
         cart_mass=constant(mass),
         half_length=constant(length),
         initial_state=(0.0, START, 0.0, 0.0),
-        realism=Realism(delay=delay),
+        imperfections=Imperfections(delay=delay),
     )
     run = simulate_sampled(scenario, law, timestep=period / steps, control_period=period)
     if run.outcome.kind != COMPLETED:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
-from afl_mujoco.control.controllers import find_controller
-from afl_mujoco.control.estimation.estimated_law import refuse_estimated
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.catalogue import find_controller
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.estimation.estimated_controller import refuse_estimated
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
@@ -27,13 +27,13 @@ from afl_mujoco.studies.margins.study import MarginsConfiguration
 QUICK = 4
 """Of how many M and l one is studied in a quick run."""
 
-Unit = tuple[Law, float, tuple[float, ...], float]
+Unit = tuple[Controller, float, tuple[float, ...], float]
 
 
 class Request(NamedTuple):
     """What is surveyed: controllers, M [kg] and l [m] of the grid, control period [s]."""
 
-    controllers: tuple[Law, ...]
+    controllers: tuple[Controller, ...]
     cart_masses: tuple[float, ...]
     half_lengths: tuple[float, ...]
     control_period: float
@@ -52,7 +52,7 @@ def request_of(configuration: MarginsConfiguration) -> Request:
 
 
 def require(
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     cart_masses: Sequence[float],
     half_lengths: Sequence[float],
     control_period: float,
@@ -79,7 +79,7 @@ def require(
 
 
 def survey_margins(
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     cart_masses: Sequence[float] = CART_MASSES,
     half_lengths: Sequence[float] = HALF_LENGTHS,
     control_period: float = 1e-3,

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
@@ -43,7 +42,7 @@ class SampleUnit(NamedTuple):
         How to run them.
     """
 
-    law: Law
+    law: Controller
     space: SampleSpace
     seed: int
     indices: range
@@ -96,7 +95,7 @@ class Campaign:
 
 
 def run_campaign(
-    laws: Sequence[Law],
+    laws: Sequence[Controller],
     space: SampleSpace,
     *,
     samples: int,
@@ -130,7 +129,7 @@ def run_samples(unit: SampleUnit) -> list[Trial]:
 
 
 def require_campaign(
-    laws: Sequence[Law], space: SampleSpace, *, samples: int, seed: int, settings: Settings
+    laws: Sequence[Controller], space: SampleSpace, *, samples: int, seed: int, settings: Settings
 ) -> None:
     """Raise at what would break a campaign, before it begins."""
     require_distinct("controller", [law.name for law in laws])
@@ -145,5 +144,5 @@ def require_campaign(
     masses, lengths = (np.linspace(*bounds, 21) for bounds in (space.cart_mass, space.half_length))
     plants = np.meshgrid(masses, lengths)
     for law in laws:
-        if not isinstance(law, PythonLaw):  # raises if a gain is not positive
-            law.law_inputs(plants[0], plants[1], *space.constants)
+        if not law.interpreted:  # raises if a gain is not positive
+            law.inputs_along_run(plants[0], plants[1], *space.constants)

@@ -22,16 +22,16 @@ FEATURES: Mapping[str, Callable[[Scenario], float]] = {
     "least cart mass [kg]": lambda s: min(s.cart_mass.values),
     "half-length at the start [m]": lambda s: s.half_length.at(0.0),
     "least half-length [m]": lambda s: min(s.half_length.values),
-    "rail damping [N s/m]": lambda s: s.realism.rail_damping,
+    "rail damping [N s/m]": lambda s: s.imperfections.rail_damping,
     "rail damping / least cart mass [1/s]": lambda s: (
-        s.realism.rail_damping / min(s.cart_mass.values)
+        s.imperfections.rail_damping / min(s.cart_mass.values)
     ),
-    "dry friction [N]": lambda s: s.realism.rail_friction,
-    "hinge damping [mN m s/rad]": lambda s: 1e3 * s.realism.hinge_damping,
-    "delay + lag [ms]": lambda s: 1e3 * (s.realism.delay + s.realism.actuator_lag),
-    "noise of φ [mrad]": lambda s: 1e3 * s.realism.noise_phi,
-    "noise of φ′ [mrad/s]": lambda s: 1e3 * s.realism.noise_phi_dot,
-    "encoder step of φ [mrad]": lambda s: 1e3 * s.realism.encoder_step_phi,
+    "dry friction [N]": lambda s: s.imperfections.rail_friction,
+    "hinge damping [mN m s/rad]": lambda s: 1e3 * s.imperfections.hinge_damping,
+    "delay + lag [ms]": lambda s: 1e3 * (s.imperfections.delay + s.imperfections.actuator_lag),
+    "noise of φ [mrad]": lambda s: 1e3 * s.imperfections.noise_phi,
+    "noise of φ′ [mrad/s]": lambda s: 1e3 * s.imperfections.noise_phi_dot,
+    "encoder step of φ [mrad]": lambda s: 1e3 * s.imperfections.encoder_step_phi,
 }
 """Numbers of a scenario by their label, which gives the unit."""
 

@@ -10,9 +10,9 @@ from numpy.random import Generator, Philox, SeedSequence
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL, require_finite, require_positive
 from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
-from afl_mujoco.scenario.realism import Realism
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule, constant, staircase, trapezoid
 
@@ -132,8 +132,8 @@ class SampleSpace:
 
     @property
     def _realism(self) -> tuple[str, ...]:
-        """Names of the realism that varies."""
-        known = {field.name for field in fields(Realism)}
+        """Names of the imperfections that varies."""
+        known = {field.name for field in fields(Imperfections)}
         ranged = [f.name for f in fields(self) if isinstance(getattr(self, f.name), tuple)]
         return tuple(name for name in ranged if name in known)
 
@@ -159,7 +159,7 @@ class SampleSpace:
             half_length=self._schedule("half_length", at),
             initial_state=tuple(scaled.pop(name) for name in _STATE),  # type: ignore[arg-type]
             duration=self.duration,
-            realism=Realism(
+            imperfections=Imperfections(
                 control_period=self.control_period,
                 force_limit=self.force_limit,
                 seed=noise,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
-    from afl_mujoco.control.law import Law
+    from afl_mujoco.control.controller import Controller
     from afl_mujoco.studies.monte_carlo.result import Result
     from afl_mujoco.studies.monte_carlo.search import Budget
     from afl_mujoco.studies.monte_carlo.trial import Settings
@@ -53,7 +53,7 @@ class Request(NamedTuple):
     All of it as `request_of` makes it.
     """
 
-    controllers: list[Law]
+    controllers: list[Controller]
     samples: int
     settings: Settings
     budget: Budget
@@ -61,7 +61,7 @@ class Request(NamedTuple):
 
 def request_of(configuration: MonteCarlo) -> Request:
     """Return what a configuration asks for."""
-    from afl_mujoco.control.controllers import find_controller
+    from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.errors import InvalidValueError
     from afl_mujoco.studies.monte_carlo.campaign import require_campaign
     from afl_mujoco.studies.monte_carlo.search import Budget

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, OUTCOMES
@@ -90,19 +90,19 @@ class Settings(NamedTuple):
     timestep: float = 1e-3
 
 
-def run_trials(scenarios: Sequence[Scenario], law: Law, settings: Settings) -> list[Trial]:
+def run_trials(scenarios: Sequence[Scenario], law: Controller, settings: Settings) -> list[Trial]:
     """Run a controller on scenarios; one in Python that breaks down fails that run and no other.
 
     Each run is, to the last bit, that of `simulate_mujoco` in sampled mode.
     """
     options = settings._asdict()
-    if not isinstance(law, PythonLaw):
+    if not law.interpreted:
         return trials_of(run_rollouts(scenarios, law, **options))
     trials = []
     for scenario in scenarios:
         try:
             trials += trials_of(run_rollouts([scenario], law, **options))
-        except LawError as error:
+        except ControllerError as error:
             trials.append(Trial(outcome=CONTROLLER_FAILED, message=str(error)))
     return trials
 

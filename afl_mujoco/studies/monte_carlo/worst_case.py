@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
@@ -52,7 +52,7 @@ class PointUnit(NamedTuple):
         whose noise they have, and how to run them.
     """
 
-    law: Law
+    law: Controller
     space: SampleSpace
     seed: int
     points: Sequence[Point]
@@ -93,7 +93,7 @@ class Found:
 
 
 def search_worst(
-    law: Law,
+    law: Controller,
     campaign: Campaign,
     *,
     budget: Budget,
@@ -157,7 +157,7 @@ def _sample(campaign: Campaign, index: int) -> Start:
 
 
 def _trials_at(
-    points: list[Point], noise: int, law: Law, campaign: Campaign, executor: Executor
+    points: list[Point], noise: int, law: Controller, campaign: Campaign, executor: Executor
 ) -> list[Trial]:
     """Run a controller at points of the cube, shared among workers."""
     pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
@@ -187,7 +187,7 @@ def distance_of(space: SampleSpace, point: Point) -> float:
 
 
 def _found(
-    question: str, law: Law, campaign: Campaign, end: Start, trial: Trial, tried: int
+    question: str, law: Controller, campaign: Campaign, end: Start, trial: Trial, tried: int
 ) -> Found:
     """Put a result together."""
     space, point = campaign.space, end.point

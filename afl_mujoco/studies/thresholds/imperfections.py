@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 
 TIMESTEP = 1e-3
 """MuJoCo's step [s], and the control period where the imperfection does not set it."""
@@ -33,7 +33,7 @@ class Imperfection:
     unit
         Of a level as it is shown.
     fields
-        Fields of `Realism` that it sets, each to the level times its factor.
+        Fields of `Imperfections` that it sets, each to the level times its factor.
     reference
         Level of the reference hardware, good but ordinary in a laboratory.
     benign, harsh
@@ -62,7 +62,7 @@ class Imperfection:
     quantum: float = 0.0
 
     def options(self, level: float) -> dict[str, Any]:
-        """Return the fields of `Realism` at a level."""
+        """Return the fields of `Imperfections` at a level."""
         values = {name: factor * level for name, factor in self.fields.items()}
         return {**values, **dict.fromkeys(self.switches, True)}
 
@@ -125,7 +125,7 @@ IMPERFECTIONS: tuple[Imperfection, ...] = (
     Imperfection(name="pole-radius", title="radius of the rod", unit="mm", scale=1e3,
          fields={"pole_radius": 1.0}, reference=5e-3, benign=5e-4, harsh=1.0),
     Imperfection(name="belief-delay", title="M, l known late", unit="ms", scale=1e3,
-         fields={"belief_delay": 1.0}, reference=50e-3, benign=1e-3, harsh=10.0),
+         fields={"parameter_delay": 1.0}, reference=50e-3, benign=1e-3, harsh=10.0),
     Imperfection(name="mass-over", title="M assumed too large", unit="%", scale=1e2,
          fields={"mass_error": 1.0}, reference=0.1, benign=0.01, harsh=30.0),
     Imperfection(name="mass-under", title="M assumed too small", unit="%", scale=1e2,
@@ -162,14 +162,14 @@ def find_imperfection(name: str) -> Imperfection:
     return known[name]
 
 
-def realism_at(imperfection: Imperfection, level: float, seed: int = 0) -> Realism:
+def imperfections_at(imperfection: Imperfection, level: float, seed: int = 0) -> Imperfections:
     """Return the ideal loop with one imperfection, or all combined, at a level."""
     if imperfection.name == COMBINED.name:
         return combined(level, [one for one in IMPERFECTIONS if one.name not in APART], seed)
-    return Realism(**imperfection.options(level), seed=seed)
+    return Imperfections(**imperfection.options(level), seed=seed)
 
 
-def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0) -> Realism:
+def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0) -> Imperfections:
     """Return several imperfections at once, each as many times worse than the reference."""
     options: dict[str, Any] = {}
     for imperfection in imperfections:
@@ -180,4 +180,4 @@ def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0)
         options |= imperfection.options(level)
     if "control_period" in options:
         options["control_period"] = max(1, round(options["control_period"] / TIMESTEP)) * TIMESTEP
-    return Realism(**options, seed=seed)
+    return Imperfections(**options, seed=seed)

@@ -9,15 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from afl_mujoco.control.controllers import GainError, find_controller
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
-from afl_mujoco.control.law import Law
-from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
+from afl_mujoco.control.catalogue import GainError, find_controller
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import require_distinct
-from afl_mujoco.scenario.realism import IDEAL, Realism
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
@@ -34,7 +33,7 @@ from afl_mujoco.studies.thresholds.imperfections import (
     Imperfection,
     combined,
     find_imperfection,
-    realism_at,
+    imperfections_at,
 )
 from afl_mujoco.studies.thresholds.result import (
     END_STOP,
@@ -78,7 +77,7 @@ class Settings:
     integrator: str = "RK4"
 
 
-Unit = tuple[str, Law, Settings]
+Unit = tuple[str, Controller, Settings]
 
 
 def sweep(unit: Unit) -> Sweep:
@@ -89,7 +88,7 @@ def sweep(unit: Unit) -> Sweep:
     @functools.cache
     def at(level: float) -> Verdict:
         chance = seeds(imperfection.seeded, settings)
-        real = [realism_at(imperfection, level, seed) for seed in chance]
+        real = [imperfections_at(imperfection, level, seed) for seed in chance]
         return judge(level, real, imperfection.timestep, law, settings)
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
@@ -107,7 +106,7 @@ def sweep(unit: Unit) -> Sweep:
     )
 
 
-def sweep_combined(unit: tuple[Law, Settings]) -> tuple[Verdict, ...]:
+def sweep_combined(unit: tuple[Controller, Settings]) -> tuple[Verdict, ...]:
     """Return the verdicts on one controller as the imperfections of `added` are added in turn.
 
     The n-th has the first n of them; its level is n.
@@ -133,7 +132,11 @@ def seeds(seeded: bool, settings: Settings) -> range:
 
 
 def judge(
-    level: float, real: Sequence[Realism], timestep: float, law: Law, settings: Settings
+    level: float,
+    real: Sequence[Imperfections],
+    timestep: float,
+    law: Controller,
+    settings: Settings,
 ) -> Verdict:
     """Return the verdict on a controller in every scenario, each with every one of `real`.
 
@@ -148,10 +151,10 @@ def judge(
     law, settings
         The controller, and in which scenarios.
     """
-    scenarios = [replace(s, realism=r) for s in settings.scenarios for r in real]
+    scenarios = [replace(s, imperfections=r) for s in settings.scenarios for r in real]
     try:
         runs = run_rollouts(scenarios, law, timestep=timestep, integrator=settings.integrator)
-    except (LawError, GainError) as error:
+    except (ControllerError, GainError) as error:
         return _refused(level, str(error))
     failures = [_failure(runs, i) for i in range(len(runs))]
     fatal = [failure not in ("", UNSETTLED) for failure in failures]
@@ -203,7 +206,7 @@ def names_of(chosen: Sequence[str]) -> tuple[str, ...]:
 class Request(NamedTuple):
     """What is studied: controllers, settings, names of imperfections."""
 
-    controllers: Sequence[Law]
+    controllers: Sequence[Controller]
     settings: Settings
     names: Sequence[str]
 
@@ -224,7 +227,7 @@ def request_of(configuration: Thresholds) -> Request:
 
 
 def require(
-    controllers: Sequence[Law], settings: Settings, imperfections: Sequence[str]
+    controllers: Sequence[Controller], settings: Settings, imperfections: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the names of the imperfections, or raise at what breaks a rule."""
     names = names_of(imperfections)
@@ -239,15 +242,15 @@ def require(
     if settings.integrator not in INTEGRATORS:
         raise UnknownNameError.among("integrator", settings.integrator, INTEGRATORS)
     for scenario in settings.scenarios:
-        if scenario.realism != IDEAL:
-            rule = "must be ideal: remove [realism]: this study sets it"
+        if scenario.imperfections != IDEAL:
+            rule = "must be ideal: remove [imperfections]: this study sets it"
             raise InvalidValueError(f"scenario {scenario.name!r}", rule)
         whole_steps("duration", scenario.duration, "timestep", TIMESTEP)
     return names
 
 
 def find_thresholds(
-    controllers: Sequence[Law],
+    controllers: Sequence[Controller],
     settings: Settings,
     imperfections: Sequence[str] = (),
     *,
@@ -268,7 +271,7 @@ def find_thresholds(
         sweeps = compute_all(sweep, units, executor, advance)
         each = [(law, settings) for law in controllers]
         verdicts = compute_all(sweep_combined, each, executor, advance)
-        linear = [law for law in controllers if not isinstance(law, EstimatedLaw | PythonLaw)]
+        linear = [law for law in controllers if law.estimator is None and not law.interpreted]
         plants = [(law, settings.scenarios) for law in linear if DELAY in names]
         margins = compute_all(least_margin, plants, executor)
     return Result(

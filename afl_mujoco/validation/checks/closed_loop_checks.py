@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -45,7 +45,7 @@ class Settings:
 
 
 def closed_loop_runs(
-    scenario: Scenario, controller: Law, settings: Settings
+    scenario: Scenario, controller: Controller, settings: Settings
 ) -> dict[str, Trajectory]:
     """Simulate a scenario in every simulator that the checks compare, by name.
 
@@ -69,7 +69,7 @@ def closed_loop_runs(
 
 
 def closed_loop_checks(
-    scenario: Scenario, controller: Law, runs: dict[str, Trajectory]
+    scenario: Scenario, controller: Controller, runs: dict[str, Trajectory]
 ) -> tuple[Check, ...]:
     """Judge the runs of one scenario and controller.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.plant.dynamics import acceleration
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -129,7 +129,7 @@ def difference(run: Trajectory, reference: Trajectory) -> float:
     return float(np.abs(run.state[index] - reference.state).max())
 
 
-def continuous_study(scenario: Scenario, controller: Law, reference: Trajectory) -> Study:
+def continuous_study(scenario: Scenario, controller: Controller, reference: Trajectory) -> Study:
     """Return the error of continuous mode against the ODE, over `STEPS`.
 
     Parameters
@@ -144,7 +144,7 @@ def continuous_study(scenario: Scenario, controller: Law, reference: Trajectory)
 
 
 def sampled_study(
-    scenario: Scenario, controller: Law, reference: Trajectory
+    scenario: Scenario, controller: Controller, reference: Trajectory
 ) -> tuple[Study, float]:
     """Return the error of sampled mode against the ODE, over `STEPS`, and Richardson's residue.
 
@@ -169,7 +169,7 @@ def sampled_study(
     return Study(STEPS, errors), float(np.abs(extrapolated - truth).max())
 
 
-def schedule_study(scenario: Scenario, controller: Law) -> Study | None:
+def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
     """Return what holding the schedule alone costs, over `SCHEDULE_STEPS`; None without ramps.
 
     Ideal impulses are left out: they strike with the parameters of a step's middle, which on a

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
@@ -103,7 +103,7 @@ class ErrorBudget:
 
 
 def budget_curves(
-    scenario: Scenario, controller: Law, runs: Mapping[str, Trajectory]
+    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
 ) -> dict[str, NDArray[np.float64]]:
     """Return total, parts and residual as curves, shape (N, 4) each, at the multiples of the step.
 
@@ -151,7 +151,7 @@ def budget_curves(
 
 def error_budget(
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     times: NDArray[np.float64],
     curves: Mapping[str, NDArray[np.float64]],
 ) -> ErrorBudget:

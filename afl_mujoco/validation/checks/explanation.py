@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import CONTROLLERS
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.catalogue import CONTROLLERS
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameter_change import MOMENTA, QUASI_STATIC, STRETCHING_ROD, VELOCITIES
 from afl_mujoco.scenario.scenario import Scenario
@@ -93,7 +93,7 @@ class Explanation:
 
 def explain(
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     runs: Mapping[str, Trajectory],
     parts: Mapping[str, NDArray[np.float64]],
     *,
@@ -152,7 +152,9 @@ def explain(
     return Explanation(checks, budget, book, omission, refinements)
 
 
-def _judge(values: dict[str, float], scenario: Scenario, controller: Law) -> tuple[Check, ...]:
+def _judge(
+    values: dict[str, float], scenario: Scenario, controller: Controller
+) -> tuple[Check, ...]:
     """Return the checks of measured values, in the order of the criteria."""
     return tuple(
         CRITERIA[id].judge(values[id], scenario.name, controller.name)
@@ -161,7 +163,9 @@ def _judge(values: dict[str, float], scenario: Scenario, controller: Law) -> tup
     )
 
 
-def _omission(scenario: Scenario, controller: Law, paper: Trajectory) -> tuple[float, Omission]:
+def _omission(
+    scenario: Scenario, controller: Controller, paper: Trajectory
+) -> tuple[float, Omission]:
     """Return how far both sides agree on what the paper omits, and how much it matters."""
     h = STEPS[0]
 

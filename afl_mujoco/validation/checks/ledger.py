@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.plant.energy import linear_momentum, total_energy
 from afl_mujoco.scenario.parameter_change import ParameterChange
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -71,7 +71,7 @@ class Ledger:
         return rows
 
 
-def ledger(scenario: Scenario, controller: Law) -> Ledger:
+def ledger(scenario: Scenario, controller: Controller) -> Ledger:
     """Run exact mode with the ledger beside it and close the ledger along the run.
 
     Work and impulse are those of the forces that MuJoCo applied; energy and momentum are MuJoCo's
@@ -115,7 +115,7 @@ def ledger(scenario: Scenario, controller: Law) -> Ledger:
 def _close(
     model: CartPoleModel,
     scenario: Scenario,
-    controller: Law,
+    controller: Controller,
     times: NDArray[np.float64],
     states: NDArray[np.float64],
 ) -> Ledger:

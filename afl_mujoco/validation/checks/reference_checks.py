@@ -10,7 +10,7 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import CONTROLLERS
+from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.schedules import staircase

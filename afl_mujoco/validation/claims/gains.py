@@ -15,7 +15,7 @@ from afl_mujoco.control.gain_function import (
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.plant.dynamics import acceleration
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.simulation.ensemble import ObjectiveScales, closed_loop_terms, objective
+from afl_mujoco.simulation.batch import ObjectiveScales, closed_loop_terms, objective
 from afl_mujoco.validation.claims.claim import (
     IN_PART,
     NOT_REPRODUCED,

@@ -9,7 +9,7 @@ from typing import Any
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.simulation.ensemble import ObjectiveScales
+from afl_mujoco.simulation.batch import ObjectiveScales
 from afl_mujoco.validation.claims.claim import Claim
 from afl_mujoco.validation.claims.gains import fit_claim, linearisation_claim, optima_claim
 from afl_mujoco.validation.claims.performance import ADAPTIVE, FIXED, Runs, performance_claims

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controllers import CONTROLLERS
+from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.scenario.randomised import random_scenario
-from afl_mujoco.simulation.ensemble import ObjectiveScales
+from afl_mujoco.simulation.batch import ObjectiveScales
 from afl_mujoco.validation.claims.claim import IN_PART, NOT_REPRODUCED, REPRODUCED, Claim
 from afl_mujoco.validation.metrics import ideal_objective
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import afl_mujoco as afl
-from afl_mujoco.control.compiled_law import law_force
+from afl_mujoco.control.compiled_controller import law_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.execution.threads import PART, share
 from afl_mujoco.simulation.attraction.cells import (

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CONTROLLERS, CartPoleModel, simulate_mujoco, simulate_ode
-from afl_mujoco.control.compiled_law import law_force
+from afl_mujoco.control.compiled_controller import law_force
 from afl_mujoco.control.estimation import estimator
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.control.estimation.settings import EstimatorSettings
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.reporting.films.replay import Deployment, record
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.estimated import simulate_estimated
 from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
 from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 from afl_mujoco.simulation.sampled.runs import prepare
 
-REAL = Realism(
+REAL = Imperfections(
     noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004,
     force_limit=8.0, seed=4,
 )  # fmt: skip
@@ -29,7 +29,7 @@ SETTINGS = EstimatorSettings(initial_cart_mass=0.9, initial_half_length=0.45)
 
 @pytest.fixture
 def told(adaptive):
-    return EstimatedLaw(name="told", law=adaptive, settings=SETTINGS)
+    return EstimatedController(name="told", law=adaptive, settings=SETTINGS)
 
 
 def by_hand(scenario, law):
@@ -38,7 +38,7 @@ def by_hand(scenario, law):
     Returns states and forces, and the last estimates.
     """
     run = prepare(scenario, law, timestep=1e-3)
-    model = CartPoleModel(scenario.parameters_at(0.0), realism=scenario.realism)
+    model = CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
     pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 5))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
     filtering, settings = estimator.new_filter(), law.settings.record
@@ -54,9 +54,9 @@ def by_hand(scenario, law):
             if law.settings.force_sensed:
                 force = float(rows[k - 1, 4] / 2 + rows[k - 2, 4] / 2)
             mass, length = estimator.update(filtering, settings, z, phi, force, 0.002)
-        believed = (mass, law.settings.pole_mass, length, law.settings.gravity)
+        assumed_parameters = (mass, law.settings.pole_mass, length, law.settings.gravity)
         state = estimator.filtered_state(filtering)
-        command = law_force(*law.law.compiled, *state, believed)
+        command = law_force(*law.law.compiled, *state, assumed_parameters)
         loop.advance(*plant[:2], run.actuator, *plant[2:], pending, rows, command)
         tick += 1
     count = int(memory["step"])
@@ -67,8 +67,8 @@ def by_hand(scenario, law):
 def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, adaptive, sensed):
     """And what the estimator is told of the force is what a rig knows of it."""
     settings = replace(SETTINGS, force_sensed=sensed)
-    told = EstimatedLaw(name="told", law=adaptive, settings=settings)
-    scenario = replace(odd_scenario, realism=REAL)
+    told = EstimatedController(name="told", law=adaptive, settings=settings)
+    scenario = replace(odd_scenario, imperfections=REAL)
     run = simulate_mujoco(scenario, told, "sampled")
     states, forces, (mass, length) = by_hand(scenario, told)
     assert run.state.tobytes() == states.tobytes()
@@ -80,7 +80,7 @@ def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, adaptive, se
 
 
 def test_rollouts_tell_the_law_the_same(odd_scenario, told):
-    scenarios = [replace(odd_scenario, realism=replace(REAL, seed=s)) for s in range(4)]
+    scenarios = [replace(odd_scenario, imperfections=replace(REAL, seed=s)) for s in range(4)]
     one, two = (run_rollouts(scenarios, told, threads=threads) for threads in (1, 2))
     for i, scenario in enumerate(scenarios):
         run = simulate_mujoco(scenario, told, "sampled")
@@ -96,19 +96,19 @@ def test_an_ideal_scenario_is_estimated_as_well(odd_scenario, told, adaptive):
 
 
 def test_only_a_compiled_law_without_belief_can_be_told(told):
-    stubborn = PythonLaw(name="mine", function=lambda time, state, belief: 0.0)
+    stubborn = PythonController(name="mine", function=lambda time, state, belief: 0.0)
     for law in (stubborn, told, "no law"):
         with pytest.raises(InvalidValueError, match=r"^law of controller 'x' must be a compiled"):
-            EstimatedLaw(name="x", law=law)
+            EstimatedController(name="x", law=law)
     with pytest.raises(InvalidValueError, match=r"must have no belief of its own, got adaptive-n"):
-        EstimatedLaw(name="x", law=CONTROLLERS["adaptive-nominal"])
+        EstimatedController(name="x", law=CONTROLLERS["adaptive-nominal"])
 
 
 def test_what_others_are_told_wrongly_does_not_reach_it(odd_scenario, told):
-    wrong = Realism(mass_error=20.0, length_error=-0.99, belief_delay=0.5)
+    wrong = Imperfections(mass_error=20.0, length_error=-0.99, parameter_delay=0.5)
     one, two = (
-        simulate_mujoco(replace(odd_scenario, realism=realism), told, "sampled")
-        for realism in (Realism(), wrong)
+        simulate_mujoco(replace(odd_scenario, imperfections=imperfections), told, "sampled")
+        for imperfections in (Imperfections(), wrong)
     )
     assert one.state.tobytes() == two.state.tobytes()
 
@@ -121,7 +121,7 @@ def test_it_runs_nowhere_else(odd_scenario, told):
 
 
 def test_what_is_believed_along_a_run_can_be_kept_and_changes_nothing(odd_scenario, told):
-    scenario = replace(odd_scenario, realism=REAL)
+    scenario = replace(odd_scenario, imperfections=REAL)
     kept, run = simulate_estimated(scenario, told), simulate_mujoco(scenario, told, "sampled")
     assert kept.run.state.tobytes() == run.state.tobytes()
     np.testing.assert_allclose(kept.time, np.arange(400) * 0.002)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CartPoleModel
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.sampled.hardware import (
     actuate,
     actuator_of,
@@ -27,9 +27,9 @@ def model(odd_parameters):
     return CartPoleModel(odd_parameters)
 
 
-def measured(model, realism, states, period=T):
+def measured(model, imperfections, states, period=T):
     """What is measured of one state a tick, shape (N, 4)."""
-    sensors, data = sensors_of(realism, period), model.mj_data
+    sensors, data = sensors_of(imperfections, period), model.mj_data
     run = new_run()
     seen = []
     for tick, state in enumerate(states):
@@ -38,9 +38,9 @@ def measured(model, realism, states, period=T):
     return np.array(seen)
 
 
-def forces(realism, commands, h=H):
+def forces(imperfections, commands, h=H):
     """The mean force in each step under one command a step, shape (N,)."""
-    actuator = actuator_of(realism, h, len(commands))
+    actuator = actuator_of(imperfections, h, len(commands))
     run, pending = new_run(), no_commands(actuator)
     return np.array(
         [
@@ -59,13 +59,13 @@ def states(random_states):
 
 
 def test_ideal_sensors_read_the_state(model, states):
-    assert (measured(model, Realism(), states) == states).all()
+    assert (measured(model, Imperfections(), states) == states).all()
 
 
 def test_noise_is_added_at_the_scale_of_its_channel(model, states):
     scales = np.array([0.01, 0.02, 0.3, 0.4])
     names = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
-    noisy = Realism(**dict(zip(names, scales.tolist(), strict=True)), seed=5)
+    noisy = Imperfections(**dict(zip(names, scales.tolist(), strict=True)), seed=5)
     drawn = np.array([normals(5, tick) for tick in range(len(states))])
     np.testing.assert_allclose(
         measured(model, noisy, states) - states, scales * drawn, rtol=0, atol=1e-14
@@ -73,14 +73,14 @@ def test_noise_is_added_at_the_scale_of_its_channel(model, states):
 
 
 def test_noise_on_one_channel_leaves_the_others_and_is_the_same_alone(model, states):
-    both = measured(model, Realism(noise_z=0.01, noise_phi=0.02, seed=5), states)
-    alone = measured(model, Realism(noise_phi=0.02, seed=5), states)
+    both = measured(model, Imperfections(noise_z=0.01, noise_phi=0.02, seed=5), states)
+    alone = measured(model, Imperfections(noise_phi=0.02, seed=5), states)
     assert (both[:, 1] == alone[:, 1]).all()
     assert (alone[:, [0, 2, 3]] == states[:, [0, 2, 3]]).all()
 
 
 def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
-    seen = measured(model, Realism(encoder_step_z=0.01, encoder_step_phi=0.03), states)
+    seen = measured(model, Imperfections(encoder_step_z=0.01, encoder_step_phi=0.03), states)
     for column, size in ((0, 0.01), (1, 0.03)):
         counts = seen[:, column] / size
         np.testing.assert_allclose(counts, np.round(counts), rtol=0, atol=1e-9)
@@ -90,14 +90,14 @@ def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
 
 
 def test_an_encoder_treats_both_signs_alike(model, states):
-    coarse = Realism(encoder_step_z=0.01, encoder_step_phi=0.03)
+    coarse = Imperfections(encoder_step_z=0.01, encoder_step_phi=0.03)
     assert (measured(model, coarse, -states) == -measured(model, coarse, states)).all()
 
 
 def test_differentiated_velocities_are_differences_of_what_the_encoders_say(model, states):
     encoders = {"encoder_step_z": 0.01, "noise_z": 0.002, "encoder_step_phi": 0.03}
-    seen = measured(model, Realism(**encoders, noise_z_dot=9.0, differentiated=True), states)
-    positions = measured(model, Realism(**encoders), states)[:, :2]
+    seen = measured(model, Imperfections(**encoders, noise_z_dot=9.0, differentiated=True), states)
+    positions = measured(model, Imperfections(**encoders), states)[:, :2]
     np.testing.assert_allclose(seen[1:, 2:], np.diff(positions, axis=0) / T, rtol=1e-12)
     assert seen[0, 2:].tolist() == [0.0, 0.0]
 
@@ -109,7 +109,7 @@ def test_the_velocity_filter_is_of_first_order(model, differentiated):
     positions = np.array([0.1, 0.2]) + T * np.arange(n)[:, None] * velocity
     states = np.hstack([positions, np.tile(velocity, (n, 1))])
     states[0, 2:] = 0.0  # the step comes at the first tick after the start
-    real = Realism(velocity_filter=lag, differentiated=differentiated)
+    real = Imperfections(velocity_filter=lag, differentiated=differentiated)
     seen = measured(model, real, states)
     rise = 1 - np.exp(-T * np.arange(n) / lag)
     np.testing.assert_allclose(seen[:, 2:], rise[:, None] * velocity, rtol=0, atol=1e-11)
@@ -125,20 +125,26 @@ def delivered(force, h=H):
 
 def test_an_ideal_actuator_does_what_it_is_told():
     commands = np.array([3.0, -700.0, 1e5, -0.1])
-    assert (forces(Realism(), commands) == commands).all()
+    assert (forces(Imperfections(), commands) == commands).all()
 
 
 def test_the_force_limit_cuts_off_both_signs():
     commands = [3.0, -70.0, math.inf, -math.inf, 12.5]
-    assert forces(Realism(force_limit=12.5), commands).tolist() == [3.0, -12.5, 12.5, -12.5, 12.5]
-    assert math.isnan(within_reach(actuator_of(Realism(force_limit=12.5), H, 9), math.nan))
+    assert forces(Imperfections(force_limit=12.5), commands).tolist() == [
+        3.0,
+        -12.5,
+        12.5,
+        -12.5,
+        12.5,
+    ]
+    assert math.isnan(within_reach(actuator_of(Imperfections(force_limit=12.5), H, 9), math.nan))
 
 
 @pytest.mark.parametrize("delay", [0.0005, 0.001, 0.003, 0.0034, 0.1 + 0.2 - 0.29, 0.05], ids=str)
 def test_a_step_arrives_after_the_transport_delay(delay):
     ends = H * np.arange(1, 101)
     np.testing.assert_allclose(
-        delivered(forces(Realism(delay=delay), np.full(100, 7.0))),
+        delivered(forces(Imperfections(delay=delay), np.full(100, 7.0))),
         7.0 * np.maximum(ends - delay, 0.0),
         rtol=0,
         atol=1e-14,
@@ -147,19 +153,19 @@ def test_a_step_arrives_after_the_transport_delay(delay):
 
 def test_a_whole_number_of_steps_shifts_the_bits(rng):
     commands = rng.normal(size=30)
-    late = forces(Realism(delay=0.003), commands)
+    late = forces(Imperfections(delay=0.003), commands)
     assert late.tolist() == [0.0, 0.0, 0.0, *commands[:-3].tolist()]
 
 
 def test_a_delay_beyond_the_run_lets_nothing_through():
-    assert not forces(Realism(delay=1e9), np.full(50, 7.0)).any()
+    assert not forces(Imperfections(delay=1e9), np.full(50, 7.0)).any()
 
 
 @pytest.mark.parametrize("lag", [1e-5, 3e-4, 0.004, 0.5], ids=str)
 def test_a_step_rises_with_the_lag_of_the_actuator(lag):
     ends = H * np.arange(1, 101)
     np.testing.assert_allclose(
-        delivered(forces(Realism(actuator_lag=lag), np.full(100, 7.0))),
+        delivered(forces(Imperfections(actuator_lag=lag), np.full(100, 7.0))),
         7.0 * (ends + lag * np.expm1(-ends / lag)),
         rtol=1e-11,
     )
@@ -167,7 +173,7 @@ def test_a_step_rises_with_the_lag_of_the_actuator(lag):
 
 def test_the_slew_rate_limits_every_change():
     commands = np.array([5.0] * 10 + [-5.0] * 30)
-    force = forces(Realism(slew_rate=1000.0), commands)
+    force = forces(Imperfections(slew_rate=1000.0), commands)
     np.testing.assert_allclose(force[:6], [0.5, 1.5, 2.5, 3.5, 4.5, 5.0])  # means of a ramp
     np.testing.assert_allclose(np.diff(force[10:20]), -1.0)  # 1000 N/s for 1 ms
     assert force[9] == 5.0
@@ -176,16 +182,16 @@ def test_the_slew_rate_limits_every_change():
 
 def test_a_limited_force_comes_back_at_once_where_an_unlimited_one_must_first_unwind():
     commands = np.array([100.0] * 20 + [-100.0] * 4)
-    real = Realism(slew_rate=1000.0, force_limit=10.0)
+    real = Imperfections(slew_rate=1000.0, force_limit=10.0)
     assert forces(real, commands)[19:].tolist() == [10.0, 9.5, 8.5, 7.5, 6.5]
 
 
 CHAINS = {
-    "fractional delay and lag": Realism(delay=0.0035, actuator_lag=0.004),
-    "less than a step": Realism(delay=0.0005, actuator_lag=0.001),
-    "slew": Realism(slew_rate=5000.0),
-    "slew and lag": Realism(slew_rate=5000.0, actuator_lag=0.002),
-    "everything": Realism(
+    "fractional delay and lag": Imperfections(delay=0.0035, actuator_lag=0.004),
+    "less than a step": Imperfections(delay=0.0005, actuator_lag=0.001),
+    "slew": Imperfections(slew_rate=5000.0),
+    "slew and lag": Imperfections(slew_rate=5000.0, actuator_lag=0.002),
+    "everything": Imperfections(
         delay=0.0035, slew_rate=5000.0, actuator_lag=0.004, force_limit=8.0
     ),
 }  # fmt: skip
@@ -216,7 +222,7 @@ def test_delay_and_lag_in_a_chain_deliver_the_delayed_lagged_step():
     delay, lag = 0.004, 0.006
     after = np.maximum(H * np.arange(1, 101) - delay, 0.0)
     np.testing.assert_allclose(
-        delivered(forces(Realism(delay=delay, actuator_lag=lag), np.full(100, 7.0))),
+        delivered(forces(Imperfections(delay=delay, actuator_lag=lag), np.full(100, 7.0))),
         7.0 * (after + lag * np.expm1(-after / lag)),
         rtol=1e-11,
         atol=1e-16,

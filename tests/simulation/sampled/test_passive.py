@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CartPoleModel, CartPoleParameters
-from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.mujoco_model import strike
 
 H = 1e-3
@@ -15,7 +15,7 @@ LIGHT = CartPoleParameters(cart_mass=1.37, pole_mass=1e-6, half_length=0.29, gra
 HEAVY = CartPoleParameters(cart_mass=1e7, pole_mass=0.083, half_length=0.29, gravity=9.65)
 """So heavy a cart that the pole hangs from a fixed hinge."""
 
-FULL = Realism(
+FULL = Imperfections(
     rail_damping=0.21,
     hinge_damping=0.0011,
     rail_friction=0.31,
@@ -25,17 +25,17 @@ FULL = Realism(
     tip_mass_share=0.23,
 )
 PASSIVE = {
-    "friction": Realism(rail_friction=0.31),
-    "stops": Realism(rail_half_length=1.9),
+    "friction": Imperfections(rail_friction=0.31),
+    "stops": Imperfections(rail_half_length=1.9),
     "everything": FULL,
 }
 
 INTEGRATORS = pytest.mark.parametrize("integrator", ["RK4", "Euler"])
 
 
-def motion(plant, realism, state, duration, integrator, force=0.0):
+def motion(plant, imperfections, state, duration, integrator, force=0.0):
     """The states after each millisecond under a constant force, shape (N, 4)."""
-    model = CartPoleModel(plant, realism=realism, timestep=H, integrator=integrator)
+    model = CartPoleModel(plant, imperfections=imperfections, timestep=H, integrator=integrator)
     data, states = model.mj_data, []
     data.qpos[:], data.qvel[:], data.ctrl[0] = state[:2], state[2:], force
     for _ in range(round(duration / H)):
@@ -87,8 +87,8 @@ FIELDS_OF_JOINTS = [
 
 
 def test_a_rig_is_what_the_compiler_makes_of_an_mjcf(odd_parameters, rng):
-    model = CartPoleModel(CartPoleParameters(), realism=PASSIVE["stops"])
-    model.set_realism(FULL, odd_parameters)
+    model = CartPoleModel(CartPoleParameters(), imperfections=PASSIVE["stops"])
+    model.set_imperfections(FULL, odd_parameters)
     by_hand = mujoco.MjModel.from_xml_string(_by_hand(odd_parameters, FULL))
     for name in FIELDS_OF_JOINTS:
         mine, theirs = getattr(model.mj_model, name), getattr(by_hand, name)
@@ -107,9 +107,9 @@ def test_a_rig_is_what_the_compiler_makes_of_an_mjcf(odd_parameters, rng):
 @pytest.mark.parametrize("before", PASSIVE.values(), ids=PASSIVE)
 @pytest.mark.parametrize("after", [IDEAL, *PASSIVE.values()], ids=["ideal", *PASSIVE])
 def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
-    used = CartPoleModel(CartPoleParameters(), realism=before)
-    used.set_realism(after, odd_parameters)
-    fresh = CartPoleModel(odd_parameters, realism=after)
+    used = CartPoleModel(CartPoleParameters(), imperfections=before)
+    used.set_imperfections(after, odd_parameters)
+    fresh = CartPoleModel(odd_parameters, imperfections=after)
     for name in dir(fresh.mj_model):
         array = getattr(fresh.mj_model, name)
         if not name.startswith("_") and isinstance(array, np.ndarray):
@@ -120,7 +120,9 @@ def test_realism_adds_to_what_an_edit_put_there(odd_parameters):
     def drive(spec):
         spec.joint("slider").armature = 0.5
 
-    model = CartPoleModel(odd_parameters, edit=drive, realism=Realism(rail_armature=0.25))
+    model = CartPoleModel(
+        odd_parameters, edit=drive, imperfections=Imperfections(rail_armature=0.25)
+    )
     assert model.mj_model.joint("slider").armature[0] == 0.75
 
 
@@ -132,7 +134,7 @@ def test_realism_adds_to_what_an_edit_put_there(odd_parameters):
 def test_dry_friction_stops_a_sliding_cart_where_its_energy_is_spent(integrator, direction):
     friction, speed = 2.2, 1.1
     start = (0, HANGING, direction * speed, 0)
-    states = motion(LIGHT, Realism(rail_friction=friction), start, 1.0, integrator)
+    states = motion(LIGHT, Imperfections(rail_friction=friction), start, 1.0, integrator)
     distance = LIGHT.cart_mass * speed**2 / (2 * friction)
     # Euler is of order one: half a step at full speed
     assert direction * states[-1, 0] == pytest.approx(distance, abs=0.5 * H * speed * 1.05)
@@ -141,7 +143,7 @@ def test_dry_friction_stops_a_sliding_cart_where_its_energy_is_spent(integrator,
 
 @INTEGRATORS
 def test_dry_friction_holds_below_break_away_and_slides_above(integrator):
-    real, still = Realism(rail_friction=2.2), (0, HANGING, 0, 0)
+    real, still = Imperfections(rail_friction=2.2), (0, HANGING, 0, 0)
     assert abs(motion(LIGHT, real, still, 1.0, integrator, force=2.0)[-1, 2]) < 4e-5  # creep
     sliding = motion(LIGHT, real, still, 1.0, integrator, force=3.0)[-1, 2]
     assert sliding == pytest.approx((3.0 - 2.2) / LIGHT.cart_mass, rel=2e-6)
@@ -150,7 +152,9 @@ def test_dry_friction_holds_below_break_away_and_slides_above(integrator):
 @INTEGRATORS
 def test_damping_of_the_rail_decays_exponentially(integrator):
     damping = 0.8
-    states = motion(LIGHT, Realism(rail_damping=damping), (0, HANGING, 1.1, 0), 1.0, integrator)
+    states = motion(
+        LIGHT, Imperfections(rail_damping=damping), (0, HANGING, 1.1, 0), 1.0, integrator
+    )
     expected = 1.1 * np.exp(-damping / LIGHT.cart_mass)
     assert states[-1, 2] == pytest.approx(expected, rel=1e-6 if integrator == "RK4" else 3e-4)
 
@@ -160,7 +164,7 @@ def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
     damping, m, length, g = 0.002, HEAVY.pole_mass, HEAVY.half_length, HEAVY.gravity
     inertia = m * (2 * length) ** 2 / 3
     states = motion(
-        HEAVY, Realism(hinge_damping=damping), (0, HANGING - 1e-3, 0, 0), 8.0, integrator
+        HEAVY, Imperfections(hinge_damping=damping), (0, HANGING - 1e-3, 0, 0), 8.0, integrator
     )
     swing = states[:, 1] - HANGING
     energy = 0.5 * inertia * states[:, 3] ** 2 + 0.5 * m * g * length * swing**2
@@ -171,7 +175,7 @@ def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
 @INTEGRATORS
 def test_an_end_stop_holds_the_cart(integrator):
     states = motion(
-        LIGHT, Realism(rail_half_length=0.3), (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0
+        LIGHT, Imperfections(rail_half_length=0.3), (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0
     )
     assert 0.3 < states[:, 0].max() < 0.304  # it gives by a few millimetres at a metre per second
     assert states[-1, 0] == pytest.approx(0.3, abs=2e-5)
@@ -181,36 +185,36 @@ def test_an_end_stop_holds_the_cart(integrator):
 # The spread of mass and inertia
 
 
-def pivot_inertia(realism):
+def pivot_inertia(imperfections):
     """Inertia about a fixed hinge over m l^2, and the first moment over m l, by hand."""
-    share = realism.tip_mass_share
-    armature = realism.hinge_armature / (HEAVY.pole_mass * HEAVY.half_length**2)
+    share = imperfections.tip_mass_share
+    armature = imperfections.hinge_armature / (HEAVY.pole_mass * HEAVY.half_length**2)
     return (1 - share) * 4 / 3 + share * 4 + armature, (1 - share) + 2 * share
 
 
 @pytest.mark.parametrize(
-    "realism",
+    "imperfections",
     [
-        Realism(),
-        Realism(tip_mass_share=0.3),
-        Realism(tip_mass_share=0.95),
-        Realism(hinge_armature=0.004),
+        Imperfections(),
+        Imperfections(tip_mass_share=0.3),
+        Imperfections(tip_mass_share=0.95),
+        Imperfections(hinge_armature=0.004),
     ],
     ids=["rod", "tip 30 %", "tip 95 %", "armature"],
 )
-def test_a_hanging_pole_swings_at_the_frequency_of_its_mass_distribution(realism):
-    states = motion(HEAVY, realism, (0, HANGING - 1e-3, 0, 0), 10.0, "RK4")
+def test_a_hanging_pole_swings_at_the_frequency_of_its_mass_distribution(imperfections):
+    states = motion(HEAVY, imperfections, (0, HANGING - 1e-3, 0, 0), 10.0, "RK4")
     swing, times = states[:, 1] - HANGING, H * np.arange(1, len(states) + 1)
     k = np.flatnonzero((swing[:-1] < 0) & (swing[1:] >= 0))
     crossings = times[k] + H * swing[k] / (swing[k] - swing[k + 1])
     frequency = 2 * np.pi * (len(k) - 1) / (crossings[-1] - crossings[0])
-    inertia, moment = pivot_inertia(realism)
+    inertia, moment = pivot_inertia(imperfections)
     expected = np.sqrt(HEAVY.gravity * moment / (inertia * HEAVY.half_length))
     assert frequency == pytest.approx(expected, rel=1e-6)  # amplitude 1e-3 rad
 
 
 def test_armature_of_the_rail_is_mass_that_gravity_and_the_pole_do_not_see():
-    real = Realism(rail_armature=0.63)
+    real = Imperfections(rail_armature=0.63)
     states = motion(LIGHT, real, (0, HANGING, 0, 0), 0.5, "RK4", force=2.0)
     assert states[-1, 2] == pytest.approx(0.5 * 2.0 / (LIGHT.cart_mass + 0.63), rel=1e-5)
 
@@ -223,14 +227,16 @@ def test_a_thick_pole_is_the_capsule_of_mujoco_s_compiler(radius, odd_parameters
         <geom type="capsule" size="{radius} {p.half_length}" mass="{p.pole_mass}"/>
         </body></worldbody></mujoco>"""
     )
-    pole = CartPoleModel(p, realism=Realism(pole_radius=radius)).mj_model.body("pole")
+    pole = CartPoleModel(p, imperfections=Imperfections(pole_radius=radius)).mj_model.body("pole")
     np.testing.assert_allclose(pole.inertia[:2], capsule.body_inertia[1].max(), rtol=1e-12)
     assert pole.ipos[2] == p.half_length
 
 
 def test_a_thin_pole_is_a_rod(odd_parameters):
     rod, thin = (
-        CartPoleModel(odd_parameters, realism=Realism(pole_radius=r)).mj_model.body("pole").inertia
+        CartPoleModel(odd_parameters, imperfections=Imperfections(pole_radius=r))
+        .mj_model.body("pole")
+        .inertia
         for r in (0.0, 1e-9)
     )
     np.testing.assert_allclose(thin, rod, rtol=1e-8)
@@ -238,13 +244,16 @@ def test_a_thin_pole_is_a_rod(odd_parameters):
 
 
 def test_an_impulse_outruns_friction_and_feels_armature(odd_parameters):
-    p, real = odd_parameters, Realism(rail_friction=5.0, hinge_armature=0.01, rail_armature=0.4)
+    p, real = (
+        odd_parameters,
+        Imperfections(rail_friction=5.0, hinge_armature=0.01, rail_armature=0.4),
+    )
     phi, impulse = 0.3, 0.21
     coupling = -p.pole_mass * p.half_length * np.cos(phi)
     mass_matrix = [
         [p.cart_mass + p.pole_mass + 0.4, coupling],
         [coupling, 4 / 3 * p.pole_mass * p.half_length**2 + 0.01],
     ]
-    model = CartPoleModel(p, realism=real)
+    model = CartPoleModel(p, imperfections=real)
     jump = strike(model.addresses, 0.1, phi, 0.0, 0.0, impulse)  # at rest, where friction holds
     np.testing.assert_allclose(jump, np.linalg.solve(mass_matrix, [impulse, 0.0]), rtol=1e-10)

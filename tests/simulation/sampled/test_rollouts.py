@@ -17,9 +17,9 @@ from afl_mujoco import (
     staircase,
 )
 from afl_mujoco.cli.main import main
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.validation.metrics import metrics
@@ -33,7 +33,7 @@ def drawn(rng, count):
     scenarios = []
     for i in range(count):
         mass, length = rng.uniform(0.2, 1.5), rng.uniform(0.1, 0.8)
-        realism = Realism(
+        imperfections = Imperfections(
             noise_z=rng.uniform(0, 1e-3),
             noise_phi=rng.uniform(0, 1e-2),
             rail_friction=rng.choice([0.0, 0.4]),
@@ -50,7 +50,7 @@ def drawn(rng, count):
                 half_length=piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
                 initial_state=(0.0, rng.uniform(-1.3, 1.3), 0.0, rng.normal()),
                 duration=[1.0, 1.5][i % 2],
-                realism=realism if i % 3 else Realism(),
+                imperfections=imperfections if i % 3 else Imperfections(),
             )
         )
     return scenarios
@@ -116,7 +116,7 @@ def test_the_command_line_replays_a_failure_from_its_file(scenarios, adaptive, t
 
 def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
     wide = Scenario(name="wide", duration=15.0)
-    narrow = replace(wide, realism=Realism(rail_half_length=1.0))
+    narrow = replace(wide, imperfections=Imperfections(rail_half_length=1.0))
     brief = replace(wide, duration=1.0)
     many = run_rollouts([wide, narrow, brief], adaptive)
     run = simulate_mujoco(wide, adaptive, "sampled")
@@ -130,7 +130,7 @@ def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
 
 
 def test_a_run_that_ends_by_itself_has_not_settled():
-    stubborn = PythonLaw(name="none", function=lambda time, state, belief: np.nan)
+    stubborn = PythonController(name="none", function=lambda time, state, belief: np.nan)
     upright = Scenario(name="upright", initial_state=(0.0, 0.0, 0.0, 0.0))
     many = run_rollouts([upright], stubborn)
     assert str(many.outcome(0)) == "diverged at t = 0 s"
@@ -146,7 +146,7 @@ def test_an_error_gives_up_what_has_not_begun(adaptive):
             return Scenario.parameters_at(self, time)
 
     short = Watched(name="short", duration=0.5)
-    bad = Scenario(name="bad", duration=0.5, realism=Realism(control_period=0.0015))
+    bad = Scenario(name="bad", duration=0.5, imperfections=Imperfections(control_period=0.0015))
     with pytest.raises(InvalidValueError, match=r"^timestep 0\.001 s must divide"):
         run_rollouts([bad, *[short] * 300], adaptive, threads=2)
     assert len(done) < 150
@@ -166,7 +166,9 @@ def test_a_law_in_python_runs_as_well(scenarios, adaptive):
     def function(time, state, belief):
         return adaptive.force(state, belief)
 
-    mine = PythonLaw(name="mine", function=function, call_limit=60.0)  # the first call compiles
+    mine = PythonController(
+        name="mine", function=function, call_limit=60.0
+    )  # the first call compiles
     few = scenarios[:4]
     assert same(
         run_rollouts(few, mine, threads=2, **SETTINGS), run_rollouts(few, adaptive, **SETTINGS)

@@ -18,14 +18,14 @@ from afl_mujoco import (
     simulate_mujoco,
     staircase,
 )
-from afl_mujoco.control.user_law.python_law import PythonLaw
-from afl_mujoco.errors import InvalidValueError, LawDomainError
-from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.errors import ControllerDomainError, InvalidValueError
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.mujoco_model import strike
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 
 ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
-REAL = Realism(
+REAL = Imperfections(
     control_period=0.002,
     force_limit=40.0,
     slew_rate=5000.0,
@@ -43,7 +43,7 @@ REAL = Realism(
     hinge_armature=1e-4,
     rail_half_length=2.0,
     tip_mass_share=0.1,
-    belief_delay=0.02,
+    parameter_delay=0.02,
     mass_error=0.1,
     length_error=-0.1,
     seed=7,
@@ -60,7 +60,9 @@ def in_python(law):
     def function(time, state, belief):
         return law.force(state, belief)
 
-    return PythonLaw(name="mine", function=function, call_limit=60.0)  # the first call compiles
+    return PythonController(
+        name="mine", function=function, call_limit=60.0
+    )  # the first call compiles
 
 
 # Ideal, it is a plain loop of `mujoco.mj_step`
@@ -125,7 +127,7 @@ def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, nam
     run = simulate_mujoco(scenario, law, "sampled")
     try:
         rows = plain_loop(scenario, law, 1, "RK4")
-    except LawDomainError:  # where the pole has fallen
+    except ControllerDomainError:  # where the pole has fallen
         assert run.outcome.kind == "fell"
         return
     count = len(run.time)
@@ -136,9 +138,11 @@ def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, nam
 # A law in Python
 
 
-@pytest.mark.parametrize("realism", [IDEAL, REAL], ids=["ideal", "real"])
-def test_a_law_in_python_gives_the_bits_of_the_compiled_one(odd_scenario, controller, realism):
-    scenario = replace(odd_scenario, realism=realism)
+@pytest.mark.parametrize("imperfections", [IDEAL, REAL], ids=["ideal", "real"])
+def test_a_law_in_python_gives_the_bits_of_the_compiled_one(
+    odd_scenario, controller, imperfections
+):
+    scenario = replace(odd_scenario, imperfections=imperfections)
     compiled = simulate_mujoco(scenario, controller, "sampled")
     assert same(simulate_mujoco(scenario, in_python(controller), "sampled"), compiled)
     assert compiled.outcome.kind == "completed"
@@ -151,7 +155,7 @@ def test_a_law_in_python_is_told_time_state_and_belief(odd_scenario, odd_paramet
         told.append((time, state.tolist(), belief))
         return 0.5
 
-    law = PythonLaw(name="watcher", function=function)
+    law = PythonController(name="watcher", function=function)
     period = {"control_period": 0.005}
     run = simulate_mujoco(replace(odd_scenario, duration=0.6), law, "sampled", **period)
     times = [0.005 * k for k in range(len(told))]
@@ -169,11 +173,11 @@ def test_a_law_in_python_is_told_time_state_and_belief(odd_scenario, odd_paramet
 def test_a_law_in_python_without_a_force_ends_the_run(smooth_scenario):
     def gives_up(time, state, belief):
         if time > 0.1:
-            raise LawDomainError("phi", "is beyond me")
+            raise ControllerDomainError("phi", "is beyond me")
         return 0.0
 
     for function in (gives_up, lambda t, x, b: math.nan if t > 0.1 else 0.0):
-        law = PythonLaw(name="weak", function=function)
+        law = PythonController(name="weak", function=function)
         run = simulate_mujoco(smooth_scenario, law, "sampled")
         assert str(run.outcome) == "diverged at t = 0.101 s"
 
@@ -189,22 +193,22 @@ ALONE = Scenario(
     duration=0.2,
 )
 """A pole so light that the cart is alone, and for so short a time that it does not fall."""
-PUSHING = PythonLaw(name="constant", function=lambda time, state, belief: 7.0)
+PUSHING = PythonController(name="constant", function=lambda time, state, belief: 7.0)
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler"])
 @pytest.mark.parametrize(
-    ("realism", "momentum"),
+    ("imperfections", "momentum"),
     [
-        (Realism(), lambda t: t),
-        (Realism(delay=0.0234), lambda t: np.maximum(t - 0.0234, 0.0)),
-        (Realism(actuator_lag=0.03), lambda t: t + 0.03 * np.expm1(-t / 0.03)),
-        (Realism(force_limit=1.75), lambda t: 0.25 * t),
+        (Imperfections(), lambda t: t),
+        (Imperfections(delay=0.0234), lambda t: np.maximum(t - 0.0234, 0.0)),
+        (Imperfections(actuator_lag=0.03), lambda t: t + 0.03 * np.expm1(-t / 0.03)),
+        (Imperfections(force_limit=1.75), lambda t: 0.25 * t),
     ],
     ids=["ideal", "delay", "lag", "limit"],
 )
-def test_the_cart_gets_the_momentum_of_the_closed_form(realism, momentum, integrator):
-    scenario = replace(ALONE, realism=replace(realism, rail_armature=0.0))
+def test_the_cart_gets_the_momentum_of_the_closed_form(imperfections, momentum, integrator):
+    scenario = replace(ALONE, imperfections=replace(imperfections, rail_armature=0.0))
     run = simulate_sampled(scenario, PUSHING, integrator=integrator)
     np.testing.assert_allclose(
         run.state[:, 2], 7.0 * momentum(run.time) / 1.37, rtol=0, atol=1e-8
@@ -216,8 +220,8 @@ def test_the_lag_is_mujoco_s_own_filter_as_the_step_shrinks(smooth_scenario, ada
     lag, control_period = 0.006, 0.004
     errors = []
     for h in (2e-3, 1e-3, 5e-4):
-        real = Realism(actuator_lag=lag, control_period=control_period)
-        scenario = replace(smooth_scenario, realism=real)
+        real = Imperfections(actuator_lag=lag, control_period=control_period)
+        scenario = replace(smooth_scenario, imperfections=real)
         run = simulate_mujoco(scenario, adaptive, "sampled", timestep=h)
         states = _filtered_by_mujoco(smooth_scenario, adaptive, lag, control_period, h)
         errors.append(np.abs(run.state[-1] - states[-1]).max())
@@ -244,15 +248,15 @@ def _filtered_by_mujoco(scenario, law, lag, control_period, h):
 
 
 def test_the_law_gets_what_the_sensors_say(smooth_scenario):
-    real = Realism(encoder_step_z=0.02, encoder_step_phi=0.05, noise_z_dot=0.1, seed=3)
+    real = Imperfections(encoder_step_z=0.02, encoder_step_phi=0.05, noise_z_dot=0.1, seed=3)
     seen = []
 
     def function(time, state, belief):
         seen.append(state)
         return 0.0
 
-    law = PythonLaw(name="watcher", function=function)
-    run = simulate_mujoco(replace(smooth_scenario, realism=real), law, "sampled")
+    law = PythonController(name="watcher", function=function)
+    run = simulate_mujoco(replace(smooth_scenario, imperfections=real), law, "sampled")
     difference = np.array(seen) - run.state[: len(seen)]
     assert 0.009 < np.abs(difference[:, 0]).max() <= 0.01 + 1e-12
     assert 0.02 < np.abs(difference[:, 1]).max() <= 0.025 + 1e-12
@@ -266,7 +270,7 @@ def test_the_law_is_told_late_and_wrong():
         cart_mass=staircase((0.05,), (1.0, 2.0)),
         half_length=piecewise_linear((0.0, 0.1), (0.4, 0.5)),
         duration=0.2,
-        realism=Realism(belief_delay=0.03, mass_error=0.1, length_error=-0.2),
+        imperfections=Imperfections(parameter_delay=0.03, mass_error=0.1, length_error=-0.2),
     )
     told = []
 
@@ -274,7 +278,7 @@ def test_the_law_is_told_late_and_wrong():
         told.append(belief)
         return 0.0
 
-    simulate_mujoco(scenario, PythonLaw(name="x", function=function), "sampled")
+    simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
     believed_mass = [b.cart_mass for b in told]
     assert believed_mass == pytest.approx([1.1] * 80 + [2.2] * 120)  # the jump at 0.05 + 0.03 s
     late = np.clip(0.001 * np.arange(200) - 0.03, 0.0, 0.1)
@@ -285,10 +289,10 @@ def test_the_law_is_told_late_and_wrong():
 
 def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
     changing = Scenario(name="x", cart_mass=staircase((0.05,), (1.0, 2.0)), duration=0.2)
-    never = Realism(belief_delay=1e306, delay=1e306)
-    found = simulate_mujoco(replace(changing, realism=never), adaptive, "sampled")
-    longer = Realism(belief_delay=0.2, delay=0.2)
-    again = simulate_mujoco(replace(changing, realism=longer), adaptive, "sampled")
+    never = Imperfections(parameter_delay=1e306, delay=1e306)
+    found = simulate_mujoco(replace(changing, imperfections=never), adaptive, "sampled")
+    longer = Imperfections(parameter_delay=0.2, delay=0.2)
+    again = simulate_mujoco(replace(changing, imperfections=longer), adaptive, "sampled")
     assert (found.state == again.state).all()
     assert not found.force.any()
 
@@ -306,16 +310,16 @@ def test_a_late_jump_is_told_on_its_tick_however_the_times_round(late):
         name="late",
         cart_mass=staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]),
         duration=0.3,
-        realism=Realism(belief_delay=1e-3 * late),
+        imperfections=Imperfections(parameter_delay=1e-3 * late),
     )
-    simulate_mujoco(scenario, PythonLaw(name="x", function=function), "sampled")
+    simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
     assert (np.flatnonzero(np.diff(told)) + 1 - late).tolist() == list(jumps)
 
 
 def test_a_law_with_its_own_belief_is_not_told_anything(odd_scenario):
-    wrong = Realism(mass_error=0.5, length_error=-0.4, belief_delay=0.1)
+    wrong = Imperfections(mass_error=0.5, length_error=-0.4, parameter_delay=0.1)
     nominal = CONTROLLERS["fixed-nominal"]
-    real = simulate_mujoco(replace(odd_scenario, realism=wrong), nominal, "sampled")
+    real = simulate_mujoco(replace(odd_scenario, imperfections=wrong), nominal, "sampled")
     ideal = simulate_mujoco(odd_scenario, nominal, "sampled")
     assert (real.state == ideal.state).all()
 
@@ -323,15 +327,15 @@ def test_a_law_with_its_own_belief_is_not_told_anything(odd_scenario):
 def test_passive_physics_reaches_the_run(odd_scenario, adaptive):
     ideal = simulate_mujoco(odd_scenario, adaptive, "sampled").state[-1]
     for name in ("rail_damping", "hinge_damping", "rail_friction", "rail_armature"):
-        real = replace(odd_scenario, realism=Realism(**{name: 0.1}))
+        real = replace(odd_scenario, imperfections=Imperfections(**{name: 0.1}))
         assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-3
     for name in ("hinge_armature", "tip_mass_share", "pole_radius"):
-        real = replace(odd_scenario, realism=Realism(**{name: 0.01}))
+        real = replace(odd_scenario, imperfections=Imperfections(**{name: 0.01}))
         assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-4
 
 
 def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive):
-    held = replace(odd_scenario, realism=Realism(control_period=0.005))
+    held = replace(odd_scenario, imperfections=Imperfections(control_period=0.005))
     run = simulate_mujoco(held, adaptive, "sampled")
     by_hand = simulate_mujoco(odd_scenario, adaptive, "sampled", control_period=0.005)
     assert (run.state == by_hand.state).all()
@@ -342,7 +346,7 @@ def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive
     assert str(caught.value) == (
         "control_period must be that of scenario 'odd', 0.005 s, got 0.002"
     )
-    half = replace(odd_scenario, realism=Realism(control_period=0.0005))
+    half = replace(odd_scenario, imperfections=Imperfections(control_period=0.0005))
     with pytest.raises(InvalidValueError, match=r"^timestep 0\.001 s must divide control_period"):
         simulate_mujoco(half, adaptive, "sampled")
 
@@ -351,20 +355,21 @@ def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive
 
 
 def test_a_real_run_repeats_and_its_file_replays_it_bit_for_bit(odd_scenario, adaptive, tmp_path):
-    scenario = replace(odd_scenario, realism=REAL)
+    scenario = replace(odd_scenario, imperfections=REAL)
     run = simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler")
     assert same(simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler"), run)
     save_scenario(scenario, tmp_path / "failure.toml")
     again = find_scenario(str(tmp_path / "failure.toml"))
     assert same(simulate_mujoco(again, adaptive, "sampled", integrator="Euler"), run)
-    other = replace(scenario, realism=replace(REAL, seed=8))
+    other = replace(scenario, imperfections=replace(REAL, seed=8))
     assert not same(simulate_mujoco(other, adaptive, "sampled", integrator="Euler"), run)
 
 
 def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, adaptive):
-    scenario = replace(odd_scenario, realism=REAL)
+    scenario = replace(odd_scenario, imperfections=REAL)
     fresh, used = (
-        CartPoleModel(scenario.parameters_at(0.0), realism=scenario.realism) for _ in range(2)
+        CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
+        for _ in range(2)
     )
     data = used.mj_data
     data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = 1.0, 2.0, 1e4

@@ -12,7 +12,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.document.blocks import figures_of
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies.estimation.loops import (
     ESTIMATED,
     NOMINAL,
@@ -87,8 +87,8 @@ def test_the_estimated_loop_is_as_good_as_the_one_with_the_true_parameters(case)
 
 def test_a_noisy_loop_is_the_median_of_its_own_runs_and_its_largest_force_their_largest(case):
     (loop,) = (loop for loop in case.loops if (loop.parameters, loop.noise) == (TRUE, True))
-    noises = [Realism(noise_z=1e-4, noise_phi=5e-4, seed=seed) for seed in range(3)]
-    noisy = [replace(afl.SCENARIOS["step-step"], realism=noise) for noise in noises]
+    noises = [Imperfections(noise_z=1e-4, noise_phi=5e-4, seed=seed) for seed in range(3)]
+    noisy = [replace(afl.SCENARIOS["step-step"], imperfections=noise) for noise in noises]
     adaptive = afl.CONTROLLERS["adaptive"]
     runs = [afl.simulate_mujoco(one, adaptive, "sampled") for one in noisy]
     peaks = sorted(float(np.abs(run.force).max()) for run in runs)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.user_law.loading import load_python_law
-from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
+from afl_mujoco.control.own.loading import load_python_controller
+from afl_mujoco.control.own.python_controller import ControllerError, PythonController
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.scenario.files import load_scenario
@@ -144,7 +144,9 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_law_that_breaks_down_fails_its_runs_and_says_how(name: str) -> None:
     function, message = BROKEN[name]
-    law = PythonLaw(name=name, function=function, call_limit=5.0 if name == "raises" else 0.05)
+    law = PythonController(
+        name=name, function=function, call_limit=5.0 if name == "raises" else 0.05
+    )
     started = time.perf_counter()
     found = run([law, LQR], samples=4)
     assert time.perf_counter() - started < 60.0
@@ -153,20 +155,20 @@ def test_a_law_that_breaks_down_fails_its_runs_and_says_how(name: str) -> None:
     if name != "raises":
         assert len(failed) == 4
     for trial in failed:
-        with pytest.raises(LawError, match=message):
-            raise LawError(trial.message or "", "")
+        with pytest.raises(ControllerError, match=message):
+            raise ControllerError(trial.message or "", "")
         assert not trial.survived
         assert not trial.settled
     rates, lqr = result_of(found, []).controllers
     assert rates.failures_by_outcome[CONTROLLER_FAILED] == len(failed)
     assert lqr.failures_by_outcome[CONTROLLER_FAILED] == 0
-    with pytest.raises(LawError):
+    with pytest.raises(ControllerError):
         first = found.failures(name)[0]
         afl.simulate_mujoco(module.sample_scenario(SHORT, first, 1), law, "sampled")
 
 
 def test_a_law_without_a_force_ends_the_run_as_a_failure() -> None:
-    law = PythonLaw(name="nan", function=not_a_number)
+    law = PythonController(name="nan", function=not_a_number)
     found = run([law], samples=3)
     assert {trial.outcome for trial in found.trials["nan"]} == {"diverged"}
     assert found.survival("nan").count == found.settling("nan").count == 0
@@ -178,7 +180,7 @@ def test_a_law_of_a_users_module_goes_to_the_workers(tmp_path, monkeypatch) -> N
         "def law(t, state, belief):\n    return 1 / 0\n"
     )
     monkeypatch.chdir(tmp_path)
-    law = load_python_law("mine_for_montecarlo:law")
+    law = load_python_controller("mine_for_montecarlo:law")
     try:
         trials = run([law], samples=2, workers=2).trials[law.name]
     finally:

@@ -7,7 +7,7 @@ import math
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.features import FEATURES
 
@@ -16,7 +16,7 @@ RIG = Scenario(
     cart_mass=afl.staircase((1.0, 2.0), (1.5, 0.5, 2.0)),
     half_length=afl.trapezoid((1.0, 2.0, 3.0, 4.0), 0.3, 0.9),
     initial_state=(0.01, math.radians(-20.0), -0.7, 0.6),
-    realism=Realism(
+    imperfections=Imperfections(
         rail_damping=3.0, rail_friction=0.4, hinge_damping=5e-4, delay=2e-3, actuator_lag=7e-3,
         noise_phi=1.1e-3, noise_phi_dot=13e-3, encoder_step_phi=1.7e-3,
     ),

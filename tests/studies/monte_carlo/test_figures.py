@@ -35,7 +35,7 @@ def campaign(**trials: list[Trial]) -> Campaign:
 def rubbed() -> Campaign:
     """One law that falls where dry friction is above 0.7 N, one that never does."""
     rigs = [sample_scenario(SPACE, i, 1) for i in range(SAMPLES)]
-    stuck = [DOWN if rig.realism.rail_friction > 0.7 else UP for rig in rigs]
+    stuck = [DOWN if rig.imperfections.rail_friction > 0.7 else UP for rig in rigs]
     return campaign(adaptive=stuck, lqr=[UP] * SAMPLES)
 
 

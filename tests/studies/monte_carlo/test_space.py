@@ -11,7 +11,7 @@ import pytest
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.files import load_scenario, save_scenario
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.space import (
     SHAPES,
@@ -43,7 +43,7 @@ def test_a_sample_depends_on_its_index_and_the_seed_alone() -> None:
     assert sample_scenario(SPACE, 3, 7) == sample_scenario(SPACE, 3, 7)
     points = {sample_point(SPACE, i, seed).tobytes() for i in range(20) for seed in range(20)}
     assert len(points) == 400
-    noise = {sample_scenario(SPACE, i, s).realism.seed for i in range(20) for s in range(20)}
+    noise = {sample_scenario(SPACE, i, s).imperfections.seed for i in range(20) for s in range(20)}
     assert len(noise) == 400
 
 
@@ -53,15 +53,17 @@ def test_the_numbers_of_a_sample_are_the_same_for_ever() -> None:
         sample_point(SPACE, 12, 1)[:3],
         [0.08889323355387169, 0.20068358985659007, 0.8312670906835586],
     )
-    assert sample_scenario(SPACE, 12, 1).realism.seed == 2389723553712521205
+    assert sample_scenario(SPACE, 12, 1).imperfections.seed == 2389723553712521205
 
 
 def test_a_point_does_not_say_what_the_noise_is_nor_the_noise_where_the_point_is() -> None:
     point = np.full(SPACE.dimension, 0.3)
     one, other = (SPACE.scenario_of(point, i, 1) for i in (0, 1))
-    assert one.realism.seed != other.realism.seed
-    assert replace(one, name="x", realism=Realism()) == replace(other, name="x", realism=Realism())
-    assert replace(one.realism, seed=0) == replace(other.realism, seed=0)
+    assert one.imperfections.seed != other.imperfections.seed
+    assert replace(one, name="x", imperfections=Imperfections()) == replace(
+        other, name="x", imperfections=Imperfections()
+    )
+    assert replace(one.imperfections, seed=0) == replace(other.imperfections, seed=0)
 
 
 def test_a_search_shares_its_random_numbers_with_no_sample() -> None:
@@ -74,9 +76,9 @@ def test_every_sample_lies_in_the_ranges_and_fills_them(rigs: list[Scenario]) ->
     found = {name: states[:, i] for i, name in enumerate(("z", "phi", "z_dot", "phi_dot"))}
     for thing in ("cart_mass", "half_length"):
         found[thing] = np.concatenate([getattr(rig, thing).values for rig in rigs])
-    for field in fields(Realism):
+    for field in fields(Imperfections):
         if hasattr(SPACE, field.name) and isinstance(getattr(SPACE, field.name), tuple):
-            found[field.name] = np.array([getattr(rig.realism, field.name) for rig in rigs])
+            found[field.name] = np.array([getattr(rig.imperfections, field.name) for rig in rigs])
     ranges = {f.name for f in fields(SPACE) if isinstance(getattr(SPACE, f.name), tuple)}
     assert set(found) == ranges
     for name, values in found.items():
@@ -91,8 +93,8 @@ def test_the_shapes_and_their_instants_are_as_said(rigs: list[Scenario]) -> None
     counts = dict.fromkeys((1, 4, 6), 0)
     for rig in rigs:
         assert rig.duration == 20.0
-        assert rig.realism.control_period == 1e-3
-        assert rig.realism.force_limit is None
+        assert rig.imperfections.control_period == 1e-3
+        assert rig.imperfections.force_limit is None
         for schedule in (rig.cart_mass, rig.half_length):
             breaks = schedule.breakpoints
             counts[{0: 1, 2: 6, 4: 4}[len(breaks)]] += 1
@@ -104,9 +106,9 @@ def test_the_shapes_and_their_instants_are_as_said(rigs: list[Scenario]) -> None
 def test_a_coordinate_moves_what_it_names_and_nothing_else() -> None:
     middle = at()
     assert middle.initial_state == (0.0, 0.0, 0.0, 0.0)
-    assert middle.realism.rail_friction == 0.5
+    assert middle.imperfections.rail_friction == 0.5
     assert at(rail_friction=1.0) == replace(
-        middle, realism=replace(middle.realism, rail_friction=1.0)
+        middle, imperfections=replace(middle.imperfections, rail_friction=1.0)
     )
     assert at(phi=1.0).initial_state == (0.0, math.radians(75.0), 0.0, 0.0)
     shapes = [at(cart_mass__shape=x, cart_mass__level__1=0.0) for x in (0.0, 0.34, 0.67, 1.0)]
@@ -129,7 +131,7 @@ def test_the_reference_is_the_papers_nominal_run_on_an_ideal_rig() -> None:
     np.testing.assert_allclose(rig.initial_state, nominal.initial_state, atol=1e-15)
     assert rig.cart_mass.values == pytest.approx(nominal.cart_mass.values)
     assert rig.half_length.values == pytest.approx(nominal.half_length.values)
-    assert rig.realism == Realism(control_period=1e-3, seed=rig.realism.seed)
+    assert rig.imperfections == Imperfections(control_period=1e-3, seed=rig.imperfections.seed)
     assert (rig.pole_mass, rig.gravity) == SPACE.constants
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.studies.thresholds.imperfections import (
     APART,
     BY_NAME,
@@ -18,24 +18,24 @@ from afl_mujoco.studies.thresholds.imperfections import (
     IMPERFECTIONS,
     combined,
     find_imperfection,
-    realism_at,
+    imperfections_at,
 )
 
 NAMES = [one.name for one in IMPERFECTIONS]
 
 
-def departures(realism: Realism) -> dict[str, object]:
+def departures(imperfections: Imperfections) -> dict[str, object]:
     return {
-        field.name: getattr(realism, field.name)
-        for field in fields(Realism)
-        if getattr(realism, field.name) != getattr(IDEAL, field.name)
+        field.name: getattr(imperfections, field.name)
+        for field in fields(Imperfections)
+        if getattr(imperfections, field.name) != getattr(IDEAL, field.name)
     }
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_imperfection_sets_its_fields_and_leaves_the_rest_ideal(name: str) -> None:
     one = BY_NAME[name]
-    found = departures(realism_at(one, one.reference, seed=0))
+    found = departures(imperfections_at(one, one.reference, seed=0))
     assert found.keys() == {*one.fields, *one.switches}
     for field, factor in one.fields.items():
         assert found[field] == pytest.approx(factor * one.reference)
@@ -47,18 +47,18 @@ def test_the_reference_lies_between_benign_and_harsh(name: str) -> None:
     low, high = sorted((one.benign, one.harsh))
     assert low < one.reference < high
     assert one.less_is_worse == (name in ("force-limit", "slew-rate", "rail"))
-    realism_at(one, one.benign)
-    realism_at(one, one.harsh)
+    imperfections_at(one, one.benign)
+    imperfections_at(one, one.harsh)
 
 
 def test_every_departure_that_a_scenario_can_have_is_an_imperfection() -> None:
     set_ = {field for one in IMPERFECTIONS for field in (*one.fields, *one.switches)}
-    there = {field.name for field in fields(Realism)} - {"seed", "velocity_filter"}
+    there = {field.name for field in fields(Imperfections)} - {"seed", "velocity_filter"}
     assert set_ == there
 
 
 def test_all_combined_has_every_imperfection_at_once() -> None:
-    real = departures(realism_at(COMBINED, 1.0, seed=3))
+    real = departures(imperfections_at(COMBINED, 1.0, seed=3))
     for one in IMPERFECTIONS:
         if one.name not in APART:
             for field, factor in one.fields.items():
@@ -68,7 +68,7 @@ def test_all_combined_has_every_imperfection_at_once() -> None:
 
 
 def test_a_combination_twice_as_bad_is_twice_as_bad_in_everything() -> None:
-    single, double = (realism_at(COMBINED, scale) for scale in (1.0, 2.0))
+    single, double = (imperfections_at(COMBINED, scale) for scale in (1.0, 2.0))
     for field in ("delay", "noise_phi", "rail_friction", "mass_error", "control_period"):
         assert getattr(double, field) == pytest.approx(2.0 * getattr(single, field))
     for field in ("force_limit", "slew_rate"):
@@ -96,7 +96,8 @@ SAID = {
     "noise_z_dot": (1e-3, "mm/s"), "noise_phi_dot": (1e-3, "mrad/s"),
     "rail_damping": (1.0, "N s/m"), "hinge_damping": (1e-3, "mN m s"), "rail_friction": (1.0, "N"),
     "rail_armature": (1.0, "kg"), "hinge_armature": (1e-3, "g m²"),
-    "tip_mass_share": (1e-2, "% of m"), "pole_radius": (1e-3, "mm"), "belief_delay": (1e-3, "ms"),
+    "tip_mass_share": (1e-2, "% of m"), "pole_radius": (1e-3, "mm"),
+    "parameter_delay": (1e-3, "ms"),
     "mass_error": (1e-2, "%"), "length_error": (1e-2, "%"),
     "rail_half_length": (1.0, "m to either side"),
 }  # fmt: skip
@@ -117,6 +118,6 @@ def test_the_documentation_has_the_reference_levels_of_the_code() -> None:
 
 def reference_texts(name: str) -> list[str]:
     """What an imperfection sets at its reference level, each number to two digits."""
-    found = departures(realism_at(BY_NAME[name], BY_NAME[name].reference))
+    found = departures(imperfections_at(BY_NAME[name], BY_NAME[name].reference))
     numbers = {field: abs(found[field]) / SAID[field][0] for field in BY_NAME[name].fields}
     return [f"{float(f'{x:.2g}'):g} {SAID[field][1]}" for field, x in numbers.items()]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.realism import Realism
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies.bisection import BRACKETED, LOWER
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME
 from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED
@@ -30,7 +30,9 @@ LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 
 
 def simulated(law, **options: float) -> afl.Trajectory:
-    return afl.simulate_mujoco(replace(CASE, realism=Realism(**options)), law, "sampled")
+    return afl.simulate_mujoco(
+        replace(CASE, imperfections=Imperfections(**options)), law, "sampled"
+    )
 
 
 def test_the_rail_must_be_as_long_as_the_ideal_run_needs():
@@ -81,7 +83,7 @@ def test_the_figures_of_a_verdict_are_the_largest_of_any_run():
         for name, phi in starts.items()
     )
     settings = replace(SETTINGS, scenarios=cases)
-    metrics = judge(1.0, [Realism()], 1e-3, LQR, settings).metrics
+    metrics = judge(1.0, [Imperfections()], 1e-3, LQR, settings).metrics
     runs = [afl.simulate_mujoco(case, LQR, "sampled") for case in cases]
     assert metrics["peak_z"] == max(np.abs(run.state[:, 0]).max() for run in runs)
     assert metrics["peak_phi"] == max(np.abs(run.state[:, 1]).max() for run in runs)
@@ -98,7 +100,7 @@ def test_a_controller_that_computes_no_force_fails_and_says_so():
             raise RuntimeError("too heavy")
         return LQR.force(state, belief)
 
-    law = PythonLaw(name="broken", function=broken)
+    law = PythonController(name="broken", function=broken)
     short = replace(SETTINGS, scenarios=(replace(CASE, duration=2.0),), scan=3, tolerance=0.5)
     found = sweep(("mass-over", law, short))
     assert found.failure.failure == REFUSED
@@ -144,9 +146,9 @@ def test_the_numbers_do_not_depend_on_the_workers():
         ({"scenarios": (CASE, CASE)}, (), "scenario names must differ, got 'step-step' twice"),
         ({}, ("delay", "delay"), "imperfection names must differ, got 'delay' twice"),
         (
-            {"scenarios": (replace(CASE, realism=Realism(delay=0.1)),)},
+            {"scenarios": (replace(CASE, imperfections=Imperfections(delay=0.1)),)},
             (),
-            "scenario 'step-step' must be ideal: remove [realism]",
+            "scenario 'step-step' must be ideal: remove [imperfections]",
         ),
     ],
 )

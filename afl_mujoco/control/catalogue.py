@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.afl import sliding_and_drift
 from afl_mujoco.control.baselines.state_feedback import baselines
-from afl_mujoco.control.compiled_law import AFL, CompiledLaw
-from afl_mujoco.control.estimation.estimated_law import EstimatedLaw
+from afl_mujoco.control.compiled_controller import AFL, CompiledController
+from afl_mujoco.control.controller import Controller, assumed_as_data
+from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
-from afl_mujoco.control.law import Law, belief_as_data
-from afl_mujoco.control.user_law.loading import load_python_law
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.own.loading import load_python_controller
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_type
 
@@ -29,14 +29,14 @@ class GainError(InvalidValueError):
 
 
 @functools.lru_cache(maxsize=256)
-def _compiled(gain_function: GainFunction) -> CompiledLaw:
+def _compiled(gain_function: GainFunction) -> CompiledController:
     """Return the paper's law with a gain function as compiled loops take it."""
     none = np.zeros(1)
-    return CompiledLaw(AFL, gain_function.coefficients[None], none, none)
+    return CompiledController(AFL, gain_function.coefficients[None], none, none)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Controller(Law):
+class AFLController(Controller):
     """The law (L1)-(L10) with its gains and its belief.
 
     Attributes
@@ -44,7 +44,7 @@ class Controller(Law):
     name
         Name for reports and files.
     gain_function
-        Gains as a function of the believed M and l; constant for fixed gains.
+        Gains as a function of the assumed M and l; constant for fixed gains.
     belief
         What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
         l(t) (decision D7).
@@ -61,11 +61,11 @@ class Controller(Law):
         require_type("belief", self.belief, CartPoleParameters | None)
 
     @property
-    def compiled(self) -> CompiledLaw:
+    def compiled(self) -> CompiledController:
         """The law as compiled loops take it."""
         return _compiled(self.gain_function)
 
-    def law_inputs(
+    def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
         """Return what the compiled law is given along a run: (M, m, l, g, K, lambda, Phi).
@@ -87,7 +87,7 @@ class Controller(Law):
         GainError
             If the gain function gives a gain that is not positive.
         """
-        law = Law.law_inputs(self, cart_mass, half_length, pole_mass, gravity)
+        law = Controller.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
         _require_positive_gains(law.reshape(-1, 7))
         return law
 
@@ -101,13 +101,13 @@ class Controller(Law):
         states
             Shape (N, 4).
         law
-            From `law_inputs`, shape (N, 7).
+            From `inputs_along_run`, shape (N, 7).
         """
         z, phi, z_dot, phi_dot = states.T
         surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, law[:, 2], law[:, 3], law[:, 5])
         return np.asarray(surface / law[:, 6])
 
-    def relabelled(self) -> Controller:
+    def relabelled(self) -> AFLController:
         """Return the controller in the other reading of the paper's gain columns (decision D2)."""
         if self.name.endswith("-retuned"):  # whose gains are not the paper's
             return self
@@ -120,7 +120,7 @@ class Controller(Law):
         return {
             "name": self.name,
             "gain_function": {n: list(getattr(self.gain_function, n)) for n in GAIN_NAMES},
-            "belief": belief_as_data(self.belief),
+            "belief": assumed_as_data(self.belief),
         }
 
 
@@ -137,7 +137,7 @@ def _require_positive_gains(law: NDArray[np.float64]) -> None:
             )
 
 
-def _build() -> dict[str, Law]:
+def _build() -> dict[str, Controller]:
     """Return the catalogue."""
     retuned = shipped_data("gain_functions.json")
     functions = {
@@ -146,16 +146,18 @@ def _build() -> dict[str, Law]:
         "fixed-retuned": GainFunction.constant(Gains(**retuned["fixed"])),
         "adaptive-retuned": GainFunction.retuned(),
     }
-    catalogue: list[Law] = [Controller(name=n, gain_function=f) for n, f in functions.items()]
+    catalogue: list[Controller] = [
+        AFLController(name=n, gain_function=f) for n, f in functions.items()
+    ]
     for name in ("fixed", "adaptive"):
         catalogue.append(
-            Controller(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
+            AFLController(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
         )
     catalogue += baselines()
     return {controller.name: controller for controller in catalogue}
 
 
-CONTROLLERS: Mapping[str, Law] = MappingProxyType(_build())
+CONTROLLERS: Mapping[str, Controller] = MappingProxyType(_build())
 """Every controller by name; those that end in ``-nominal`` are never told M(t) and l(t)."""
 
 
@@ -166,13 +168,14 @@ ESTIMATED = "-estimated"
 Such laws are not in `CONTROLLERS`, since only sampled mode runs them."""
 
 
-def as_controller(controller: Any) -> Law:
+def as_controller(controller: Any) -> Controller:
     """Return a controller from what the Python functions take.
 
     Parameters
     ----------
     controller
-        A controller; a name, as of `find_controller`; or what a `PythonLaw` takes as its function.
+        A controller; a name, as of `find_controller`; or what a `PythonController` takes as its
+        function.
 
     Raises
     ------
@@ -181,13 +184,13 @@ def as_controller(controller: Any) -> Law:
     """
     if isinstance(controller, str):
         return find_controller(controller)
-    if hasattr(controller, "law_inputs"):
+    if hasattr(controller, "inputs_along_run"):
         return controller  # type: ignore[no-any-return]
     name = getattr(controller, "__name__", type(controller).__name__)
-    return PythonLaw(name=name, function=controller)
+    return PythonController(name=name, function=controller)
 
 
-def require_stateless(controller: Law, where: str) -> None:
+def require_stateless(controller: Controller, where: str) -> None:
     """Raise if a controller keeps memory, of which only sampled mode knows what it is.
 
     Parameters
@@ -207,7 +210,7 @@ def require_stateless(controller: Law, where: str) -> None:
         raise InvalidValueError(f"controller {controller.name!r}", rule)
 
 
-def find_controller(name: str, gain_labels: str = "table2") -> Law:
+def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     """Return a controller by its name, in either reading of the paper's gain columns.
 
     The retuned gains and the baselines are not the paper's and have one reading.
@@ -230,10 +233,10 @@ def find_controller(name: str, gain_labels: str = "table2") -> Law:
     if gain_labels not in GAIN_LABELS:
         raise UnknownNameError.among("gain labels", gain_labels, GAIN_LABELS)
     if ":" in name:
-        return load_python_law(name)
+        return load_python_controller(name)
     if (told := name.removesuffix(ESTIMATED)) != name and told in _ESTIMABLE:
         law = find_controller(told, gain_labels)
-        return EstimatedLaw(name=f"{law.name}{ESTIMATED}", law=law)
+        return EstimatedController(name=f"{law.name}{ESTIMATED}", law=law)
     if name not in CONTROLLERS:
         others = (f"({', '.join(_ESTIMABLE)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))

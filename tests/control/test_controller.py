@@ -8,9 +8,9 @@ import pytest
 from afl_mujoco import Gains, control_force, sliding_variable
 from afl_mujoco.control import feedback_linearization as fl
 from afl_mujoco.control.afl import force_given, force_kernel
-from afl_mujoco.control.compiled_law import AFL, forces_along
+from afl_mujoco.control.compiled_controller import AFL, forces_along
 from afl_mujoco.control.sliding_mode import commanded_acceleration, saturation
-from afl_mujoco.errors import InvalidValueError, LawDomainError
+from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 
 GAINS = Gains(switching=87.0, slope=1.7, boundary_layer=63.0)
 OUTSIDE = [0.5 * math.pi, -0.5 * math.pi, 1.6, -3.0, math.nan, math.inf]
@@ -97,7 +97,7 @@ def test_the_law_is_finite_up_to_the_edge_of_its_domain(side, odd_parameters):
 @pytest.mark.parametrize("function", [control_force, sliding_variable])
 def test_outside_its_domain_the_law_is_an_error_that_names_the_angle(function, phi, odd_parameters):
     states = np.array([[0.0, 0.1, 0.0, 0.0], [0.0, phi, 0.0, 0.0]])
-    with pytest.raises(LawDomainError) as caught:
+    with pytest.raises(ControllerDomainError) as caught:
         function(states, odd_parameters, GAINS)
     expected = f"pole angle phi must lie inside (-pi/2, pi/2), got {phi:g} rad"
     assert str(caught.value) == expected

@@ -8,8 +8,13 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.compiled_law import CompiledLaw, forces_along, inputs_along, law_force
-from afl_mujoco.errors import LawDomainError
+from afl_mujoco.control.compiled_controller import (
+    CompiledController,
+    forces_along,
+    inputs_along,
+    law_force,
+)
+from afl_mujoco.errors import ControllerDomainError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
@@ -24,11 +29,11 @@ class Estimator(NamedTuple):
         Of the estimator, `EstimatorSettings.record`.
     """
 
-    law: CompiledLaw
+    law: CompiledController
     settings: Any
 
 
-class Law(Protocol):
+class Controller(Protocol):
     """A law with its gains and its belief; a class says what its name, belief and numbers are.
 
     Attributes
@@ -47,7 +52,7 @@ class Law(Protocol):
     interpreted: ClassVar[bool] = False
 
     @property
-    def compiled(self) -> CompiledLaw:
+    def compiled(self) -> CompiledController:
         """The law as compiled loops take it."""
         ...
 
@@ -64,15 +69,15 @@ class Law(Protocol):
         """
         return False
 
-    def informed(self) -> Law:
+    def informed(self) -> Controller:
         """Return the law that is given the true M and l where this one estimates them."""
         return self
 
-    def relabelled(self) -> Law:
+    def relabelled(self) -> Controller:
         """Return the law in the other reading of the paper's gain columns, if it has one."""
         return self
 
-    def start(self) -> Law:
+    def start(self) -> Controller:
         """Return the law as one run uses it, with fresh memory where it keeps any."""
         return self
 
@@ -80,7 +85,7 @@ class Law(Protocol):
         """Return the law as plain data, for provenance."""
         ...
 
-    def believed(
+    def assumed_parameters(
         self, cart_mass: float, pole_mass: float, half_length: float, gravity: float
     ) -> tuple[float, float, float, float]:
         """Return what the law takes (M, m, l, g) to be when they are truly as given.
@@ -109,15 +114,19 @@ class Law(Protocol):
 
         Raises
         ------
-        LawDomainError
+        ControllerDomainError
             If the law has no value at the pole angle: that of the paper beyond ``|phi| < pi/2``.
         """
         z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
         p = truth
-        believed = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        force = float(law_force(*self.compiled, z, phi, z_dot, phi_dot, believed))
+        assumed_parameters = self.assumed_parameters(
+            p.cart_mass, p.pole_mass, p.half_length, p.gravity
+        )
+        force = float(law_force(*self.compiled, z, phi, z_dot, phi_dot, assumed_parameters))
         if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
-            raise LawDomainError("pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad")
+            raise ControllerDomainError(
+                "pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad"
+            )
         return force
 
     def command(self, time: float, state: ArrayLike, told: NDArray[np.float64]) -> float:
@@ -149,12 +158,12 @@ class Law(Protocol):
         """
         masses = np.asarray(cart_mass, dtype=np.float64)
         told = np.empty((*masses.shape, 4))
-        told[...] = self.believed(np.nan, pole_mass, np.nan, gravity)
+        told[...] = self.assumed_parameters(np.nan, pole_mass, np.nan, gravity)
         if self.belief is None:
             told[..., 0], told[..., 2] = masses, half_length
         return told
 
-    def law_inputs(
+    def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
         """Return what the compiled law is given along a run: (M, m, l, g) and its gains.
@@ -194,7 +203,7 @@ class Law(Protocol):
         states
             Shape (N, 4).
         law
-            From `law_inputs`, shape (N, 7) or (N, 8).
+            From `inputs_along_run`, shape (N, 7) or (N, 8).
         times
             When [s], shape (N,); of consequence only to a law in Python.
         """
@@ -213,12 +222,12 @@ class Law(Protocol):
         states
             Shape (N, 4).
         law
-            From `law_inputs`, shape (N, 7) or (N, 8).
+            From `inputs_along_run`, shape (N, 7) or (N, 8).
         """
         return None
 
 
-def belief_as_data(belief: CartPoleParameters | None) -> Any:
+def assumed_as_data(belief: CartPoleParameters | None) -> Any:
     """Return a belief as plain data, for provenance: ``"true"`` or the parameters.
 
     Parameters

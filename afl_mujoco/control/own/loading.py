@@ -7,12 +7,12 @@ import os
 import sys
 from typing import Any
 
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
-def load_python_law(spec: str, belief: CartPoleParameters | None = None) -> PythonLaw:
+def load_python_controller(spec: str, belief: CartPoleParameters | None = None) -> PythonController:
     """Return the controller that a module defines, under the name ``module.attribute``.
 
     Parameters
@@ -21,7 +21,7 @@ def load_python_law(spec: str, belief: CartPoleParameters | None = None) -> Pyth
         ``"module:attribute"``; the module is looked for among the installed ones, then in the
         working directory.
     belief
-        As of `PythonLaw`.
+        As of `PythonController`.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def load_python_law(spec: str, belief: CartPoleParameters | None = None) -> Pyth
         If there is no such function, or it cannot be a law.
     """
     name = spec.replace(":", ".")
-    return PythonLaw(name=name, function=load_attribute(spec), belief=belief, spec=spec)
+    return PythonController(name=name, function=load_attribute(spec), belief=belief, spec=spec)
 
 
 def load_attribute(spec: str) -> Any:

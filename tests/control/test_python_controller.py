@@ -16,9 +16,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
-from afl_mujoco.control.controllers import CONTROLLERS, find_controller
-from afl_mujoco.control.user_law.loading import load_python_law
-from afl_mujoco.control.user_law.python_law import LawError, PythonLaw
+from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
+from afl_mujoco.control.own.loading import load_python_controller
+from afl_mujoco.control.own.python_controller import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.validation.metrics import metrics
@@ -32,7 +32,7 @@ def paper(time, state, belief):
 
 
 def law(function, **settings):
-    return PythonLaw(name="mine", function=function, **settings)
+    return PythonController(name="mine", function=function, **settings)
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_one_number_in_any_shape_is_a_force(value):
     ids=str,
 )
 def test_what_is_no_number_is_answered_in_one_line(value, said):
-    with pytest.raises(LawError) as caught:
+    with pytest.raises(ControllerError) as caught:
         law(lambda *_: value).command(0.5, STATE, TOLD)
     expected = f"controller 'mine' must return one number at t = 0.5 s, got {said}"
     assert str(caught.value) == expected
@@ -108,7 +108,7 @@ def test_what_a_law_raises_is_answered_in_one_line():
     def broken(time, state, belief):
         return 1 / 0
 
-    with pytest.raises(LawError) as caught:
+    with pytest.raises(ControllerError) as caught:
         law(broken).command(2.0, STATE, TOLD)
     expected = "controller 'mine' raised ZeroDivisionError at t = 2 s: division by zero"
     assert str(caught.value) == expected
@@ -132,7 +132,9 @@ def forever(time, state, belief):
 
 def test_a_law_that_does_not_return_is_stopped():
     start = clock.perf_counter()
-    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+    with pytest.raises(
+        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
+    ):
         law(forever, call_limit=0.05).command(0.0, STATE, TOLD)
     assert clock.perf_counter() - start < 5.0
 
@@ -144,7 +146,9 @@ def test_a_law_that_catches_what_stops_it_and_answers_late_is_told_so():
         except:  # noqa: E722 (as laws are written)
             return 1.0
 
-    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+    with pytest.raises(
+        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
+    ):
         law(stubborn, call_limit=0.05).command(0.0, STATE, TOLD)
 
 
@@ -153,7 +157,7 @@ def test_an_alarm_of_the_program_s_own_goes_on():
     before = signal.signal(signal.SIGALRM, lambda number, frame: rang.append(number))
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.2)
-        law = PythonLaw(name="quick", function=lambda time, state, belief: 1.0)
+        law = PythonController(name="quick", function=lambda time, state, belief: 1.0)
         assert law.force(np.zeros(4), afl.CartPoleParameters()) == 1.0
         assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.2
         clock.sleep(0.3)
@@ -167,7 +171,9 @@ def test_a_law_that_ends_the_program_is_answered_in_one_line():
     def leaving(time, state, belief):
         raise SystemExit("enough")
 
-    with pytest.raises(LawError, match=r"^controller 'mine' raised SystemExit at t = 0 s: enough$"):
+    with pytest.raises(
+        ControllerError, match=r"^controller 'mine' raised SystemExit at t = 0 s: enough$"
+    ):
         law(leaving).command(0.0, STATE, TOLD)
 
 
@@ -177,7 +183,7 @@ def test_a_law_that_is_slow_in_another_thread_is_told_so_afterwards():
     def call():
         try:
             law(lambda *_: clock.sleep(0.05) or 1.0, call_limit=0.01).command(0.0, STATE, TOLD)
-        except LawError as error:
+        except ControllerError as error:
             answers.append(str(error))
 
     thread = threading.Thread(target=call)
@@ -260,7 +266,9 @@ def test_a_law_that_does_nothing_lets_the_pole_fall(smooth_scenario, simulate):
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_law_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
     own = law(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
-    with pytest.raises(LawError, match=r"^controller 'mine' must answer within 0.05 s, did not at"):
+    with pytest.raises(
+        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
+    ):
         afl.run_rollouts([smooth_scenario] * 2, own, threads=threads)
 
 
@@ -281,7 +289,7 @@ def test_a_law_is_found_by_module_and_function_in_the_working_directory(module):
 
 def test_a_loaded_law_reaches_a_worker_by_its_name(module):
     module("shared_law", "def push(time, state, belief):\n    return time\n")
-    twin = pickle.loads(pickle.dumps(load_python_law("shared_law:push")))
+    twin = pickle.loads(pickle.dumps(load_python_controller("shared_law:push")))
     assert twin.command(0.75, STATE, TOLD) == 0.75
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.controllers import Controller
+from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gain_function import GainFunction
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.simulation.ensemble.lanes import LANES
-from afl_mujoco.simulation.ensemble.march import Terms, closed_loop_terms
-from afl_mujoco.simulation.ensemble.objective import (
+from afl_mujoco.simulation.batch.block import LANES
+from afl_mujoco.simulation.batch.integrate import Terms, closed_loop_terms
+from afl_mujoco.simulation.batch.objective import (
     PENALTY,
     ObjectiveScales,
     objective,
@@ -46,7 +46,7 @@ def of(terms: Terms) -> np.ndarray:
 def readable(loop: tuple[float, ...], duration: float = 20.0, angle: float = -math.pi / 3) -> float:
     """The objective from `simulate_ode`, its peak looked at closely."""
     mass, length, *gains = loop
-    controller = Controller(
+    controller = AFLController(
         name="one",
         gain_function=GainFunction.constant(
             afl.Gains(switching=gains[0], slope=gains[1], boundary_layer=gains[2])
@@ -144,7 +144,7 @@ def test_lost_loops_cost_more_than_any_other_and_the_earlier_the_more() -> None:
 def test_the_fall_is_that_of_the_readable_path() -> None:
     gains = afl.Gains(switching=1.0, slope=1.0, boundary_layer=100.0)
     start = (0.0, -1.5, 0.0, -10.0)
-    controller = Controller(name="weak", gain_function=GainFunction.constant(gains))
+    controller = AFLController(name="weak", gain_function=GainFunction.constant(gains))
     run = afl.simulate_ode(afl.Scenario(name="falls", initial_state=start), controller)
     terms = closed_loop_terms([[1.0, 1.0, 100.0]], (1.0, 0.5), initial_state=start)
     assert run.outcome.kind == "fell"

@@ -8,16 +8,16 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.compiled_law import CompiledLaw
+from afl_mujoco.control.compiled_controller import CompiledController
+from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.estimation.settings import EstimatorSettings
-from afl_mujoco.control.law import Estimator, Law
-from afl_mujoco.control.user_law.python_law import PythonLaw
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EstimatedLaw(Law):
+class EstimatedController(Controller):
     """A law and the estimator that tells it M and l and filters its state; sampled mode runs it.
 
     Attributes
@@ -33,7 +33,7 @@ class EstimatedLaw(Law):
     """
 
     name: str
-    law: Law
+    law: Controller
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     belief: CartPoleParameters | None = field(default=None, init=False)
 
@@ -43,13 +43,13 @@ class EstimatedLaw(Law):
         require_type("settings", self.settings, EstimatorSettings)
         thing = f"law of controller {self.name!r}"
         kinds = type(self.law).__mro__
-        if Law not in kinds or EstimatedLaw in kinds or PythonLaw in kinds:
+        if Controller not in kinds or EstimatedController in kinds or PythonController in kinds:
             raise InvalidValueError(thing, "must be a compiled law", repr(self.law))
         if self.law.belief is not None:
             raise InvalidValueError(thing, "must have no belief of its own", self.law.name)
 
     @property
-    def compiled(self) -> CompiledLaw:
+    def compiled(self) -> CompiledController:
         """What a loop without the estimator must not run.
 
         Raises
@@ -65,21 +65,21 @@ class EstimatedLaw(Law):
         """Law and settings as compiled loops take them."""
         return Estimator(self.law.compiled, self.settings.record)
 
-    def informed(self) -> Law:
+    def informed(self) -> Controller:
         """Return the law, which is given the true M and l without its estimator."""
         return self.law
 
-    def law_inputs(
+    def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[Any]:
-        """Return what the law would be given if it were told the truth, as of `Law.law_inputs`.
+        """Return what the controller would be given if M and l were known.
 
         Parameters
         ----------
         cart_mass, half_length, pole_mass, gravity
             The plant's true parameters.
         """
-        return self.law.law_inputs(cart_mass, half_length, pole_mass, gravity)
+        return self.law.inputs_along_run(cart_mass, half_length, pole_mass, gravity)
 
     def describe(self) -> dict[str, Any]:
         """Return law and estimator as plain data, for provenance."""
@@ -91,7 +91,7 @@ class EstimatedLaw(Law):
         }
 
 
-def refuse_estimated(laws: Iterable[Law]) -> None:
+def refuse_estimated(laws: Iterable[Controller]) -> None:
     """Raise if a law is told by an estimator, before anything is run that cannot run it.
 
     Parameters

@@ -29,7 +29,7 @@ def _checked(name: str, value: object) -> float | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Realism:
+class Imperfections:
     """Departures from the ideal loop; every default is the ideal.
 
     At each control tick the sensors are read (noise, then quantisation, then differentiation, then
@@ -75,7 +75,7 @@ class Realism:
         length of the rod.
     pole_radius
         Radius of the rod, a solid capsule as MuJoCo draws it [m]; 0 is the slender rod.
-    belief_delay
+    parameter_delay
         How late a law that is told M and l learns of them [s].
     mass_error, length_error
         Relative error of M and l as they are told to the law, above -1 [1].
@@ -109,7 +109,7 @@ class Realism:
     rail_half_length: float | None = None
     tip_mass_share: float = 0.0
     pole_radius: float = 0.0
-    belief_delay: float = 0.0
+    parameter_delay: float = 0.0
     mass_error: float = 0.0
     length_error: float = 0.0
     seed: int = 0
@@ -129,5 +129,5 @@ class Realism:
             raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", self.seed)
 
 
-IDEAL = Realism()
+IDEAL = Imperfections()
 """The loop of the paper: nothing departs from the ideal."""

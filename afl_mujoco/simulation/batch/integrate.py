@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL, require_positive
-from afl_mujoco.simulation.ensemble.lanes import (
+from afl_mujoco.simulation.batch.block import (
     IAE_PHI,
     IAE_Z,
     IDLE,
@@ -42,7 +42,7 @@ from afl_mujoco.simulation.ensemble.lanes import (
     Z,
     advance,
 )
-from afl_mujoco.simulation.ensemble.reduced_loop import (
+from afl_mujoco.simulation.batch.reduced_loop import (
     reduced_force,
     reduced_slopes,
     tail_integrals,
@@ -152,12 +152,12 @@ def closed_loop_terms(
     loops = np.ascontiguousarray(np.hstack([plants, gains]))
     found = np.empty((len(loops), 5))
     if threads == 1:
-        march_all(loops, start, constants, found)
+        integrate_all(loops, start, constants, found)
     else:
         with ThreadPoolExecutor(threads) as pool:
             bounds = np.linspace(0, len(loops), 4 * threads + 1).astype(int)
             parts = [slice(a, b) for a, b in pairwise(bounds) if a < b]
-            list(pool.map(lambda p: march_all(loops[p], start, constants, found[p]), parts))
+            list(pool.map(lambda p: integrate_all(loops[p], start, constants, found[p]), parts))
     return Terms(
         iae_z=found[:, 0],
         iae_phi=found[:, 1],
@@ -189,7 +189,7 @@ def _positive(thing: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
 
 
 @kernel
-def march_all(loops, start, constants, found):
+def integrate_all(loops, start, constants, found):
     """March every loop to its end.
 
     Parameters

@@ -23,7 +23,7 @@ through the input map (L1)."""
 _linearizing_force = linearizing_force
 
 
-class CompiledLaw(NamedTuple):
+class CompiledController(NamedTuple):
     """A law as the compiled functions of this module take it, in this order.
 
     Attributes
@@ -43,19 +43,19 @@ class CompiledLaw(NamedTuple):
 
 
 @kernel
-def scheduled_force(z, phi, z_dot, phi_dot, believed, w):
+def scheduled_force(z, phi, z_dot, phi_dot, assumed_parameters, w):
     """Return the force [N] of the paper's law with the gains of (G1), NaN where it has no value.
 
     Parameters
     ----------
     z, phi, z_dot, phi_dot
         The state.
-    believed
+    assumed
         (M, m, l, g) as the law takes them to be.
     w
         Coefficients of the gain function, shape (3, 5).
     """
-    cart_mass, pole_mass, half_length, gravity = believed
+    cart_mass, pole_mass, half_length, gravity = assumed_parameters
     return force_kernel(
         z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
         scheduled_gain(cart_mass, half_length, w[0]),
@@ -123,13 +123,13 @@ def interpolated_gains(table, masses, lengths, cart_mass, half_length):
 
 
 @kernel
-def _feedback_force(kind, z, phi, z_dot, phi_dot, believed, gains):
+def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed_parameters, gains):
     """Return the force [N] of state feedback with given gains; NaN of an unknown kind."""
     feedback = -(gains[0] * z + gains[1] * phi + gains[2] * z_dot + gains[3] * phi_dot)
     if kind == LINEAR:
         return feedback
     if kind == PARTIAL:
-        cart_mass, pole_mass, half_length, gravity = believed
+        cart_mass, pole_mass, half_length, gravity = assumed_parameters
         return _linearizing_force(
             feedback, phi, phi_dot, cart_mass, pole_mass, half_length, gravity
         )
@@ -137,7 +137,7 @@ def _feedback_force(kind, z, phi, z_dot, phi_dot, believed, gains):
 
 
 @kernel
-def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed):
+def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed_parameters):
     """Return the force [N] of a law at one state, or NaN where the law has no value.
 
     Parameters
@@ -152,13 +152,13 @@ def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, believed):
         Nodes M [kg] and l [m], increasing; of no consequence for `AFL`.
     z, phi, z_dot, phi_dot
         The state.
-    believed
+    assumed
         (M, m, l, g) as the law takes them to be.
     """
     if kind == AFL:
-        return scheduled_force(z, phi, z_dot, phi_dot, believed, table[0])
-    gains = interpolated_gains(table, masses, lengths, believed[0], believed[2])
-    return _feedback_force(kind, z, phi, z_dot, phi_dot, believed, gains)
+        return scheduled_force(z, phi, z_dot, phi_dot, assumed_parameters, table[0])
+    gains = interpolated_gains(table, masses, lengths, assumed_parameters[0], assumed_parameters[2])
+    return _feedback_force(kind, z, phi, z_dot, phi_dot, assumed_parameters, gains)
 
 
 @kernel
@@ -202,23 +202,27 @@ def forces_along(kind, states, law):
 
 
 @kernel
-def inputs_along(kind, table, masses, lengths, believed):
+def inputs_along(kind, table, masses, lengths, assumed_parameters):
     """Return what a law is given at each of many instants: (M, m, l, g) and its gains.
 
     Parameters
     ----------
     kind, table, masses, lengths
         The law, as of `law_force`.
-    believed
+    assumed
         (M, m, l, g) at each instant, shape (N, 4).
     """
     count = 7 if kind == AFL else 8
-    law = np.empty((len(believed), count))
-    for i in range(len(believed)):
+    law = np.empty((len(assumed_parameters), count))
+    for i in range(len(assumed_parameters)):
         for j in range(4):
-            law[i, j] = believed[i, j]
-        cart_mass, half_length = believed[i, 0], believed[i, 2]
-        if i > 0 and cart_mass == believed[i - 1, 0] and half_length == believed[i - 1, 2]:
+            law[i, j] = assumed_parameters[i, j]
+        cart_mass, half_length = assumed_parameters[i, 0], assumed_parameters[i, 2]
+        if (
+            i > 0
+            and cart_mass == assumed_parameters[i - 1, 0]
+            and half_length == assumed_parameters[i - 1, 2]
+        ):
             for j in range(4, count):  # most schedules stand still most of the time
                 law[i, j] = law[i - 1, j]
         elif kind == AFL:

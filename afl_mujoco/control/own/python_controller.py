@@ -17,9 +17,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.compiled_law import CompiledLaw
-from afl_mujoco.control.law import Law, belief_as_data
-from afl_mujoco.errors import AflMujocoError, InvalidValueError, LawDomainError
+from afl_mujoco.control.compiled_controller import CompiledController
+from afl_mujoco.control.controller import Controller, assumed_as_data
+from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive, require_type
 
 Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
@@ -29,7 +29,7 @@ CALL_LIMIT = 1.0
 """How long one call of a law may take [s]."""
 
 
-class LawError(AflMujocoError):
+class ControllerError(AflMujocoError):
     """A law in Python that raised, took too long, or returned what is no force."""
 
 
@@ -38,7 +38,7 @@ class _Overrun(BaseException):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PythonLaw(Law):
+class PythonController(Controller):
     """A controller of one's own, called by the interpreter.
 
     Where a simulator follows it continuously it is also called at states that the run does not go
@@ -52,8 +52,8 @@ class PythonLaw(Law):
     function
         ``function(time, state, belief) -> force``; or a class or factory without arguments whose
         instances are such functions, one for each run; or such an instance with a method
-        ``reset()``, called before each run. NaN, or a `LawDomainError`, says that it has no force
-        there, and ends the run.
+        ``reset()``, called before each run. NaN, or a `ControllerDomainError`, says that it has no
+        force there, and ends the run.
     belief
         What it takes the plant to be, whatever it is; ``None`` gives it M(t) and l(t).
     call_limit
@@ -81,7 +81,7 @@ class PythonLaw(Law):
         """Whether it is made, or reset, for each run."""
         return _makes_controllers(self.function) or callable(getattr(self.function, "reset", None))
 
-    def start(self) -> PythonLaw:
+    def start(self) -> PythonController:
         """Return the controller as one run uses it: made anew or reset, if it keeps any memory."""
         return replace(self, function=self._fresh()) if self.stateful else self
 
@@ -96,11 +96,11 @@ class PythonLaw(Law):
         except (Exception, SystemExit) as error:
             rule = f"cannot be started: {type(error).__name__}: {error}"
             raise InvalidValueError(f"controller {name!r}", rule) from error
-        require_law_function(name, function)
+        require_controller_function(name, function)
         return function  # type: ignore[no-any-return]
 
     @property
-    def compiled(self) -> CompiledLaw:
+    def compiled(self) -> CompiledController:
         """What a law in Python does not have.
 
         Raises
@@ -125,7 +125,7 @@ class PythonLaw(Law):
 
         Raises
         ------
-        LawError
+        ControllerError
             If it raises, takes too long, or returns what is no force.
         """
         mass, pole_mass, length, gravity = (float(x) for x in told)
@@ -136,16 +136,16 @@ class PythonLaw(Law):
         try:
             with _limited(self.call_limit):
                 value = self.function(float(time), np.array(state, dtype=np.float64), belief)
-        except LawDomainError:
+        except ControllerDomainError:
             return math.nan
         except _Overrun:
             rule = f"must answer within {self.call_limit:g} s, did not at t = {time:g} s"
-            raise LawError(f"controller {self.name!r}", rule) from None
+            raise ControllerError(f"controller {self.name!r}", rule) from None
         except (Exception, SystemExit) as error:
             if not abs(phi) < 0.5 * np.pi:  # as it seems: an integrator or noise may look there
                 return math.nan
             rule = f"raised {type(error).__name__} at t = {time:g} s: {error}"
-            raise LawError(f"controller {self.name!r}", rule) from error
+            raise ControllerError(f"controller {self.name!r}", rule) from error
         return self._number(value, time)
 
     def _number(self, value: Any, time: float) -> float:
@@ -158,15 +158,15 @@ class PythonLaw(Law):
             return float(array.reshape(()))
         got = repr(value) if array.ndim == 0 else f"an array of shape {array.shape}"
         rule = f"must return one number at t = {time:g} s"
-        raise LawError(f"controller {self.name!r}", rule, got)
+        raise ControllerError(f"controller {self.name!r}", rule, got)
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, NaN where the law has none; as of `Law.force`."""
+        """Return the force [N] at one state, NaN where it has none; as of `Controller.force`."""
         p = truth
-        told = self.believed(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+        told = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
         return self.command(time, state, np.array(told))
 
-    def law_inputs(
+    def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
         """Return what the law is told along a run: (M, m, l, g), shape (..., 4).
@@ -174,7 +174,7 @@ class PythonLaw(Law):
         Parameters
         ----------
         cart_mass, half_length, pole_mass, gravity
-            As of `Law.law_inputs`.
+            As of `Controller.inputs_along_run`.
         """
         return self.told(cart_mass, half_length, pole_mass, gravity)
 
@@ -191,7 +191,7 @@ class PythonLaw(Law):
         states
             Shape (N, 4).
         law
-            From `law_inputs`, shape (N, 4).
+            From `inputs_along_run`, shape (N, 4).
         times
             When [s], shape (N,); at 0 by default.
         """
@@ -204,9 +204,9 @@ class PythonLaw(Law):
         values = (self.name, self.function, self.belief, self.call_limit)
         if self.spec is None:
             return _restored, values
-        from afl_mujoco.control.user_law.loading import load_python_law
+        from afl_mujoco.control.own.loading import load_python_controller
 
-        return load_python_law, (self.spec, self.belief)
+        return load_python_controller, (self.spec, self.belief)
 
     def describe(self) -> dict[str, Any]:
         """Return the law as plain data, for provenance: its name and a hash of its file."""
@@ -216,7 +216,7 @@ class PythonLaw(Law):
             "name": self.name,
             "law": f"{named.__module__}.{named.__qualname__}",
             "source": _source_hash(named),
-            "belief": belief_as_data(self.belief),
+            "belief": assumed_as_data(self.belief),
         }
 
 
@@ -232,9 +232,11 @@ def _takes(function: Any, arguments: tuple[Any, ...]) -> bool:
     return True
 
 
-def _restored(*values: Any) -> PythonLaw:
+def _restored(*values: Any) -> PythonController:
     """Return a controller from its pickled fields."""
-    return PythonLaw(**dict(zip(("name", "function", "belief", "call_limit"), values, strict=True)))
+    return PythonController(
+        **dict(zip(("name", "function", "belief", "call_limit"), values, strict=True))
+    )
 
 
 def _makes_controllers(function: Any) -> bool:
@@ -244,7 +246,7 @@ def _makes_controllers(function: Any) -> bool:
     return not _takes(function, _ARGUMENTS) and _takes(function, ())
 
 
-def require_law_function(name: str, function: object) -> None:
+def require_controller_function(name: str, function: object) -> None:
     """Raise unless a law's function can be called with time, state and belief.
 
     Parameters

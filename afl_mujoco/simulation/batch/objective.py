@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.simulation.ensemble.march import Terms
+from afl_mujoco.simulation.batch.integrate import Terms
 
 PENALTY = 1e9
 """What a loop costs that falls or diverges at the horizon; at the start it costs twice as much."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CONTROLLERS, acceleration, control_force
-from afl_mujoco.control.compiled_law import (
+from afl_mujoco.control.compiled_controller import (
     AFL,
     LINEAR,
     PARTIAL,
@@ -16,7 +16,7 @@ from afl_mujoco.control.compiled_law import (
     interpolated_gains,
     law_force,
 )
-from afl_mujoco.errors import LawDomainError
+from afl_mujoco.errors import ControllerDomainError
 
 MASSES, LENGTHS = np.array([0.2, 0.5, 0.9, 1.0]), np.array([0.1, 0.3, 0.4, 0.8, 1.1])
 BELIEVED = (0.61, 0.083, 0.37, 9.65)
@@ -37,11 +37,11 @@ def compiled(kind, table):
 
 def test_the_paper_s_law_is_its_numpy_form_with_the_gains_of_g1(random_states, odd_parameters):
     p, adaptive = odd_parameters, CONTROLLERS["adaptive"]
-    believed = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    assumed_parameters = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
     plain = control_force(
         random_states, p, adaptive.gain_function.gains(p.cart_mass, p.half_length)
     )
-    mine = [law_force(*adaptive.compiled, *s, believed) for s in random_states.tolist()]
+    mine = [law_force(*adaptive.compiled, *s, assumed_parameters) for s in random_states.tolist()]
     np.testing.assert_allclose(mine, plain, rtol=1e-13, atol=1e-10)  # rounding of forces of 1e3 N
 
 
@@ -60,9 +60,9 @@ def test_partial_feedback_gives_the_cart_the_acceleration_that_it_asks_for(
     random_states, table, odd_parameters
 ):
     p = odd_parameters
-    believed = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    assumed_parameters = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
     law = (PARTIAL, table, MASSES, LENGTHS)
-    force = np.array([law_force(*law, *s, believed) for s in random_states.tolist()])
+    force = np.array([law_force(*law, *s, assumed_parameters) for s in random_states.tolist()])
     asked = -random_states @ np.array(
         interpolated_gains(table, MASSES, LENGTHS, p.cart_mass, p.half_length)
     )
@@ -77,11 +77,12 @@ def test_partial_feedback_gives_the_cart_the_acceleration_that_it_asks_for(
 def test_looking_the_gains_up_beforehand_changes_no_bit(kind, random_states, table):
     law = compiled(kind, table)
     plants = np.linspace((0.1, 1.3), (2.0, 0.02), len(random_states))
-    believed = np.array([[m, 0.083, x, 9.65] for m, x in plants])
-    inputs = inputs_along(*law, believed)
+    assumed_parameters = np.array([[m, 0.083, x, 9.65] for m, x in plants])
+    inputs = inputs_along(*law, assumed_parameters)
     assert inputs.shape == (200, 7 if kind == AFL else 8)
     direct = [
-        law_force(*law, *s, tuple(b)) for s, b in zip(random_states.tolist(), believed, strict=True)
+        law_force(*law, *s, tuple(b))
+        for s, b in zip(random_states.tolist(), assumed_parameters, strict=True)
     ]
     np.testing.assert_array_equal(forces_along(kind, random_states, inputs), direct)
     single = [given_force(kind, s, row) for s, row in zip(random_states, inputs, strict=True)]
@@ -98,7 +99,7 @@ def test_only_the_paper_s_law_has_no_value_at_a_pole_that_lies(phi, table):
 
 
 def test_the_paper_s_law_says_so_and_the_baselines_answer(odd_parameters):
-    with pytest.raises(LawDomainError, match=r"got 1.6 rad$"):
+    with pytest.raises(ControllerDomainError, match=r"got 1.6 rad$"):
         CONTROLLERS["fixed"].force((0.0, 1.6, 0.0, 0.0), odd_parameters)
     assert math.isfinite(CONTROLLERS["lqr"].force((0.0, 1.6, 0.0, 0.0), odd_parameters))
 

@@ -11,7 +11,7 @@ import math
 from numba.extending import register_jitable
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.simulation.ensemble.reduced_loop import (
+from afl_mujoco.simulation.batch.reduced_loop import (
     absolute_area,
     reduced_force,
     reduced_slopes,

@@ -18,11 +18,11 @@ from afl_mujoco import (
 )
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.files import scenario_to_table
-from afl_mujoco.scenario.realism import IDEAL, Realism
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.validation.campaign import require_runnable
 from afl_mujoco.validation.checks.closed_loop_checks import Settings
 
-REAL = Realism(
+REAL = Imperfections(
     control_period=0.004,
     force_limit=60.5,
     slew_rate=4000.0,
@@ -44,14 +44,14 @@ REAL = Realism(
     rail_half_length=1.9,
     tip_mass_share=0.23,
     pole_radius=0.013,
-    belief_delay=0.09,
+    parameter_delay=0.09,
     mass_error=-0.13,
     length_error=0.17,
     seed=2**63 - 1,
 )
 """It differs from the ideal in every field."""
 
-FIELDS = [field.name for field in dataclasses.fields(Realism)]
+FIELDS = [field.name for field in dataclasses.fields(Imperfections)]
 
 
 def test_the_real_one_differs_from_the_ideal_in_every_field():
@@ -59,23 +59,23 @@ def test_the_real_one_differs_from_the_ideal_in_every_field():
 
 
 def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
-    alone = [Realism(**{name: getattr(REAL, name)}) for name in FIELDS]
-    for realism in (REAL, *alone):
-        scenario = Scenario(name="real", realism=realism)
+    alone = [Imperfections(**{name: getattr(REAL, name)}) for name in FIELDS]
+    for imperfections in (REAL, *alone):
+        scenario = Scenario(name="real", imperfections=imperfections)
         save_scenario(scenario, tmp_path / "s.toml")
         assert load_scenario(tmp_path / "s.toml") == scenario
 
 
 def test_a_file_holds_only_what_is_not_ideal(tmp_path):
-    save_scenario(Scenario(name="x", realism=Realism(delay=0.002)), tmp_path / "s.toml")
+    save_scenario(Scenario(name="x", imperfections=Imperfections(delay=0.002)), tmp_path / "s.toml")
     text = (tmp_path / "s.toml").read_text()
-    assert "[realism]\ndelay = 0.002\n" in text
+    assert "[imperfections]\ndelay = 0.002\n" in text
     assert [name for name in FIELDS if f"{name} =" in text] == ["delay"]
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_an_ideal_scenario_has_the_table_it_always_had(name):
-    assert SCENARIOS[name].realism == IDEAL
+    assert SCENARIOS[name].imperfections == IDEAL
     assert list(scenario_to_table(SCENARIOS[name])) == [
         *("name", "pole_mass", "gravity", "duration"),
         *("initial_state", "schedule", "disturbances"),
@@ -85,29 +85,35 @@ def test_an_ideal_scenario_has_the_table_it_always_had(name):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("lag = 1", "realism.lag is not a known key; known are control_period, force_limit, "),
-        ("encoder_step_z = 1e-13", "realism.encoder_step_z must be 0 or at least 1e-12, got 1e-13"),
-        ("delay = -0.1", "realism.delay must not be negative, got -0.1"),
-        ("delay = inf", "realism.delay must be finite, got inf"),
-        ("noise_z = 'much'", "realism.noise_z must be a number, got 'much'"),
-        ("control_period = 0", "realism.control_period must be positive, got 0.0"),
-        ("force_limit = -5", "realism.force_limit must be positive, got -5.0"),
-        ("slew_rate = 0.0", "realism.slew_rate must be positive, got 0.0"),
-        ("rail_half_length = nan", "realism.rail_half_length must be finite, got nan"),
-        ("tip_mass_share = 1", "realism.tip_mass_share must be below 1, got 1.0"),
-        ("mass_error = -1", "realism.mass_error must be above -1, got -1.0"),
-        ("length_error = -2.5", "realism.length_error must be above -1, got -2.5"),
-        ("differentiated = 1", "realism.differentiated must be true or false, got 1"),
-        ("seed = -1", "realism.seed must lie in 0 to 2**63 - 1, got -1"),
-        ("seed = 1.5", "realism.seed must be a whole number, got 1.5"),
-        ("seed = true", "realism.seed must be a whole number, got True"),
+        (
+            "lag = 1",
+            "imperfections.lag is not a known key; known are control_period, force_limit, ",
+        ),
+        (
+            "encoder_step_z = 1e-13",
+            "imperfections.encoder_step_z must be 0 or at least 1e-12, got 1e-13",
+        ),
+        ("delay = -0.1", "imperfections.delay must not be negative, got -0.1"),
+        ("delay = inf", "imperfections.delay must be finite, got inf"),
+        ("noise_z = 'much'", "imperfections.noise_z must be a number, got 'much'"),
+        ("control_period = 0", "imperfections.control_period must be positive, got 0.0"),
+        ("force_limit = -5", "imperfections.force_limit must be positive, got -5.0"),
+        ("slew_rate = 0.0", "imperfections.slew_rate must be positive, got 0.0"),
+        ("rail_half_length = nan", "imperfections.rail_half_length must be finite, got nan"),
+        ("tip_mass_share = 1", "imperfections.tip_mass_share must be below 1, got 1.0"),
+        ("mass_error = -1", "imperfections.mass_error must be above -1, got -1.0"),
+        ("length_error = -2.5", "imperfections.length_error must be above -1, got -2.5"),
+        ("differentiated = 1", "imperfections.differentiated must be true or false, got 1"),
+        ("seed = -1", "imperfections.seed must lie in 0 to 2**63 - 1, got -1"),
+        ("seed = 1.5", "imperfections.seed must be a whole number, got 1.5"),
+        ("seed = true", "imperfections.seed must be a whole number, got True"),
         ("rail_half_length = 0.5", "initial_state z must lie within rail_half_length, 0.5 m, got"),
     ],
     ids=lambda value: value if "must" not in value and "known" not in value else "",
 )
 def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message, tmp_path):
     path = tmp_path / "bad.toml"
-    path.write_text(f"initial_state = [-0.6, 0, 0, 0]\n[realism]\n{text}")
+    path.write_text(f"initial_state = [-0.6, 0, 0, 0]\n[imperfections]\n{text}")
     with pytest.raises(AflMujocoError) as caught:
         load_scenario(path)
     assert str(caught.value).startswith(f"{path}: {message}")
@@ -115,8 +121,8 @@ def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message,
 
 
 def test_realism_that_is_no_table_is_refused(tmp_path):
-    (tmp_path / "bad.toml").write_text("realism = 3")
-    with pytest.raises(InvalidValueError, match=r"bad.toml: realism must be a table, got 3$"):
+    (tmp_path / "bad.toml").write_text("imperfections = 3")
+    with pytest.raises(InvalidValueError, match=r"bad.toml: imperfections must be a table, got 3$"):
         load_scenario(tmp_path / "bad.toml")
 
 
@@ -134,7 +140,9 @@ SIMULATORS = {
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=SIMULATORS)
 @pytest.mark.parametrize("name", FIELDS)
 def test_what_would_ignore_realism_refuses_it(simulate, name):
-    real = Scenario(name="mine", realism=Realism(**{name: getattr(REAL, name)}))
+    real = Scenario(name="mine", imperfections=Imperfections(**{name: getattr(REAL, name)}))
     with pytest.raises(InvalidValueError) as caught:
         simulate(real, CONTROLLERS["fixed"])
-    assert str(caught.value) == "scenario 'mine' has realism, which only sampled mode simulates"
+    assert (
+        str(caught.value) == "scenario 'mine' has imperfections, which only sampled mode simulates"
+    )

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.law import Law
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FALL_ANGLE,
@@ -28,8 +28,8 @@ _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 _STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
 
 
-def march_own_law(
-    law: Law,
+def integrate_python_controller(
+    law: Controller,
     initial_state: Array,
     times: Array,
     told: Array,
@@ -60,8 +60,8 @@ def march_own_law(
 
     Raises
     ------
-    LawError
-        As of `PythonLaw.command`.
+    ControllerError
+        As of `PythonController.command`.
     """
     count, force = len(times) - 1, 0.0
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)

@@ -8,15 +8,15 @@ import pytest
 from afl_mujoco import (
     CONTROLLERS,
     FIXED_GAINS,
+    AFLController,
     CartPoleParameters,
-    Controller,
     GainFunction,
     Gains,
     control_force,
     find_controller,
 )
-from afl_mujoco.control.compiled_law import scheduled_force
-from afl_mujoco.errors import InvalidValueError, LawDomainError, UnknownNameError
+from afl_mujoco.control.compiled_controller import scheduled_force
+from afl_mujoco.errors import ControllerDomainError, InvalidValueError, UnknownNameError
 
 # Table 2 of the paper, typed in by hand.
 TABLE_2 = {
@@ -80,13 +80,13 @@ def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     seen = CONTROLLERS[name].force(state, CartPoleParameters())
     assert controller.force(state, odd_parameters) == seen
     assert CONTROLLERS[name].force(state, odd_parameters) != seen
-    law = controller.law_inputs([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
+    law = controller.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
     np.testing.assert_array_equal(law[0], law[1])
     assert law[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
 
 
 def test_a_true_belief_passes_everything_on(adaptive):
-    law = adaptive.law_inputs([[0.5, 2.0]], [[0.2, 1.0]], 0.3, 5.0)
+    law = adaptive.inputs_along_run([[0.5, 2.0]], [[0.2, 1.0]], 0.3, 5.0)
     assert law.shape == (1, 2, 7)
     assert law[0, 1, :4].tolist() == [2.0, 0.3, 1.0, 5.0]
     gains = adaptive.gain_function.gains(0.5, 0.2)
@@ -99,9 +99,9 @@ def test_the_scheduled_force_is_the_law_with_the_gain_function_s_gains(
 ):
     p = odd_parameters
     gains = controller.gain_function.gains(p.cart_mass, p.half_length)
-    believed = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    assumed_parameters = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
     w = controller.gain_function.coefficients
-    compiled = [scheduled_force(*s, believed, w) for s in random_states.tolist()]
+    compiled = [scheduled_force(*s, assumed_parameters, w) for s in random_states.tolist()]
     plain = control_force(random_states, p, gains)
     # rounding, relative to the terms of the force, which are up to some 1e3 N here
     np.testing.assert_allclose(compiled, plain, rtol=1e-13, atol=1e-10)
@@ -110,7 +110,7 @@ def test_the_scheduled_force_is_the_law_with_the_gain_function_s_gains(
 def test_every_way_to_the_force_gives_the_same_bits(random_states, odd_parameters, controller):
     p = odd_parameters
     count = len(random_states)
-    law = controller.law_inputs(
+    law = controller.inputs_along_run(
         np.full(count, p.cart_mass), np.full(count, p.half_length), p.pole_mass, p.gravity
     )
     one_by_one = [controller.force(state, p) for state in random_states]
@@ -118,7 +118,7 @@ def test_every_way_to_the_force_gives_the_same_bits(random_states, odd_parameter
 
 
 def test_a_controller_has_no_force_outside_the_law_s_domain(adaptive, odd_parameters):
-    with pytest.raises(LawDomainError, match=r"got 1.6 rad$"):
+    with pytest.raises(ControllerDomainError, match=r"got 1.6 rad$"):
         adaptive.force((0.0, 1.6, 0.0, 0.0), odd_parameters)
 
 
@@ -126,9 +126,9 @@ def test_a_gain_function_that_turns_negative_is_refused_before_a_run():
     falling = GainFunction(
         switching=(110, 0, 0, 0, 0), slope=(1.0, -1.0, 1.0, 0, 0), boundary_layer=(99, 0, 0, 0, 0)
     )
-    controller = Controller(name="falling", gain_function=falling)
+    controller = AFLController(name="falling", gain_function=falling)
     with pytest.raises(InvalidValueError) as caught:
-        controller.law_inputs([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
+        controller.inputs_along_run([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
     assert str(caught.value) == (
         "slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1"
     )
@@ -149,7 +149,10 @@ def test_unknown_names_are_answered_with_the_valid_ones():
         find_controller("adaptiv")
     told = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
     names = ", ".join(CONTROLLERS) + f", ({told}partial-linearization)-estimated, module:attribute"
-    assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'"
+    assert (
+        str(caught.value)
+        == f"controller must be one of {names}, got 'adaptiv'; did you mean adaptive or adaptive-retuned?"
+    )
     with pytest.raises(UnknownNameError, match=r"^gain labels must be one of table2, table1, got "):
         find_controller("fixed", "table3")
 
@@ -169,7 +172,7 @@ def test_the_twin_has_the_gains_in_the_reading_that_is_asked_for():
 
 @pytest.mark.parametrize("name", ["adaptive-nominal-estimated", "pid-estimated", "-estimated"])
 def test_a_law_that_is_told_a_nominal_plant_or_is_none_has_no_such_twin(name):
-    with pytest.raises(UnknownNameError, match=rf", got '{name}'$"):
+    with pytest.raises(UnknownNameError, match=rf", got '{name}'"):
         find_controller(name)
 
 
@@ -178,7 +181,7 @@ def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_paramet
 
     p = odd_parameters
     gains = adaptive.gain_function.gains(p.cart_mass, p.half_length)
-    law = adaptive.law_inputs(
+    law = adaptive.inputs_along_run(
         np.full(200, p.cart_mass), np.full(200, p.half_length), p.pole_mass, p.gravity
     )
     expected = sliding_variable(random_states, p, gains) / gains.boundary_layer
