@@ -112,11 +112,6 @@ def kernel(function: Callable[..., Any]) -> Any:
     ----------
     function
         What to compile; it releases the interpreter lock and divides as NumPy does.
-
-    Returns
-    -------
-    Any
-        The compiled function.
     """
     return _compiled(function)
 
@@ -127,16 +122,6 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
     Numba counts a reference to every array at every call, by two atomic instructions: too slow for
     what is called many times in a microsecond. Here it does not, so the function may neither make
     an array nor return one, and its caller must keep the arrays alive.
-
-    Parameters
-    ----------
-    function
-        What to compile.
-
-    Returns
-    -------
-    Any
-        The compiled function.
     """
     return _compiled(function, _nrt=False)
 

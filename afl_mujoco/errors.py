@@ -54,17 +54,7 @@ class UnknownNameError(AflMujocoError, LookupError):
 
     @classmethod
     def among(cls, thing: str, name: object, valid: Iterable[str]) -> UnknownNameError:
-        """Build the error for `name`, listing the `valid` names and guessing which was meant.
-
-        Parameters
-        ----------
-        thing
-            What the name names (``"controller"``).
-        name
-            The unknown name.
-        valid
-            The names that would have been accepted.
-        """
+        """Build the error for `name`, listing the `valid` names and guessing which was meant."""
         known = list(valid)
         near = difflib.get_close_matches(str(name), known, n=2)
         meant = f"; did you mean {' or '.join(near)}?" if near else ""
@@ -76,17 +66,7 @@ class FileError(AflMujocoError):
 
     @classmethod
     def cannot_be(cls, deed: str, path: object, error: OSError) -> FileError:
-        """Build the error of a file that the operating system refuses, with its reason.
-
-        Parameters
-        ----------
-        deed
-            What was tried (``"read"``).
-        path
-            The file, as the message shall name it.
-        error
-            What the operating system said.
-        """
+        """Build the error of a file that the operating system refuses, with its reason."""
         return cls(str(path), f"cannot be {deed}: {(error.strerror or str(error)).lower()}")
 
 
@@ -108,22 +88,7 @@ _MALFORMED = (
 
 @contextmanager
 def reading(path: object, wrong: str, then: str = "") -> Iterator[None]:
-    """Turn whatever is wrong with a file that the block reads into one line.
-
-    Parameters
-    ----------
-    path
-        The file, as the message shall name it.
-    wrong
-        What it is not (``"is not a gain table"``).
-    then
-        What to do about it, if that is known.
-
-    Raises
-    ------
-    FileError
-        If the operating system refuses the file, or the block fails on what it holds.
-    """
+    """Turn whatever is wrong with a file that the block reads into one line."""
     try:
         yield
     except OSError as error:

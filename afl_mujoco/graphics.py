@@ -47,11 +47,6 @@ def choose_backend() -> str:
     MuJoCo and dm_control read it once, when they are imported. Without a display they would pick a
     window system that is not there; so pick the first headless backend whose library is installed,
     or ``disable``: simulation works without graphics.
-
-    Returns
-    -------
-    str
-        The value of ``MUJOCO_GL``.
     """
     if "MUJOCO_GL" not in os.environ:
         found = (gl for gl, library in BACKENDS.items() if ctypes.util.find_library(library))
@@ -65,16 +60,6 @@ def require_backend() -> str:
     Each candidate draws a picture in a process of its own, because a missing library or driver can
     end a process. What the user set is the only candidate; else EGL, then OSMesa. Call it before
     anything imports MuJoCo.
-
-    Returns
-    -------
-    str
-        The value of ``MUJOCO_GL``.
-
-    Raises
-    ------
-    GraphicsError
-        If none draws.
     """
     asked = os.environ.get("MUJOCO_GL")
     candidates = [asked] if asked else list(BACKENDS)
@@ -90,13 +75,7 @@ def require_backend() -> str:
 
 
 def require_display() -> None:
-    """Raise unless there is a display on which a window can be opened.
-
-    Raises
-    ------
-    GraphicsError
-        If there is none.
-    """
+    """Raise unless there is a display on which a window can be opened."""
     named = [os.environ[name] for name in DISPLAYS if os.environ.get(name)]
     if sys.platform == "linux" and not named:
         rule = f"needs a display: neither {' nor '.join(DISPLAYS)} is set"

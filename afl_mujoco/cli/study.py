@@ -147,13 +147,7 @@ def command_line(study: Study, configuration: Any) -> str:
 
 
 def sections_in(folder: Path) -> list[Section]:
-    """Return what a report says of the results in a folder; nothing if the default is missing.
-
-    Raises
-    ------
-    FileError
-        If it was asked for and is no folder, or what it holds cannot be understood.
-    """
+    """Return what a report says of the results in a folder; nothing if the default is missing."""
     from afl_mujoco.studies.record import load_records
 
     if folder != ROBUSTNESS and not folder.is_dir():

@@ -28,20 +28,7 @@ ScenarioNames = Annotated[
 
 @contextlib.contextmanager
 def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
-    """Give a callable that advances a bar by one, told what has been done.
-
-    Parameters
-    ----------
-    total
-        How often it will be called.
-    doing
-        What the bar says before the first call.
-
-    Yields
-    ------
-    callable
-        Takes what has just been done.
-    """
+    """Give a callable that advances a bar by one, told what has been done."""
     with _bar() as bar:
         task = bar.add_task(doing, total=total)
         yield lambda done: bar.update(task, advance=1, description=done)
@@ -61,20 +48,7 @@ def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
 
 @contextlib.contextmanager
 def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
-    """Give a callable that sets a bar to how many are done, as sweeps count.
-
-    Parameters
-    ----------
-    total
-        How many there are.
-    doing
-        What the bar says.
-
-    Yields
-    ------
-    callable
-        Takes how many are done.
-    """
+    """Give a callable that sets a bar to how many are done, as sweeps count."""
     with _bar() as bar:
         task = bar.add_task(doing, total=total)
         yield lambda done: bar.update(task, completed=done)
@@ -83,19 +57,7 @@ def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
 def typed(
     command: str, options: Any, leave_out: Collection[str], *, positional: bool = True
 ) -> str:
-    """Return a command as typed into a shell, options that are not the default written out.
-
-    Parameters
-    ----------
-    command
-        Its name.
-    options
-        The dataclass of its options.
-    leave_out
-        Options that are not written.
-    positional
-        Whether the first field holds names that stand without option.
-    """
+    """Return a command as typed into a shell, options that are not the default written out."""
     named = list(fields(options))
     words = ["afl-mujoco", command]
     if positional:

@@ -176,11 +176,6 @@ def as_controller(controller: Any) -> Controller:
     controller
         A controller; a name, as of `find_controller`; or what a `PythonController` takes as its
         function.
-
-    Raises
-    ------
-    AflMujocoError
-        If it is none of these.
     """
     if isinstance(controller, str):
         return find_controller(controller)
@@ -191,20 +186,7 @@ def as_controller(controller: Any) -> Controller:
 
 
 def require_stateless(controller: Controller, where: str) -> None:
-    """Raise if a controller keeps memory, of which only sampled mode knows what it is.
-
-    Parameters
-    ----------
-    controller
-        The controller.
-    where
-        What would call it at any state and time.
-
-    Raises
-    ------
-    InvalidValueError
-        If it does.
-    """
+    """Raise if a controller keeps memory, of which only sampled mode knows what it is."""
     if controller.stateful:
         rule = f"keeps memory, which {where} leaves undefined; sampled mode runs it"
         raise InvalidValueError(f"controller {controller.name!r}", rule)

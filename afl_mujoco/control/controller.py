@@ -228,11 +228,5 @@ class Controller(Protocol):
 
 
 def assumed_as_data(belief: CartPoleParameters | None) -> Any:
-    """Return a belief as plain data, for provenance: ``"true"`` or the parameters.
-
-    Parameters
-    ----------
-    belief
-        Of a law.
-    """
+    """Return a belief as plain data, for provenance: ``"true"`` or the parameters."""
     return "true" if belief is None else {k: getattr(belief, k) for k in belief.__slots__}

@@ -40,29 +40,12 @@ def scheduled_gain(cart_mass, half_length, w):
 
 
 def shipped_file(name: str) -> Traversable:
-    """Return a data file of the package.
-
-    Parameters
-    ----------
-    name
-        The file's name.
-    """
+    """Return a data file of the package."""
     return resources.files("afl_mujoco.control") / "data" / name
 
 
 def shipped_data(name: str) -> Any:
-    """Return the content of a data file of the package.
-
-    Parameters
-    ----------
-    name
-        The file's name.
-
-    Raises
-    ------
-    FileError
-        If it is missing or no JSON.
-    """
+    """Return the content of a data file of the package."""
     file = shipped_file(name)
     with reading(file, "is no JSON"):
         return json.loads(file.read_text(encoding="utf-8"))

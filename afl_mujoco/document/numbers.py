@@ -25,8 +25,6 @@ def scientific(value: float | None, digits: int = 2) -> str:
     ----------
     value
         What to write; ``None`` is `MISSING`.
-    digits
-        How many digits it gets.
     """
     if value is None or not math.isfinite(value):
         return MISSING
@@ -43,8 +41,6 @@ def short(value: float | None, digits: int = 4) -> str:
     ----------
     value
         What to write; ``None`` is `MISSING`.
-    digits
-        How many digits it gets at most.
     """
     if value is None or not math.isfinite(value):
         return MISSING
@@ -61,8 +57,6 @@ def fixed(value: float | None, decimals: int) -> str:
     ----------
     value
         What to write; ``None`` is `MISSING`.
-    decimals
-        How many.
     """
     if value is None or not math.isfinite(value):
         return MISSING
@@ -96,8 +90,6 @@ def percent(share: float | None, digits: int = 2) -> str:
     ----------
     share
         The share, 1 for all; ``None`` is `MISSING`.
-    digits
-        How many digits it gets at most.
     """
     if share is None or not math.isfinite(share):
         return MISSING

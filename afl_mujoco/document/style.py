@@ -172,13 +172,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def write_drawn(drawn: Drawn, folder: Path) -> dict[str, str]:
-    """Write a figure as SVG and PNG, and return its words and the names of its files.
-
-    Returns
-    -------
-    dict
-        ``name``, ``title``, ``caption``, ``alt``, ``svg`` and ``png``.
-    """
+    """Write a figure as SVG and PNG, and return its words and the names of its files."""
     lay_out(drawn.figure)
     files = {suffix: f"{drawn.name}.{suffix}" for suffix in ("svg", "png")}
     for file in files.values():

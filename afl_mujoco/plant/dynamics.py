@@ -132,8 +132,6 @@ def velocity_jump(
         (z, phi, z_dot, phi_dot), shape (..., 4).
     impulse
         Momentum given to the cart along z [N s].
-    parameters
-        The plant.
 
     Returns
     -------

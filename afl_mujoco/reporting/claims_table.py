@@ -11,13 +11,7 @@ from afl_mujoco.reporting.criteria_table import rewrite
 
 
 def claims_table(report: Path) -> str:
-    """Return the claims of a report as a Markdown table.
-
-    Parameters
-    ----------
-    report
-        A report.json with claims.
-    """
+    """Return the claims of a report as a Markdown table."""
     claims = json.loads(report.read_text(encoding="utf-8"))["claims"]
     if not claims:
         raise FileError(str(report), "must hold claims: run make proof on every scenario")

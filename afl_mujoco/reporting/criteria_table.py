@@ -27,17 +27,8 @@ def rewrite(page: Path, name: str, text: str) -> None:
 
     Parameters
     ----------
-    page
-        The Markdown file.
     name
         Of the marks, ``<!-- name -->`` and ``<!-- end of name -->``.
-    text
-        What to put there.
-
-    Raises
-    ------
-    FileError
-        If the page does not hold both marks.
     """
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
     before, found, rest = page.read_text(encoding="utf-8").partition(begin)

@@ -37,8 +37,6 @@ def draw_gain_table(table: GainTable, fits: dict[str, GainFunction]) -> Figure:
 
     Parameters
     ----------
-    table
-        The optima, on a full grid.
     fits
         Gain functions to draw over it, by what the legend says; the first is the paper's.
     """
@@ -135,13 +133,7 @@ def _fits(functions: Mapping[str, Any]) -> dict[str, GainFunction]:
 
 
 def main(folder: Path) -> None:
-    """Draw the table and the functions that are in a folder.
-
-    Parameters
-    ----------
-    folder
-        Holds gain_table.json and gain_functions.json; takes gain_table.png.
-    """
+    """Draw the table and the functions that are in a folder."""
     table = GainTable.load(folder / "gain_table.json")
     functions = json.loads((folder / "gain_functions.json").read_text(encoding="utf-8"))
     save_figure(draw_gain_table(table, _fits(functions)), folder / "gain_table.png")

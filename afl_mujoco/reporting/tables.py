@@ -33,20 +33,7 @@ HEADLINE = ("B1", "B2", "B2b", "B3", "B5")
 
 
 def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
-    """Write report.json, report.md and junit.xml, each whole or not at all.
-
-    Parameters
-    ----------
-    report
-        What to write.
-    folder
-        Where; it must exist.
-
-    Returns
-    -------
-    tuple of Path
-        The files.
-    """
+    """Write report.json, report.md and junit.xml, each whole or not at all."""
     texts = {
         "report.json": json.dumps(report.to_dict(), indent=1, allow_nan=False) + "\n",
         "report.md": markdown(report),
@@ -58,13 +45,7 @@ def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
 
 
 def verdict_line(report: Report) -> str:
-    """Return the verdict in one line.
-
-    Parameters
-    ----------
-    report
-        The report.
-    """
+    """Return the verdict in one line."""
     total, failed = len(report.checks), len(report.failed_checks)
     return (
         f"PASS: all {total} checks hold" if report.passed else f"FAIL: {failed} of {total} checks"
@@ -72,13 +53,7 @@ def verdict_line(report: Report) -> str:
 
 
 def markdown(report: Report) -> str:
-    """Return the report as Markdown.
-
-    Parameters
-    ----------
-    report
-        The report.
-    """
+    """Return the report as Markdown."""
     from afl_mujoco.document.markdown import to_markdown
     from afl_mujoco.reporting.page.evidence import evidence_sections
 
@@ -103,13 +78,7 @@ def markdown(report: Report) -> str:
 
 
 def junit(report: Report) -> str:
-    """Return the checks as JUnit XML, one test case each.
-
-    Parameters
-    ----------
-    report
-        The report.
-    """
+    """Return the checks as JUnit XML, one test case each."""
     suite = ElementTree.Element(
         "testsuite",
         name="afl-mujoco validate",
@@ -126,15 +95,7 @@ def junit(report: Report) -> str:
 
 
 def print_report(report: Report, console: Console) -> None:
-    """Print the table, the failures and, last, the verdict.
-
-    Parameters
-    ----------
-    report
-        What to print.
-    console
-        Where.
-    """
+    """Print the table, the failures and, last, the verdict."""
     header, rows = _grid(report)
     table = Table(title="MuJoCo against the analytic model", box=SIMPLE_HEAD, padding=(0, 1))
     kept = [
@@ -239,15 +200,7 @@ def _sentence(check: Check) -> str:
 
 
 def print_metrics(figures: Mapping[str, Metrics], outcomes: Mapping[str, str]) -> None:
-    """Print the metrics of runs side by side.
-
-    Parameters
-    ----------
-    figures
-        Metrics by simulator.
-    outcomes
-        How each run ended.
-    """
+    """Print the metrics of runs side by side."""
     table = Table("metric", "unit")
     for simulator in figures:
         table.add_column(simulator, justify="right")

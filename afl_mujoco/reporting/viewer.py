@@ -27,22 +27,7 @@ PAUSE = 1.5
 
 
 def view(replay: Replay, model: CartPoleModel, speed: float) -> None:
-    """Show a run until the window is closed.
-
-    Parameters
-    ----------
-    replay
-        The run.
-    model
-        The cart-pole of ``scene.xml``, which follows the run.
-    speed
-        Seconds of the run shown in a second.
-
-    Raises
-    ------
-    GraphicsError
-        If no window can be opened.
-    """
+    """Show a run until the window is closed."""
     try:
         handle = mujoco.viewer.launch_passive(
             model.mj_model, model.mj_data, show_left_ui=False, show_right_ui=False

@@ -174,13 +174,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def find_replay(name: str) -> Replay:
-    """Return how a scenario's file says that it was run, by its table ``[replay]``.
-
-    Parameters
-    ----------
-    name
-        As of `find_scenario`, which raises at what is wrong with the file.
-    """
+    """Return how a scenario's file says that it was run, by its table ``[replay]``."""
     return Replay() if name in SCENARIOS else _read(Path(name)).replay
 
 

@@ -13,20 +13,7 @@ from afl_mujoco.errors import InvalidValueError
 
 
 def require_finite(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless it is a finite real number.
-
-    Parameters
-    ----------
-    thing
-        The name to use in the error.
-    value
-        What was given.
-
-    Raises
-    ------
-    InvalidValueError
-        If `value` is no number, or is NaN or infinite.
-    """
+    """Return `value` as a float, or raise unless it is a finite real number."""
     if isinstance(value, bool | np.bool_ | str | bytes):
         raise InvalidValueError(thing, "must be a number", repr(value))
     try:
@@ -41,20 +28,7 @@ def require_finite(thing: str, value: object) -> float:
 
 
 def require_positive(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless it is finite and above zero.
-
-    Parameters
-    ----------
-    thing
-        The name to use in the error.
-    value
-        What was given.
-
-    Raises
-    ------
-    InvalidValueError
-        If `value` is not a positive finite number.
-    """
+    """Return `value` as a float, or raise unless it is finite and above zero."""
     number = require_finite(thing, value)
     if number <= 0.0:
         raise InvalidValueError(thing, "must be positive", number)
@@ -62,42 +36,14 @@ def require_positive(thing: str, value: object) -> float:
 
 
 def require_type(thing: str, value: object, kind: type | UnionType) -> None:
-    """Raise unless `value` is of a kind.
-
-    Parameters
-    ----------
-    thing
-        The name to use in the error.
-    value
-        What was given.
-    kind
-        What it must be.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is not.
-    """
+    """Raise unless `value` is of a kind."""
     if not isinstance(value, kind):
         name = getattr(kind, "__name__", str(kind))
         raise InvalidValueError(thing, f"must be of type {name}", repr(value))
 
 
 def require_distinct(thing: str, names: Sequence[str]) -> None:
-    """Raise unless there is at least one name, and none twice.
-
-    Parameters
-    ----------
-    thing
-        What they name, in the singular.
-    names
-        The names.
-
-    Raises
-    ------
-    InvalidValueError
-        If there is none, or one stands twice.
-    """
+    """Raise unless there is at least one name, and none twice."""
     if not names:
         raise InvalidValueError(f"{thing}s", "must be at least one", 0)
     for i, name in enumerate(names):

@@ -23,11 +23,6 @@ def random_scenario(seed: int, index: int) -> Scenario:
 
     Each is, with even odds, two steps between three levels or a trapezoid between two, as in
     decision D3; levels are uniform in the box, instants uniform over `LAST_CHANGE`.
-
-    Parameters
-    ----------
-    seed, index
-        The same two give the same scenario.
     """
     rng = np.random.default_rng((seed, index))
     mass, length = _shape(rng, CART_MASS_RANGE), _shape(rng, HALF_LENGTH_RANGE)

@@ -50,8 +50,6 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    scenario
-        Gives horizon and breakpoints.
     period
         Spacing of the grid [s].
 
@@ -59,11 +57,6 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
     -------
     ndarray
         Increasing times from 0 to the horizon [s], shape (N + 1,).
-
-    Raises
-    ------
-    InvalidValueError
-        If `period` is not positive or longer than the horizon.
     """
     period = require_positive("timestep", period)
     if period > scenario.duration:
@@ -85,8 +78,6 @@ def steps(scenario: Scenario, period: float) -> Steps:
 
     Parameters
     ----------
-    scenario
-        What to march through.
     period
         The longest step [s].
     """
@@ -131,8 +122,6 @@ def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray
 
     Parameters
     ----------
-    scenario
-        Gives the impulses.
     starts
         Starts of the steps and the horizon [s], shape (N + 1,).
     """
@@ -161,19 +150,10 @@ def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
 
     Parameters
     ----------
-    thing
-        Name of the length, for the error.
     length
         What is divided [s].
-    unit
-        Name of the step, for the error.
     step
         What divides it [s].
-
-    Raises
-    ------
-    InvalidValueError
-        If `step` does not divide `length`.
     """
     step, length = require_positive(unit, step), require_positive(thing, length)
     _require_few(unit, length, step)

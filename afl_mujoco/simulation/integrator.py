@@ -82,12 +82,6 @@ def integrate(
 
     Parameters
     ----------
-    scenario
-        Gives initial state, breakpoints and parameters.
-    solver
-        Integrates over a segment: `scipy_solver` or `compiled_solver`.
-    transition
-        What a breakpoint does to the state.
     times
         Where to report the state [s], increasing, from 0 to the horizon, shape (N,).
     quadratures
@@ -170,8 +164,6 @@ def compiled_solver(
     ----------
     solve
         Called with the segment, then as `dop853.solve` from `state` on, without `margin`.
-    rtol, atol
-        Tolerances.
     longest
         Longest step [s].
     """

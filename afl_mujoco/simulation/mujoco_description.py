@@ -37,13 +37,7 @@ PASSIVE = (
 
 
 def model_file(name: str) -> Path:
-    """Return the path of a file of `models/`, in an installed wheel or in the source tree.
-
-    Parameters
-    ----------
-    name
-        ``"cartpole.xml"`` or ``"scene.xml"``.
-    """
+    """Return the path of a file of `models/`, in an installed wheel or in the source tree."""
     packaged = Path(str(resources.files("afl_mujoco") / "models" / name))
     return packaged if packaged.exists() else packaged.parents[2] / "models" / name
 
@@ -90,15 +84,7 @@ def pole_inertia(rod, pole_mass, half_length, tip_share, radius):
 
 
 def describe(spec: Any, p: CartPoleParameters) -> None:
-    """Write the parameters of the ideal plant into the description that is about to be compiled.
-
-    Parameters
-    ----------
-    spec
-        The `mujoco.MjSpec`.
-    p
-        The plant.
-    """
+    """Write the parameters of the ideal plant into the description that is about to be compiled."""
     x2, y2, z2 = (half * half for half in CART_HALF_SIZE)
     rod = p.pole_mass * p.half_length * p.half_length / 3.0
     cart, pole, geom = spec.body("cart"), spec.body("pole"), spec.geom("pole")
@@ -121,12 +107,8 @@ def passive_arrays(
 
     Parameters
     ----------
-    compiled
-        The fields named in `PASSIVE` as they were compiled.
     imperfections
         Damping, friction and armature are added to that, an end stop replaces the joint's range.
-    slider, hinge
-        The model's joints.
     """
     arrays, r = {name: array.copy() for name, array in compiled.items()}, imperfections
     z, phi = slider.dofadr[0], hinge.dofadr[0]

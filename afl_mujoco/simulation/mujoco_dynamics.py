@@ -27,19 +27,7 @@ from afl_mujoco.simulation.python_controller_rk4 import integrate_python_control
 def solver(
     model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Solver:
-    """Return what integrates the closed loop of MuJoCo's forward dynamics and the law.
-
-    Parameters
-    ----------
-    model
-        What computes the accelerations.
-    scenario
-        Gives m and g.
-    controller
-        The law.
-    change
-        What a change of M and l does.
-    """
+    """Return what integrates the closed loop of MuJoCo's forward dynamics and the law."""
     if controller.interpreted:
         return scipy_solver(closed_loop(model, scenario, controller, change))
     law, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
@@ -83,15 +71,7 @@ def integrate_segment_rk4(
     controller: Controller,
     law: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], int]:
-    """March through a segment as `mujoco_loops.integrate_continuous` does, under any law.
-
-    Parameters
-    ----------
-    at, state, times, cart_mass, half_length, constants, acting, law
-        As of `mujoco_loops.integrate_continuous`.
-    controller
-        The law.
-    """
+    """March through a segment as `mujoco_loops.integrate_continuous` does, under any law."""
     course = (at, state, times, cart_mass, half_length, constants, acting)
     if not controller.interpreted:
         reached: tuple[NDArray[np.float64], int] = loops.integrate_continuous(
@@ -112,17 +92,7 @@ def integrate_segment_rk4(
 
 
 def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange) -> Transition:
-    """Return what a breakpoint does to the state, from MuJoCo's own mass matrix.
-
-    Parameters
-    ----------
-    model
-        What knows the mass matrix.
-    scenario
-        Gives m and g.
-    change
-        What a change of M and l does.
-    """
+    """Return what a breakpoint does to the state, from MuJoCo's own mass matrix."""
 
     def enter(segment: Segment, time: float) -> None:
         mass, length = segment.parameters_at(time)
@@ -150,15 +120,7 @@ def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange
 
 
 def momenta(model: CartPoleModel, state: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the generalised momenta of (z, phi), MuJoCo's mass matrix times the velocities.
-
-    Parameters
-    ----------
-    model
-        The model, with the parameters that count.
-    state
-        (z, phi, z_dot, phi_dot).
-    """
+    """Return the generalised momenta of (z, phi), MuJoCo's mass matrix times the velocities."""
     forward(model.addresses, *state[:4].tolist(), 0.0, 0.0)
     result = np.empty(2)
     mujoco.mj_mulM(model.mj_model, model.mj_data, result, state[2:4])
@@ -172,10 +134,6 @@ def velocities(
 
     Parameters
     ----------
-    model
-        The model, with the parameters that count.
-    state
-        (z, phi, ...), of which the configuration counts.
     momentum
         Momenta of (z, phi), shape (2,).
     """

@@ -118,8 +118,6 @@ def integrate_continuous(
         (m, g).
     acting
         Disturbing force [N] and acting rate of the half-length [m/s].
-    kind
-        Of the law, as of `CompiledController`.
     law
         What the law is given in each stage, shape (N, 3, 7) or (N, 3, 8).
 

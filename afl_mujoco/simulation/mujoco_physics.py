@@ -149,13 +149,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
-        """Return to the scenario's initial state, plant included.
-
-        Parameters
-        ----------
-        keyframe_id
-            For dm_control; the model has no keyframes.
-        """
+        """Return to the scenario's initial state, plant included."""
         super().reset(keyframe_id)
         self.begin(self.scenario.initial_state)
 
@@ -170,16 +164,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """Advance, the plant and the push those of each physics step, the control held.
 
         A state that has diverged stays as it is.
-
-        Parameters
-        ----------
-        nstep
-            Number of physics steps.
-
-        Raises
-        ------
-        InvalidValueError
-            If the control is not finite.
         """
         force = self.data.ptr.ctrl[0]
         if not abs(force) < STATE_LIMIT:
@@ -201,13 +185,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.forward()
 
     def copy(self, share_model: bool = False) -> Physics:
-        """Return an independent Physics at the same instant of the same scenario.
-
-        Parameters
-        ----------
-        share_model
-            Must be false: each changes its model as it goes.
-        """
+        """Return an independent Physics at the same instant of the same scenario."""
         if share_model:
             raise InvalidValueError("share_model", "must be false, for the model changes", True)
         twin = type(self).__new__(type(self))

@@ -196,17 +196,7 @@ def compiled_loop(
 
 
 def closed_loop(scenario: Scenario, controller: Controller, change: ParameterChange) -> Derivative:
-    """Return the right-hand side of the closed loop of plant and law, called from Python.
-
-    Parameters
-    ----------
-    scenario
-        Gives m and g.
-    controller
-        The law.
-    change
-        What a change of M and l does.
-    """
+    """Return the right-hand side of the closed loop of plant and law, called from Python."""
     pole_mass, gravity = scenario.pole_mass, scenario.gravity
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
@@ -222,15 +212,7 @@ def closed_loop(scenario: Scenario, controller: Controller, change: ParameterCha
 
 
 def transition(scenario: Scenario, change: ParameterChange) -> Transition:
-    """Return what a breakpoint does to the state, from the analytic mass matrix.
-
-    Parameters
-    ----------
-    scenario
-        Gives m and g.
-    change
-        What a change of M and l does.
-    """
+    """Return what a breakpoint does to the state, from the analytic mass matrix."""
 
     def parameters(segment: Segment, time: float) -> CartPoleParameters:
         mass, length = segment.parameters_at(time)

@@ -40,8 +40,6 @@ def integrate_python_controller(
 
     Parameters
     ----------
-    law
-        The law.
     initial_state
         Shape (4,).
     times
@@ -49,19 +47,12 @@ def integrate_python_controller(
     told
         (M, m, l, g) as the law takes them to be at the start, the middle and the end of each step,
         shape (N, 3, 4).
-    arrive, slope
-        What the plant does.
 
     Returns
     -------
     tuple
         States reached, shape (K, 4), the force from each of them on [N], shape (K,), and the index
         of the outcome.
-
-    Raises
-    ------
-    ControllerError
-        As of `PythonController.command`.
     """
     count, force = len(times) - 1, 0.0
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)

@@ -228,24 +228,8 @@ def controller_policy(
 
     Parameters
     ----------
-    controller
-        The law.
-    scenario
-        Gives the constants m and g.
     control_period
         That of the environment [s]: a law in Python is told the time, which is no observation.
-
-    Returns
-    -------
-    callable
-        From a `dm_env.TimeStep` to an action. It raises `ControllerDomainError` at a pole angle
-        where the controller has no force, and `InvalidValueError` if the observation lacks what it
-        needs.
-
-    Raises
-    ------
-    InvalidValueError
-        If a law in Python is given without the control period.
     """
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")

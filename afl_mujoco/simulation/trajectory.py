@@ -169,10 +169,6 @@ def controller_inputs(
 
     Parameters
     ----------
-    scenario
-        Gives the true parameters.
-    controller
-        Gives belief and gains.
     times
         Instants [s], shape (N,).
     """
@@ -204,18 +200,10 @@ def assemble(
 
     Parameters
     ----------
-    scenario, controller
-        What was simulated.
-    simulator
-        Name of the simulator.
-    settings
-        Its settings, for the provenance.
     times
         The grid [s], shape (N,).
     states
         The states reached, shape (K, 4), K <= N.
-    outcome
-        How the run ended.
     forces
         Forces [N], shape (K,); by default the law's at each state.
     """

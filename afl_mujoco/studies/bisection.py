@@ -59,14 +59,8 @@ def find_threshold(
 
     Parameters
     ----------
-    holds
-        Whether it holds at a level; asked once for each.
-    scan
-        From `scan_levels`; all are tried.
     tolerance
         Largest relative width of the bracket, unless no level lies within it [1].
-    snapped
-        Returns the nearest level that there is.
     closer
         So many levels just more benign than the bracket, half the tolerance apart, must hold too,
         or the bracket moves there: what is not monotone may be lost between two of the scan.

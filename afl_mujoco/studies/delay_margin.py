@@ -28,8 +28,6 @@ def delay_margin(
 
     Parameters
     ----------
-    law
-        The controller.
     mass, length
         M [kg] and l [m].
     period

@@ -66,14 +66,7 @@ class Loop:
 
 
 def linearize(controller: Controller, plant: CartPoleParameters) -> Loop:
-    """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright.
-
-    Raises
-    ------
-    InvalidValueError
-        If upright is no equilibrium of the controller, or it is not smooth there: two steps do not
-        agree, or the slopes to either side.
-    """
+    """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright."""
     dynamics = plant_dynamics(CartPoleModel(plant))
 
     def force(state: Array) -> Array:
@@ -129,8 +122,6 @@ def jacobian(function: Callable[[Array], Array], point: Array, step: float) -> A
         Of an array, shape (inputs,), to an array, shape (outputs,).
     point
         Where, shape (inputs,).
-    step
-        How far to either side.
     """
     columns = [
         (function(point + offset) - function(point - offset)) / (2.0 * step)

@@ -63,8 +63,6 @@ def loop_margins(loop: Loop, control_period: float | None = None) -> Margins | N
 
     Parameters
     ----------
-    loop
-        Plant and controller.
     control_period
         How long the force is held [s]; ``None`` for a continuous controller. The delay that the
         hold itself costs, half a period, is then no longer in the margin; a delay of whole
@@ -86,8 +84,6 @@ def held_plant(loop: Loop, period: float) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    loop
-        Gives the plant.
     period
         From sample to sample [s].
     """

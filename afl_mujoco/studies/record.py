@@ -128,13 +128,7 @@ def _as_json(record: Record, result: Any, files: Sequence[str]) -> str:
 
 
 def load_record(study: Study, folder: Path) -> Record:
-    """Return the record of a study in a folder.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or is of another schema: one line that names what makes it anew.
-    """
+    """Return the record of a study in a folder."""
     path, again = folder / f"{study.name}.json", f"run {study.command}"
     with reading(path, f"is no result of {study.command}", again):
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)

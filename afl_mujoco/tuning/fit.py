@@ -77,11 +77,6 @@ def rmse(
         (w1, ..., w5) of each candidate, shape (P, 5).
     cart_mass, half_length, gain
         The table, shape (N,) each.
-
-    Returns
-    -------
-    ndarray
-        Shape (P,).
     """
     w = coefficients.T[:, :, None]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -115,12 +110,8 @@ def fit_by_search(
 
     Parameters
     ----------
-    name
-        Of the gain.
     cart_mass, half_length, gain
         The table, shape (N,) each.
-    settings, seed
-        Of the search.
     """
     found = minimise(
         lambda w: rmse(w, cart_mass, half_length, gain), coefficient_box(gain), settings, seed
@@ -135,12 +126,8 @@ def fit_by_least_squares(
 
     Parameters
     ----------
-    name
-        Of the gain.
     cart_mass, half_length, gain
         The table, shape (N,) each.
-    seed
-        Of the starts.
     """
     box = coefficient_box(gain)
     lower, upper = np.array(box.lower), np.array(box.upper)
@@ -172,19 +159,8 @@ def fit_table(
 
     Parameters
     ----------
-    table
-        What to fit; it must hold the nominal plant.
-    seed
-        Of the searches and the starts.
     settings
         Of the searches; the paper's by default.
-    progress
-        Told how many of the `FITS` fits are done.
-
-    Raises
-    ------
-    InvalidValueError
-        If the table does not hold the nominal plant.
     """
     plants = table.column("cart_mass"), table.column("half_length")
     slope = damped_slope(table)
@@ -206,11 +182,6 @@ def damped_slope(table: GainTable) -> FloatArray:
     A schedule changes M and l while the pole is already nearly upright, where the best slope is not
     that of a start from -60 degrees: a gain function that follows the table by `DAMPING` only loses
     less there than it gains at the start.
-
-    Parameters
-    ----------
-    table
-        Gains by plant.
     """
     nominal = table.gains(NOMINAL.cart_mass, NOMINAL.half_length).slope
     damped: FloatArray = nominal * (table.column("slope") / nominal) ** DAMPING
@@ -218,19 +189,7 @@ def damped_slope(table: GainTable) -> FloatArray:
 
 
 def save_fits(path: Path, table: GainTable, fits: Sequence[Fit], seed: int) -> None:
-    """Write the fits, and the gains of the retuned controllers made of them, as JSON.
-
-    Parameters
-    ----------
-    path
-        The file.
-    table
-        What was fitted.
-    fits
-        From `fit_table`.
-    seed
-        What they were made with.
-    """
+    """Write the fits, and the gains of the retuned controllers made of them, as JSON."""
     chosen = {fit.gain: fit for fit in fits if fit.method != "search"}  # the damped slope is last
     nominal = table.gains(NOMINAL.cart_mass, NOMINAL.half_length)
     content = {

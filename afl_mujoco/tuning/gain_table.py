@@ -67,16 +67,6 @@ def pair_searches(
     ----------
     cart_masses, half_lengths
         The grid: M [kg] and l [m].
-    settings, seed, box
-        Of the searches.
-    checkpoints
-        Folder for a checkpoint of each unit; it must exist.
-
-    Raises
-    ------
-    InvalidValueError
-        If the grid is empty, holds a value twice or one that is not positive; or if the seed or the
-        box makes no sense.
     """
     grid = {"cart mass": cart_masses, "half-length": half_lengths}
     for name, values in grid.items():
@@ -106,18 +96,7 @@ def pair_searches(
 
 
 def search_pair(unit: PairSearch) -> list[float]:
-    """Run one unit and return its row of the table.
-
-    Parameters
-    ----------
-    unit
-        What to search.
-
-    Returns
-    -------
-    list of float
-        M, l, K, lambda, Phi and the objective.
-    """
+    """Run one unit and return its row of the table."""
     found = minimise(
         gain_cost(unit.cart_mass, unit.half_length),
         unit.box,
@@ -130,13 +109,7 @@ def search_pair(unit: PairSearch) -> list[float]:
 
 
 def table_provenance(units: Sequence[PairSearch]) -> dict[str, Any]:
-    """Return what decides the table, as plain data: grid, settings, box, seed and versions.
-
-    Parameters
-    ----------
-    units
-        From `pair_searches`.
-    """
+    """Return what decides the table, as plain data: grid, settings, box, seed and versions."""
     first = units[0]
     return {
         "cart_masses": list(dict.fromkeys(unit.cart_mass for unit in units)),

@@ -108,11 +108,6 @@ class MultipleCrossoverGA:
         ----------
         costs
             Finite, shape (n,).
-
-        Raises
-        ------
-        AflMujocoError
-            If nothing was asked, or the costs are not as they must be; nothing has changed then.
         """
         if self._asked is None:
             raise AflMujocoError("tell", "must follow ask")
@@ -127,13 +122,7 @@ class MultipleCrossoverGA:
         self._asked = None
 
     def state(self) -> files.SearchState:
-        """Return all that decides how the search goes on.
-
-        Raises
-        ------
-        AflMujocoError
-            Between `ask` and `tell`, and before them.
-        """
+        """Return all that decides how the search goes on."""
         if self._asked is not None or not self.evaluations:
             raise AflMujocoError("state", "is whole only after tell")
         return files.SearchState(
@@ -147,13 +136,7 @@ class MultipleCrossoverGA:
         )
 
     def restore(self, state: files.SearchState) -> None:
-        """Go on from a state of the same problem, bit for bit.
-
-        Parameters
-        ----------
-        state
-            From `state`.
-        """
+        """Go on from a state of the same problem, bit for bit."""
         self.generation, self.evaluations = state.generation, state.evaluations
         self._rng.bit_generator.state = dict(state.rng)
         self._settle(state.population.copy(), state.costs.copy())
@@ -246,8 +229,6 @@ def minimise(
     ----------
     cost
         Gives finite costs, shape (n,), of chromosomes, shape (n, D).
-    box, settings, seed
-        As of `MultipleCrossoverGA`.
     checkpoint
         File that is written after the first generation, the last, and in between as often as
         `CHECKPOINT_INTERVAL` says; its folder must exist.
@@ -255,14 +236,6 @@ def minimise(
         Go on from the checkpoint, to the same bits as without a break; begin where there is none.
         The checkpoint knows settings, bounds and seed but not `cost`: problems that differ in their
         cost alone need a file, or a seed, each.
-    progress
-        Called with number and best cost of every generation.
-
-    Raises
-    ------
-    AflMujocoError
-        If a cost is not finite; if a checkpoint exists and is not to be resumed, or is unsound or
-        of another problem, or cannot be written.
     """
     search = MultipleCrossoverGA(box, settings, seed)
     if checkpoint is not None:

@@ -16,15 +16,6 @@ def tournament(costs: FloatArray, count: int, rng: Generator) -> IndexArray:
     The paper says "reproduction" and no more; the binary tournament is a decision of this project.
     It heeds only the order of the costs. A chromosome may be drawn against itself.
 
-    Parameters
-    ----------
-    costs
-        Shape (P,).
-    count
-        How many to select.
-    rng
-        Gives the pairs.
-
     Returns
     -------
     IndexArray
@@ -79,8 +70,6 @@ def mutate(chromosomes: FloatArray, constant: float, rng: Generator) -> FloatArr
     ----------
     chromosomes
         Shape (N, D).
-    constant
-        Mutation constant c, in the unit of the genes.
     rng
         Gives rho ~ U[-1, 1).
 

@@ -45,11 +45,6 @@ def require_seed(seed: object) -> Seed:
     ----------
     seed
         An int, or a tuple of ints (at least one); none negative.
-
-    Raises
-    ------
-    InvalidValueError
-        If it is anything else.
     """
     if isinstance(seed, tuple) and seed:
         return tuple(_require_whole("seed", part, 0) for part in seed)

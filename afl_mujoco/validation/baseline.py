@@ -157,18 +157,7 @@ def _said(value: object) -> str:
 
 
 def load_baseline(path: Path) -> Baseline:
-    """Read a baseline from its file.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read or is no baseline.
-    """
+    """Read a baseline from its file."""
     with reading(path, "is not a baseline"):
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["schema"] != SCHEMA:
@@ -204,13 +193,7 @@ def _number(thing: str, value: object) -> Number:
 
 
 def changes(old: Baseline, new: Baseline) -> list[Change]:
-    """Return every figure that moved by more than it may, in order.
-
-    Parameters
-    ----------
-    old, new
-        What was blessed, and what is.
-    """
+    """Return every figure that moved by more than it may, in order."""
     found: list[Change] = []
     for simulator in dict.fromkeys((*old.runs, *new.runs)):
         name = f"{new.scenario} / {new.controller} / {simulator}"

@@ -117,26 +117,10 @@ def run_campaign(
 
     Parameters
     ----------
-    scenarios, controllers
-        What to combine.
-    settings
-        Step sizes.
     workers
         Processes to share the work among; the result does not depend on it.
-    executor
-        What computes, instead of processes of its own.
     progress
         Called with the name of each pair as it is done.
-
-    Returns
-    -------
-    Report
-        Checks and runs, in the order of the arguments.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule; nothing is run then.
     """
     require_runnable(scenarios, controllers, settings, workers)
     pairs = [(s, c, settings) for s in scenarios for c in controllers]
@@ -183,18 +167,7 @@ def require_runnable(
     settings: Settings,
     workers: int,
 ) -> None:
-    """Raise if a campaign cannot be run as asked; arguments as of `run_campaign`.
-
-    Parameters
-    ----------
-    scenarios, controllers, settings, workers
-        What would be run.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or a name stands twice.
-    """
+    """Raise if a campaign cannot be run as asked; arguments as of `run_campaign`."""
     if workers < 1:
         raise InvalidValueError("workers", "must be at least 1", workers)
     require_distinct("scenario", [s.name for s in scenarios])

@@ -36,15 +36,7 @@ class Criterion:
     leaves_open: str
 
     def judge(self, value: float, scenario: str = "any", controller: str = "any") -> Check:
-        """Return the check of a measured value; a value that is not finite fails.
-
-        Parameters
-        ----------
-        value
-            What was measured.
-        scenario, controller
-            Where it was measured.
-        """
+        """Return the check of a measured value; a value that is not finite fails."""
         finite = math.isfinite(value)
         return Check(
             id=self.id,

@@ -128,16 +128,8 @@ def select_curves(
 
     Parameters
     ----------
-    scenario, controller
-        What was simulated.
-    runs
-        Runs by simulator, the ODE's among them.
     timestep
         Spacing of the instants of which some are kept [s].
-    parts
-        From `error_budget.budget_curves`.
-    energy
-        Of a `ledger.Ledger`, or empty.
     """
     count = whole_steps("duration", scenario.duration, "timestep", timestep)
     grid = np.asarray(np.arange(count + 1) * timestep, dtype=np.float64)
@@ -173,18 +165,6 @@ def save_curves(path: Path, curves: Sequence[Curves]) -> None:
 
     A key is ``scenario/controller/`` and then ``time``, ``cart_mass``, ``half_length``, ``push``,
     ``state/simulator``, ``force/simulator``, ``part/source`` or ``energy/entry``.
-
-    Parameters
-    ----------
-    path
-        The file to write.
-    curves
-        What to write.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written.
     """
     arrays = {
         f"{one.scenario}/{one.controller}/{key}": array
@@ -196,18 +176,7 @@ def save_curves(path: Path, curves: Sequence[Curves]) -> None:
 
 
 def load_curves(path: Path) -> tuple[Curves, ...]:
-    """Read curves that `save_curves` wrote.
-
-    Parameters
-    ----------
-    path
-        The file to read.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read or is no such file.
-    """
+    """Read curves that `save_curves` wrote."""
     found: dict[tuple[str, str], dict[str, Any]] = {}
     with reading(path, "does not hold curves"):
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:

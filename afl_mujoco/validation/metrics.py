@@ -50,15 +50,7 @@ UNITS: Mapping[str, str] = {
 
 
 def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
-    """Return every metric of a run but the objective, which needs `with_objective`.
-
-    Parameters
-    ----------
-    scenario, controller
-        What was simulated.
-    run
-        Its trajectory.
-    """
+    """Return every metric of a run but the objective, which needs `with_objective`."""
     time, state, force = run.time, run.state, run.force
     law = controller_inputs(scenario, controller, time)
     ratio = controller.saturation_ratio(state, law)
@@ -87,15 +79,7 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
 
 
 def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
-    """Return the metrics with the objective (O1) before them.
-
-    Parameters
-    ----------
-    figures
-        From `metrics`.
-    scales
-        The normalising constants.
-    """
+    """Return the metrics with the objective (O1) before them."""
     iae_z, iae_phi, max_force = (figures[name] for name in TERMS)
     known = None not in (iae_z, iae_phi, max_force)
     return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}

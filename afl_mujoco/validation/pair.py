@@ -68,24 +68,12 @@ class Judged:
 
 
 def pair_name(pair: Pair) -> str:
-    """Return what a progress bar calls a pair.
-
-    Parameters
-    ----------
-    pair
-        Scenario, controller and settings.
-    """
+    """Return what a progress bar calls a pair."""
     return f"{pair[0].name} / {pair[1].name}"
 
 
 def judge(pair: Pair) -> Judged:
-    """Run and judge one scenario with one controller.
-
-    Parameters
-    ----------
-    pair
-        Scenario, controller and settings.
-    """
+    """Run and judge one scenario with one controller."""
     scenario, controller, settings = pair
     runs = closed_loop_runs(scenario, controller, settings)
     parts = budget_curves(scenario, controller, runs)
@@ -108,15 +96,7 @@ def judge(pair: Pair) -> Judged:
 def reported_runs(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
 ) -> tuple[Run, ...]:
-    """Return the runs of `REPORTED` with their metrics, the objective aside.
-
-    Parameters
-    ----------
-    scenario, controller
-        What was simulated.
-    runs
-        From `closed_loop_runs`.
-    """
+    """Return the runs of `REPORTED` with their metrics, the objective aside."""
     return tuple(
         Run(
             scenario=scenario.name,

@@ -39,13 +39,7 @@ BLESS = "make bless"
 
 
 def record(pair: Pair) -> Baseline:
-    """Simulate one scenario with one controller and keep what a baseline keeps.
-
-    Parameters
-    ----------
-    pair
-        Scenario, controller and settings.
-    """
+    """Simulate one scenario with one controller and keep what a baseline keeps."""
     scenario, controller, settings = pair
     runs = closed_loop_runs(scenario, controller, settings)
     recordings = {
@@ -72,17 +66,10 @@ def record_all(
 
     Parameters
     ----------
-    scenarios, controllers
-        What to combine.
     workers
         Processes to share the work among; the result does not depend on it.
     progress
         Called with the name of each pair as it is done.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
     """
     require_runnable(scenarios, controllers, SETTINGS, workers)
     pairs = [(s, c, SETTINGS) for s in scenarios for c in controllers]
@@ -137,13 +124,7 @@ class Comparison:
         return self.runs > 0 and not (self.changes or self.missing or self.orphaned)
 
     def lines(self, folder: Path) -> list[str]:
-        """Return the report, a line for each deviation, the verdict last.
-
-        Parameters
-        ----------
-        folder
-            Where the baselines are.
-        """
+        """Return the report, a line for each deviation, the verdict last."""
         moved = [change for found in self.changes.values() for change in found]
         said = [f"moved     {change}" for change in moved]
         said += [f"missing   {folder / name}; {BLESS} writes it" for name in self.missing]
@@ -163,42 +144,19 @@ class Comparison:
 
 
 def load_baselines(folder: Path) -> dict[str, Baseline]:
-    """Read every baseline of a folder, by the name of its file.
-
-    Parameters
-    ----------
-    folder
-        Where they are.
-
-    Raises
-    ------
-    FileError
-        If there is no such folder, or a JSON file in it is no baseline.
-    """
+    """Read every baseline of a folder, by the name of its file."""
     if not folder.is_dir():
         raise FileError(f"baseline folder {folder}", f"must be there; {BLESS} makes it")
     return {path.name: load_baseline(path) for path in sorted(folder.glob("*.json"))}
 
 
 def open_for_blessing(folder: Path) -> dict[str, Baseline]:
-    """Make the folder if it is missing and read what is in it, as `load_baselines`.
-
-    Parameters
-    ----------
-    folder
-        Where the baselines are, or will be.
-    """
+    """Make the folder if it is missing and read what is in it, as `load_baselines`."""
     return load_baselines(output_folder(folder))
 
 
 def compare(blessed: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) -> Comparison:
-    """Compare fresh runs with baselines.
-
-    Parameters
-    ----------
-    blessed, fresh
-        What was, from `load_baselines`, and what is, from `record_all`.
-    """
+    """Compare fresh runs with baselines."""
     both = [name for name in fresh if name in blessed]
     moved = {name: found for name in both if (found := changes(blessed[name], fresh[name]))}
     versions = {
@@ -222,18 +180,6 @@ def bless(
 
     A file in which no figure moved by more than it may keeps its bytes, so that another host's
     last digits do not rewrite them all.
-
-    Parameters
-    ----------
-    folder
-        Where the baselines are, from `open_for_blessing`.
-    blessed, fresh
-        What was, and what is.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be written; each is written whole or not at all.
     """
     comparison = compare(blessed, fresh)
     for name in (*comparison.missing, *comparison.changes):

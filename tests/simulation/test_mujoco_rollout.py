@@ -221,7 +221,8 @@ def test_a_force_beyond_all_bounds_at_the_start_ends_the_run(mode, smooth_scenar
             pytest.param(
                 {"mode": mode, "integrator": "RK5"},
                 UnknownNameError,
-                "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'; did you mean RK4?",
+                "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'; "
+                "did you mean RK4?",
                 id=f"integrator, {mode}",
             )
             for mode in MODES

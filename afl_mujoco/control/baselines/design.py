@@ -64,13 +64,7 @@ def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
 
 
 def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
-    """Return the gains that minimise the quadratic cost of Bryson's rule, shape (4,).
-
-    Parameters
-    ----------
-    parameters
-        The plant.
-    """
+    """Return the gains that minimise the quadratic cost of Bryson's rule, shape (4,)."""
     a, b = upright_model(parameters)
     states = np.diag([x**-2 for x in LARGEST_STATE])
     force = (LARGEST_ACCELERATION * accelerated_mass(parameters)) ** -2
@@ -79,25 +73,13 @@ def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
 
 
 def placed_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
-    """Return the gains that give the plant `paper_poles`, shape (4,).
-
-    Parameters
-    ----------
-    parameters
-        The plant.
-    """
+    """Return the gains that give the plant `paper_poles`, shape (4,)."""
     p = parameters
     return pole_placing_gains(upright_model(p), paper_poles(p.half_length, p.gravity))
 
 
 def outer_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
-    """Return the gains that give the plant `paper_poles` through the input map (L1), shape (4,).
-
-    Parameters
-    ----------
-    parameters
-        The plant.
-    """
+    """Return the gains that give the plant `paper_poles` through the input map (L1), shape (4,)."""
     p = parameters
     model = partially_linear_model(p.half_length, p.gravity)
     return pole_placing_gains(model, paper_poles(p.half_length, p.gravity))
@@ -159,13 +141,7 @@ def _rounded(gains: NDArray[np.float64]) -> list[float]:
 
 
 def as_text(content: dict[str, Any]) -> str:
-    """Return the tables as JSON, the gains of a cart mass a line.
-
-    Parameters
-    ----------
-    content
-        From `tables`.
-    """
+    """Return the tables as JSON, the gains of a cart mass a line."""
     lines = {
         f"@{name}-{i}@": row
         for name, law in content["laws"].items()

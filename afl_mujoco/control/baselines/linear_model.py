@@ -34,24 +34,12 @@ class LinearModel(NamedTuple):
 
 
 def accelerated_mass(parameters: CartPoleParameters) -> float:
-    """Return mu = M + m/4 [kg]: at upright, the force for a unit acceleration of the cart.
-
-    Parameters
-    ----------
-    parameters
-        The plant.
-    """
+    """Return mu = M + m/4 [kg]: at upright, the force for a unit acceleration of the cart."""
     return parameters.cart_mass + 0.25 * parameters.pole_mass
 
 
 def upright_model(parameters: CartPoleParameters) -> LinearModel:
-    """Return the model at upright, its input the force [N].
-
-    Parameters
-    ----------
-    parameters
-        The plant.
-    """
+    """Return the model at upright, its input the force [N]."""
     p, mu = parameters, accelerated_mass(parameters)
     return _model(
         cart=(0.75 * p.pole_mass * p.gravity / mu, 1.0 / mu),
@@ -91,8 +79,6 @@ def pole_placing_gains(model: LinearModel, poles: Sequence[complex]) -> NDArray[
 
     Parameters
     ----------
-    model
-        From `upright_model` or `partially_linear_model`.
     poles
         Four, real or in conjugate pairs [1/s].
 
@@ -100,11 +86,6 @@ def pole_placing_gains(model: LinearModel, poles: Sequence[complex]) -> NDArray[
     -------
     ndarray
         Gains of (z, phi, z_dot, phi_dot), shape (4,).
-
-    Raises
-    ------
-    InvalidValueError
-        If the poles are not four, or not real or in conjugate pairs.
     """
     polynomial = np.poly(np.asarray(poles))
     if len(polynomial) != 5 or np.iscomplexobj(polynomial):

@@ -83,13 +83,7 @@ class StateFeedback(Controller):
 
 
 def baselines() -> list[StateFeedback]:
-    """Return the state feedbacks that come with the package.
-
-    Raises
-    ------
-    FileError
-        If the package's data file is missing or malformed.
-    """
+    """Return the state feedbacks that come with the package."""
     content = shipped_data("baselines.json")
     try:
         if content["schema"] != SCHEMA:

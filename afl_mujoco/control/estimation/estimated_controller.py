@@ -50,13 +50,7 @@ class EstimatedController(Controller):
 
     @property
     def compiled(self) -> CompiledController:
-        """What a loop without the estimator must not run.
-
-        Raises
-        ------
-        InvalidValueError
-            Always.
-        """
+        """What a loop without the estimator must not run."""
         rule = "is told by an estimator, which only sampled mode simulates"
         raise InvalidValueError(f"controller {self.name!r}", rule)
 
@@ -72,13 +66,7 @@ class EstimatedController(Controller):
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[Any]:
-        """Return what the controller would be given if M and l were known.
-
-        Parameters
-        ----------
-        cart_mass, half_length, pole_mass, gravity
-            The plant's true parameters.
-        """
+        """Return what the controller would be given if M and l were known."""
         return self.law.inputs_along_run(cart_mass, half_length, pole_mass, gravity)
 
     def describe(self) -> dict[str, Any]:
@@ -92,18 +80,7 @@ class EstimatedController(Controller):
 
 
 def refuse_estimated(laws: Iterable[Controller]) -> None:
-    """Raise if a law is told by an estimator, before anything is run that cannot run it.
-
-    Parameters
-    ----------
-    laws
-        What is to be run.
-
-    Raises
-    ------
-    InvalidValueError
-        If there is one.
-    """
+    """Raise if a law is told by an estimator, before anything is run that cannot run it."""
     for law in laws:
         if law.estimator is not None:
             _ = law.compiled

@@ -42,25 +42,13 @@ def new_filter() -> Any:
 
 @kernel
 def estimate(filter_):
-    """Return the estimates of M [kg] and l [m].
-
-    Parameters
-    ----------
-    filter_
-        From `new_filter`, started.
-    """
+    """Return the estimates of M [kg] and l [m]."""
     return np.exp(filter_.state[4]), np.exp(filter_.state[5])
 
 
 @kernel
 def filtered_state(filter_):
-    """Return the filtered (z, phi, z_dot, phi_dot).
-
-    Parameters
-    ----------
-    filter_
-        From `new_filter`, started.
-    """
+    """Return the filtered (z, phi, z_dot, phi_dot)."""
     x = filter_.state
     return x[0], x[1], x[2], x[3]
 

@@ -77,11 +77,6 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
         (M, m, l, g).
     cart_row, pole_row
         Written: the derivatives of z'' and of phi'' by (z, phi, z', phi', ln M, ln l).
-
-    Returns
-    -------
-    tuple
-        dphi''/dz'' of the pole's equation, and z'', phi'' themselves.
     """
     cart_mass, pole_mass, half_length, gravity = plant
     sin, cos = np.sin(phi), np.cos(phi)

@@ -20,31 +20,13 @@ def load_python_controller(spec: str, belief: CartPoleParameters | None = None) 
     spec
         ``"module:attribute"``; the module is looked for among the installed ones, then in the
         working directory.
-    belief
-        As of `PythonController`.
-
-    Raises
-    ------
-    InvalidValueError
-        If there is no such function, or it cannot be a law.
     """
     name = spec.replace(":", ".")
     return PythonController(name=name, function=load_attribute(spec), belief=belief, spec=spec)
 
 
 def load_attribute(spec: str) -> Any:
-    """Return the function, class, factory or instance that a module defines.
-
-    Parameters
-    ----------
-    spec
-        ``"module:attribute"``.
-
-    Raises
-    ------
-    InvalidValueError
-        If there is none.
-    """
+    """Return the function, class, factory or instance that a module defines."""
     thing = f"controller {spec!r}"
     module_name, _, function_name = spec.partition(":")
     if not all(x.isidentifier() for x in (*module_name.split("."), *function_name.split("."))):

@@ -101,13 +101,7 @@ class PythonController(Controller):
 
     @property
     def compiled(self) -> CompiledController:
-        """What a law in Python does not have.
-
-        Raises
-        ------
-        InvalidValueError
-            Always.
-        """
+        """What a law in Python does not have."""
         rule = "is written in Python, which this simulator does not run"
         raise InvalidValueError(f"controller {self.name!r}", rule)
 
@@ -122,11 +116,6 @@ class PythonController(Controller):
             (z, phi, z_dot, phi_dot), shape (4,).
         told
             (M, m, l, g) as the law takes them to be, shape (4,).
-
-        Raises
-        ------
-        ControllerError
-            If it raises, takes too long, or returns what is no force.
         """
         mass, pole_mass, length, gravity = (float(x) for x in told)
         belief = CartPoleParameters(
@@ -169,13 +158,7 @@ class PythonController(Controller):
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """Return what the law is told along a run: (M, m, l, g), shape (..., 4).
-
-        Parameters
-        ----------
-        cart_mass, half_length, pole_mass, gravity
-            As of `Controller.inputs_along_run`.
-        """
+        """Return what the law is told along a run: (M, m, l, g), shape (..., 4)."""
         return self.told(cart_mass, half_length, pole_mass, gravity)
 
     def forces(
@@ -247,20 +230,7 @@ def _makes_controllers(function: Any) -> bool:
 
 
 def require_controller_function(name: str, function: object) -> None:
-    """Raise unless a law's function can be called with time, state and belief.
-
-    Parameters
-    ----------
-    name
-        The law's.
-    function
-        What to look at; it is not called.
-
-    Raises
-    ------
-    InvalidValueError
-        If it cannot.
-    """
+    """Raise unless a law's function can be called with time, state and belief."""
     if not callable(function):
         raise InvalidValueError(f"controller {name!r}", "must be callable", repr(function))
     try:

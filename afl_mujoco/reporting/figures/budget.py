@@ -49,13 +49,7 @@ _ZERO = 2e-16
 
 @styled()
 def draw_budget(budgets: Sequence[Row]) -> Drawn:
-    """Draw the worst budget as a linear waterfall, and every part of all on a logarithmic axis.
-
-    Parameters
-    ----------
-    budgets
-        The ``error_budgets`` of a report.
-    """
+    """Draw the worst budget as a linear waterfall, and every part of all on a logarithmic axis."""
     worst = max(budgets, key=lambda budget: abs(budget["at_worst"]["total"]))
     figure = new_figure(11.0, max(4.0, 1.9 + 0.235 * len(budgets)))
     falls, dots = figure.subplots(1, 2, width_ratios=(1.0, 1.25))

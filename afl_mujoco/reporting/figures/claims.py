@@ -46,8 +46,6 @@ def draw_claims(claims: Sequence[Row], interval: Sequence[float] | None) -> Draw
 
     Parameters
     ----------
-    claims
-        The ``claims`` of a report.
     interval
         95 % confidence interval of the share in C9, if known.
     """

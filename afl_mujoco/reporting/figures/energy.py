@@ -43,13 +43,7 @@ _GAINED: Any = {"color": GREY, "marker": "o", "markersize": 3.5, "linestyle": "n
 
 @styled()
 def draw_energy(cases: Sequence[Sequence[Curves]]) -> Drawn:
-    """Draw the ledger of each case: above that of the last controller, below what is left of all.
-
-    Parameters
-    ----------
-    cases
-        Of each case, one for each controller, all with a ledger.
-    """
+    """Draw the ledger of each case: above the last controller's, below what is left of all."""
     figure = new_figure(2.75 * len(cases) + 0.6, 5.8)
     axes = figure.subplots(2, len(cases), sharex="col", sharey="row", squeeze=False)
     for (above, below), curves in zip(axes.T, cases, strict=True):

@@ -39,13 +39,7 @@ _WIDTHS = {"mujoco sampled": 1.6, "mujoco continuous": 1.3, "mujoco exact": 1.0}
 
 @styled()
 def draw_errors(curves: Sequence[Curves]) -> Drawn:
-    """Draw the largest difference of any state over time, a panel for each run.
-
-    Parameters
-    ----------
-    curves
-        Of every scenario and controller.
-    """
+    """Draw the largest difference of any state over time, a panel for each run."""
     controllers = len({one.controller for one in curves})
     width = min(len(curves), max(1, COLUMNS // controllers) * controllers)
     height = -(-len(curves) // width)
@@ -81,15 +75,7 @@ def draw_errors(curves: Sequence[Curves]) -> Drawn:
 
 
 def difference(one: Curves, mode: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return instants [s] and the largest difference of any state from the ODE.
-
-    Parameters
-    ----------
-    one
-        Of a scenario and controller.
-    mode
-        Which run.
-    """
+    """Return instants [s] and the largest difference of any state from the ODE."""
     run, ideal = one.states[mode], one.states[REFERENCE]
     both = min(len(run), len(ideal))
     return one.time[:both], np.abs(run[:both] - ideal[:both]).max(axis=1)

@@ -39,20 +39,7 @@ STRUCK = "-impulse"
 
 
 def draw_all(report: Mapping[str, Any], curves: Sequence[Curves]) -> dict[str, Drawn]:
-    """Draw every figure for which there are data.
-
-    Parameters
-    ----------
-    report
-        A campaign's report as plain data, as report.json holds it.
-    curves
-        Of the same campaign.
-
-    Returns
-    -------
-    dict
-        Figures by name, in the order in which they are read.
-    """
+    """Draw every figure for which there are data."""
     return {name: draw() for name, draw in plans(report, curves).items()}
 
 
@@ -69,22 +56,10 @@ def write_figures(
 
     Parameters
     ----------
-    report, curves
-        As of `draw_all`.
-    folder
-        Where; it must exist.
     workers
         Processes to share the work among; the files do not depend on it.
-    executor
-        What computes, instead of processes of its own.
     progress
         Called with the name of each figure as it is written.
-
-    Returns
-    -------
-    list of dict
-        ``name``, ``title``, ``caption``, ``alt``, and the names of its files in the folder,
-        ``svg`` and ``png``.
     """
     planned = plans(report, curves)
     names, units = list(planned), [(draw, folder) for draw in planned.values()]
@@ -94,13 +69,7 @@ def write_figures(
 
 
 def plans(report: Mapping[str, Any], curves: Sequence[Curves]) -> dict[str, Plan]:
-    """Return what would draw each figure for which there are data, by name.
-
-    Parameters
-    ----------
-    report, curves
-        As of `draw_all`.
-    """
+    """Return what would draw each figure for which there are data, by name."""
     found: dict[str, list[Curves]] = {}
     for one in curves:
         found.setdefault(one.scenario, []).append(one)

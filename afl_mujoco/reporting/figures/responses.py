@@ -51,10 +51,6 @@ def draw_response(name: str, heading: str, curves: Sequence[Curves], hold: float
 
     Parameters
     ----------
-    name, heading
-        Name and caption's beginning.
-    curves
-        Of the scenario, one for each controller.
     hold
         How long the control is held [s].
     """
@@ -95,8 +91,6 @@ def draw_impulse(cases: Sequence[Sequence[Curves]], hold: float) -> Drawn:
 
     Parameters
     ----------
-    cases
-        Of each case, one for each controller.
     hold
         How long the control is held [s].
     """

@@ -33,8 +33,6 @@ def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
     ----------
     runs
         One run, or two of the same scenario, which are overlaid.
-    title
-        Above the figure.
     """
     figure = new_figure(11.0, 10.0)
     axes = figure.subplots(4, 2, sharex=True).ravel()

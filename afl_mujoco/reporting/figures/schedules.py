@@ -22,13 +22,7 @@ TAIL = 2.0
 
 @styled()
 def draw_schedules(cases: Sequence[Curves]) -> Drawn:
-    """Draw M and l over time, a column for each case.
-
-    Parameters
-    ----------
-    cases
-        One of each case.
-    """
+    """Draw M and l over time, a column for each case."""
     figure = new_figure(2.6 * len(cases) + 0.6, 3.9)
     axes = figure.subplots(2, len(cases), sharex=True, sharey="row", squeeze=False)
     until = min(max(map(last_change, cases)) + TAIL, max(float(c.time[-1]) for c in cases))
@@ -55,13 +49,7 @@ def draw_schedules(cases: Sequence[Curves]) -> Drawn:
 
 
 def last_change(curves: Curves) -> float:
-    """Return when M or l changes for the last time [s].
-
-    Parameters
-    ----------
-    curves
-        Of a scenario.
-    """
+    """Return when M or l changes for the last time [s]."""
     inputs = zip(curves.cart_mass.tolist(), curves.half_length.tolist(), strict=True)
     *before, last = inputs
     changed = [k for k, values in enumerate(before) if values != last]

@@ -84,8 +84,6 @@ class CameraPath:
 
         Parameters
         ----------
-        index
-            Of the frame.
         x, y, z
             World coordinates [m], x and z of shape (K,).
         """
@@ -128,14 +126,8 @@ def follow(replay: Replay, fps: int, width: int, height: int, frame: Frame) -> C
 
     Parameters
     ----------
-    replay
-        What happens.
-    fps
-        Frames a second.
     width, height
         Size of the picture [px].
-    frame
-        Where the cart-poles must stay.
     """
     cart, ghost = replay.state[:, 0], replay.ideal[:, 0]
     low, high = _extent(replay.state, replay.half_length)

@@ -83,10 +83,6 @@ def write(picture: NDArray[np.uint8], texts: Iterable[Text], scale: float) -> ND
     ----------
     picture
         Shape (height, width, 3).
-    texts
-        What to write.
-    scale
-        Size of the letters over their design size.
     """
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
@@ -101,10 +97,6 @@ def heading(replay: Replay, held: str, width: int, height: int) -> list[Text]:
 
     Parameters
     ----------
-    replay
-        What is shown.
-    held
-        How the law is deployed.
     width, height
         Size of the picture [px].
     """
@@ -126,13 +118,7 @@ def heading(replay: Replay, held: str, width: int, height: int) -> list[Text]:
 
 
 def readouts(replay: Replay, index: int) -> list[tuple[str, str]]:
-    """Return the numbers of a frame with their labels.
-
-    Parameters
-    ----------
-    replay, index
-        The frame.
-    """
+    """Return the numbers of a frame with their labels."""
     apart = replay.difference[index]
     return [
         ("t [s]", f"{replay.time[index]:.2f}"),
@@ -152,12 +138,8 @@ def columns(
 
     Parameters
     ----------
-    numbers
-        Labels and numbers.
     left, right, baseline
         Where they go [px].
-    s
-        Scale of the letters.
     """
     weights = np.array([max(len(label), 1.25 * len(value)) + 2.0 for label, value in numbers])
     places = left + (right - left) * np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
@@ -169,15 +151,7 @@ def columns(
 
 
 def rail_numbers(path: CameraPath, index: int, size: int = 15) -> list[Text]:
-    """Return the distances along the rail, where they appear.
-
-    Parameters
-    ----------
-    path, index
-        Where the camera looks, at a frame.
-    size
-        Of the letters.
-    """
+    """Return the distances along the rail, where they appear."""
     places = np.array(marks(path, index, 2.0 * BAR))
     spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
     return [
@@ -192,12 +166,8 @@ def endings(replay: Replay, index: int, x: float, y: float, size: int = 20) -> l
 
     Parameters
     ----------
-    replay, index
-        The frame.
     x, y
         Middle of the text [px].
-    size
-        Of the letters.
     """
     said = [text for time, text in replay.endings if replay.time[index] >= time]
     return [Text(x, y, "; ".join(said), size, WARNING, "ms")] if said else []

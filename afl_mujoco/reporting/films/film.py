@@ -54,13 +54,7 @@ class Shot:
     behind: Picture
 
     def draw(self, index: int) -> Picture:
-        """Return the scene of a frame over what is behind it.
-
-        Parameters
-        ----------
-        index
-            Of the frame.
-        """
+        """Return the scene of a frame over what is behind it."""
         return np.maximum(self.scene.draw(self.replay, index, self.path), self.behind)
 
 
@@ -71,16 +65,8 @@ def single(
 
     Parameters
     ----------
-    replay
-        The run.
-    held
-        How the law is deployed, for the heading.
     size
         Width and height [px].
-    fps
-        Frames a second.
-    indices
-        Of the frames.
     """
     width, height = size
     s = height / 720
@@ -97,15 +83,7 @@ def single(
 def comparison(
     replays: Sequence[Replay], held: str, size: tuple[int, int], fps: int, indices: Iterable[int]
 ) -> Iterator[Picture]:
-    """Yield the frames of a film of two runs of one scenario, with curves that grow in step.
-
-    Parameters
-    ----------
-    replays
-        The runs.
-    held, size, fps, indices
-        As of `single`.
-    """
+    """Yield the frames of a film of two runs of one scenario, with curves that grow in step."""
     width, height = size
     s = height / 720
     part = (2 * (width // 4), 2 * (height // 4))
@@ -126,15 +104,7 @@ def comparison(
 def showcase(
     replays: Sequence[Replay], held: str, size: tuple[int, int], fps: int, indices: Iterable[int]
 ) -> Iterator[Picture]:
-    """Yield the frames of the showcase: four runs at once.
-
-    Parameters
-    ----------
-    replays
-        Four runs, of one duration.
-    held, size, fps, indices
-        As of `single`.
-    """
+    """Yield the frames of the showcase: four runs at once."""
     width, height = size
     s = height / 720
     part = (2 * (width // 4), 2 * (height // 4))
@@ -180,13 +150,7 @@ def _key(held: str, width: int, s: float) -> list[Text]:
 
 
 def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> Picture:
-    """Return the showcase's first title frame.
-
-    Parameters
-    ----------
-    replays, held, size
-        As of `showcase`.
-    """
+    """Return the showcase's first title frame."""
     width, height = size
     s = height / 720
     lines = (
@@ -204,13 +168,7 @@ def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> P
 
 
 def result_card(replays: Sequence[Replay], size: tuple[int, int]) -> Picture:
-    """Return the showcase's last title frame: how far MuJoCo and the ideal equations were apart.
-
-    Parameters
-    ----------
-    replays, size
-        As of `showcase`.
-    """
+    """Return the showcase's last title frame: how far MuJoCo and the ideal equations were apart."""
     width, height = size
     s = height / 720
     head = "Largest |MuJoCo - ideal ODE| in the frames shown"

@@ -44,10 +44,6 @@ def add_overlays(
 
     Parameters
     ----------
-    scene
-        What is drawn.
-    replay, index
-        The frame.
     places
         Of the marks [m].
     drawn_mass
@@ -78,10 +74,6 @@ def show_mass(scene: mujoco.MjvScene, cart: int, mass: float) -> None:
 
     Parameters
     ----------
-    scene
-        What is drawn.
-    cart
-        Id of the cart's geom.
     mass
         M [kg].
     """
@@ -133,8 +125,6 @@ def marks(path: CameraPath, index: int, spacing: float) -> list[float]:
 
     Parameters
     ----------
-    path, index
-        Where the camera looks, at a frame.
     spacing
         Between marks [m].
     """
@@ -144,15 +134,7 @@ def marks(path: CameraPath, index: int, spacing: float) -> list[float]:
 
 
 def add_shadow(scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
-    """Draw the shadow that a light straight above casts on the track.
-
-    Parameters
-    ----------
-    scene
-        What is drawn.
-    replay, index
-        The frame.
-    """
+    """Draw the shadow that a light straight above casts on the track."""
     z, phi = replay.state[index, :2].tolist()
     half = cart_size(float(replay.cart_mass[index]))
     box = mujoco.mjtGeom.mjGEOM_BOX

@@ -119,12 +119,8 @@ def plan(
 
     Parameters
     ----------
-    scenarios, controllers
-        What to film.
     showcase
         The four scenarios of a showcase, under the last controller; none by default.
-    settings
-        `deployment`, `size`, `fps` and `command` of each `Film`.
     """
     planned = []
     for s in scenarios:

@@ -87,8 +87,6 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> GrowingPlots
 
     Parameters
     ----------
-    replays
-        The runs.
     size
         Width and height [px].
     """

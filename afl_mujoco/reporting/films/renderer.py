@@ -37,22 +37,8 @@ def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Pat
 
     Parameters
     ----------
-    planned
-        The films.
     time
         The instant [s].
-    folder
-        Where; it must exist.
-
-    Returns
-    -------
-    list of Path
-        The pictures.
-
-    Raises
-    ------
-    AflMujocoError
-        If the instant lies outside a film, or a picture cannot be written.
     """
     for film in planned:
         last = (film.running - 1) / film.fps
@@ -67,17 +53,7 @@ def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Pat
 
 
 def render_film(film: Film, folder: Path, progress: Callable[[], None] = lambda: None) -> None:
-    """Write a film and its poster.
-
-    Parameters
-    ----------
-    film
-        The film.
-    folder
-        Where.
-    progress
-        Called after each frame.
-    """
+    """Write a film and its poster."""
     replays = _record(film)
     poster = min(round(POSTER_TIME * film.fps), film.running - 1)
 
@@ -106,27 +82,6 @@ def make_films(
 
     A film is made in a hidden folder and moved when it is whole; an interrupt leaves the films
     that were finished, listed, and nothing else.
-
-    Parameters
-    ----------
-    planned
-        The films.
-    folder
-        Where; it must exist.
-    workers
-        Processes to share the films among.
-    progress
-        Called with the number of frames that are done.
-
-    Returns
-    -------
-    list of Path
-        The films.
-
-    Raises
-    ------
-    FileError
-        If one cannot be written.
     """
     workers = min(workers, len(planned))
     if workers > 1:  # else each process would draw with as many threads as there are cores

@@ -90,8 +90,6 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
     ----------
     duration
         How long the film is [s].
-    fps
-        Frames a second.
     """
     return np.arange(round(duration * fps), dtype=np.float64) / fps
 
@@ -101,15 +99,6 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
 
     In the ideal ODE an estimating controller is given the true parameters, and the force of one
     with memory is held.
-
-    Parameters
-    ----------
-    scenario, controller
-        What happens and what is commanded.
-    deployment
-        How.
-    fps
-        Frames a second.
     """
     run = simulate_mujoco(
         scenario,

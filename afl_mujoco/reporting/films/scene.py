@@ -40,29 +40,13 @@ class Scene:
     renderer: mujoco.Renderer
 
     def draw(self, replay: Replay, index: int, path: CameraPath) -> NDArray[np.uint8]:
-        """Return a frame, shape (height, width, 3).
-
-        Parameters
-        ----------
-        replay
-            What happens.
-        index
-            Of the frame.
-        path
-            Where the camera looks.
-        """
+        """Return a frame, shape (height, width, 3)."""
         self.place(replay, index, path)
         picture: NDArray[np.uint8] = self.renderer.render()
         return picture
 
     def place(self, replay: Replay, index: int, path: CameraPath) -> None:
-        """Move everything to a frame; arguments as of `draw`.
-
-        Parameters
-        ----------
-        replay, index, path
-            As of `draw`.
-        """
+        """Move everything to a frame; arguments as of `draw`."""
         pose(self.model, replay, index)
         self.renderer.update_scene(self.model.mj_data, _camera(path, index))
         scene = self.renderer.scene
@@ -74,15 +58,7 @@ class Scene:
 
 
 def pose(model: CartPoleModel, replay: Replay, index: int) -> None:
-    """Mutate the model to a frame's M and l, and move it to the frame's state.
-
-    Parameters
-    ----------
-    model
-        The cart-pole.
-    replay, index
-        The frame.
-    """
+    """Mutate the model to a frame's M and l, and move it to the frame's state."""
     model.set_parameters(_plant(replay, index))
     write_state(model.addresses, *replay.state[index].tolist())
     mujoco.mj_forward(model.mj_model, model.mj_data)
@@ -95,11 +71,6 @@ def require_size(width: int, height: int) -> None:
     ----------
     width, height
         Size of the picture [px].
-
-    Raises
-    ------
-    InvalidValueError
-        If a side is odd, too small, or beyond the off-screen buffer.
     """
     for thing, side, largest in zip(("width", "height"), (width, height), LARGEST, strict=True):
         if not SMALLEST <= side <= largest:
@@ -115,15 +86,8 @@ def open_scene(replay: Replay, width: int, height: int) -> Iterator[Scene]:
 
     Parameters
     ----------
-    replay
-        Gives the plant to begin with.
     width, height
         Size of the picture [px].
-
-    Yields
-    ------
-    Scene
-        Ready to draw.
     """
     model = CartPoleModel(_plant(replay, 0), file="scene.xml")
     with mujoco.Renderer(model.mj_model, height, width) as renderer:

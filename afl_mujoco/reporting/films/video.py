@@ -28,19 +28,8 @@ def write_video(
     ----------
     pictures
         The frames, each of shape (height, width, 3).
-    path
-        The file.
     size
         Width and height [px], even.
-    fps
-        Frames a second.
-    title
-        For the file's metadata.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written.
     """
     mediapy.set_ffmpeg(_encoder())
     arguments = ["-preset", "veryfast", "-movflags", "+faststart", "-metadata", f"title={title}"]
@@ -97,8 +86,6 @@ def write_picture(picture: NDArray[np.uint8], path: Path) -> None:
     ----------
     picture
         Shape (height, width, 3).
-    path
-        The file.
     """
     with atomic_file(path) as temporary:
         mediapy.write_image(temporary, picture, fmt="png")

@@ -30,11 +30,6 @@ def chart_data(curves: Sequence[Curves]) -> dict[str, Any]:
 
     An instant that a run does not hold is NaN. Differences from the ODE are taken here, in double
     precision: in single precision they would drown.
-
-    Parameters
-    ----------
-    curves
-        Of one scenario, one for each controller.
     """
     time = np.unique(np.concatenate([one.time for one in curves]))
     first = curves[0]
@@ -80,8 +75,6 @@ def spread(
     ----------
     time
         Instants wanted [s], shape (N,).
-    instants
-        Those of the values, among the former.
     values
         The first of them, shape (K,).
     """
@@ -91,13 +84,7 @@ def spread(
 
 
 def shortcuts(one: Curves) -> list[dict[str, Any]]:
-    """Return stretches of time that are worth a look: a label and two times [s] each.
-
-    Parameters
-    ----------
-    one
-        Curves of the scenario.
-    """
+    """Return stretches of time that are worth a look: a label and two times [s] each."""
     end = float(one.time[-1])
     times = breakpoints(one.time, *(getattr(one, name) for name in PRESCRIBED))
     found = [{"label": "start", "from": 0.0, "to": min(FIRST_MOMENTS, end)}]

@@ -133,13 +133,7 @@ class CriterionRow:
 
 
 def criterion_rows(checks: Sequence[Row]) -> tuple[CriterionRow, ...]:
-    """Return a row for each criterion, in the order of the checks, those that fail first.
-
-    Parameters
-    ----------
-    checks
-        Of a report.
-    """
+    """Return a row for each criterion, in the order of the checks, those that fail first."""
     grouped: dict[str, list[Row]] = {}
     for check in checks:
         grouped.setdefault(check["id"], []).append(check)
@@ -188,13 +182,7 @@ def _rows(
 
 
 def rank(check: Row) -> float:
-    """Return how bad a check of a criterion is: its value, infinite if there is none.
-
-    Parameters
-    ----------
-    check
-        Of a report.
-    """
+    """Return how bad a check of a criterion is: its value, infinite if there is none."""
     value = check["value"]
     return math.inf if value is None else float(value)
 
@@ -213,15 +201,7 @@ def figure(value: float | None) -> str:
 
 
 def margin(value: float | None, most: float, passed: bool) -> Margin:
-    """Return how far a value is from its limit.
-
-    Parameters
-    ----------
-    value, most
-        What was measured and what it may be.
-    passed
-        Whether it holds.
-    """
+    """Return how far a value is from its limit."""
     whole = DECADES + BEYOND
     at_limit = DECADES / whole
     if value is None:
@@ -239,13 +219,7 @@ def margin(value: float | None, most: float, passed: bool) -> Margin:
 
 
 def verdict_of(checks: Sequence[Row]) -> Verdict:
-    """Return the verdict of the checks.
-
-    Parameters
-    ----------
-    checks
-        Of a report.
-    """
+    """Return the verdict of the checks."""
     total, failed = len(checks), sum(not check["passed"] for check in checks)
     passed = bool(checks) and not failed
     return Verdict(
@@ -258,13 +232,7 @@ def verdict_of(checks: Sequence[Row]) -> Verdict:
 
 
 def tiers(criteria: Iterable[CriterionRow]) -> list[tuple[str, list[CriterionRow]]]:
-    """Return the criteria under their titles, those that fail under one of their own.
-
-    Parameters
-    ----------
-    criteria
-        From `criterion_rows`.
-    """
+    """Return the criteria under their titles, those that fail under one of their own."""
     titled = ((row.tier if row.passed else "Failing", row) for row in criteria)
     return [
         (title, [row for _, row in rows])

@@ -104,15 +104,7 @@ class Decision:
 
 
 def claim_rows(claims: Iterable[Row], known: Iterable[str]) -> tuple[ClaimRow, ...]:
-    """Return the claims as the page shows them.
-
-    Parameters
-    ----------
-    claims
-        Of a report.
-    known
-        Ids of the decisions that there are.
-    """
+    """Return the claims as the page shows them."""
     known = list(known)
     return tuple(
         ClaimRow(
@@ -137,15 +129,7 @@ def _rests_on(claim: Row, known: Sequence[str]) -> tuple[str, ...]:
 
 
 def decision_list(decisions: Mapping[str, str], claims: Sequence[ClaimRow]) -> tuple[Decision, ...]:
-    """Return the decisions, each with what rests on it.
-
-    Parameters
-    ----------
-    decisions
-        Text by id, of a report.
-    claims
-        The claims of the page.
-    """
+    """Return the decisions, each with what rests on it."""
     return tuple(
         Decision(
             id=id,
@@ -160,24 +144,12 @@ def decision_list(decisions: Mapping[str, str], claims: Sequence[ClaimRow]) -> t
 
 
 def section_decisions(known: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the decisions that each section rests on, by its anchor.
-
-    Parameters
-    ----------
-    known
-        Ids of the decisions that there are.
-    """
+    """Return the decisions that each section rests on, by its anchor."""
     there = set(known)
     return {name: tuple(id for id in ids if id in there) for name, ids in SECTIONS.items()}
 
 
 def tally(claims: Sequence[ClaimRow]) -> list[tuple[str, str, int]]:
-    """Return how many claims there are of each verdict: its mark, its word, the number.
-
-    Parameters
-    ----------
-    claims
-        From `claim_rows`.
-    """
+    """Return how many claims there are of each verdict: its mark, its word, the number."""
     counts = {kind: sum(claim.kind == kind for claim in claims) for kind, _ in _TALLY}
     return [(kind, word, counts[kind]) for kind, word in _TALLY if counts[kind]]

@@ -38,13 +38,7 @@ PLACES = {
 
 
 def figure_count(report: Row, curves: Sequence[Curves]) -> int:
-    """Return how many figures `write_gallery` draws.
-
-    Parameters
-    ----------
-    report, curves
-        Of one campaign.
-    """
+    """Return how many figures `write_gallery` draws."""
     return len(plans(report, curves))
 
 
@@ -61,21 +55,10 @@ def write_gallery(
 
     Parameters
     ----------
-    folder
-        Holds report.json and curves.npz already; the figures go below it.
-    report, curves
-        What these files hold.
     workers
         Processes to share the work among; the files do not depend on it.
-    executor
-        What computes, instead of processes of its own.
     progress
         Called with the name of each figure as it is written.
-
-    Returns
-    -------
-    Path
-        The list.
     """
     place = output_folder(folder / FIGURES)
     figures = write_figures(
@@ -93,11 +76,6 @@ def forget_page(folder: Path) -> None:
     ----------
     folder
         Where a new one is about to be written: beside its report an old page would mislead.
-
-    Raises
-    ------
-    FileError
-        If one of them cannot be removed.
     """
     for path in (folder / PAGE, folder / FIGURES / LISTING):
         try:
@@ -112,27 +90,7 @@ def write_page(
     sections: Sequence[Section] = (),
     results: Path = Path(),
 ) -> Path:
-    """Write report.html from the files of a folder, whole or not at all; nothing is computed.
-
-    Parameters
-    ----------
-    folder
-        Holds report.json and curves.npz, and figures if they were drawn.
-    films
-        From `load_films`.
-    sections, results
-        What the studies say, and the folder of their figures.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be read, is malformed or belongs to another run.
-    """
+    """Write report.html from the files of a folder, whole or not at all; nothing is computed."""
     report = load_report(folder / REPORT)
     curves = _curves(folder / CURVES, report)
     pictures = load_pictures(folder, [run["scenario"] for run in report["runs"]])
@@ -145,20 +103,7 @@ def write_page(
 
 
 def load_pictures(folder: Path, scenarios: Iterable[str]) -> tuple[Picture, ...]:
-    """Return the figures of a folder; none where none were drawn.
-
-    Parameters
-    ----------
-    folder
-        The folder of a validation.
-    scenarios
-        Those of its report.
-
-    Raises
-    ------
-    FileError
-        If the list of figures is malformed, or they were drawn from another report or curves.
-    """
+    """Return the figures of a folder; none where none were drawn."""
     listing = folder / FIGURES / LISTING
     if not listing.exists():
         return ()

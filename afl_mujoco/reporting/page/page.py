@@ -48,23 +48,8 @@ def render_page(
 
     Parameters
     ----------
-    report
-        What a report.json holds, from `load_report`.
-    curves
-        Of every scenario and controller of the report.
-    pictures
-        The figures, each with where it belongs.
-    films
-        The films.
     sections, results
         What the studies of robustness say, and the folder of their figures.
-    files
-        Files beside the page that it links to.
-
-    Raises
-    ------
-    FileError
-        If a figure of a study cannot be read.
     """
     claims = claim_rows(report["claims"], report["decisions"])
     figures = _grouped(pictures, lambda picture: picture.place)

@@ -129,17 +129,7 @@ class ScenarioSection:
 def scenario_sections(
     report: Row, curves: Mapping[str, Sequence[Curves]], units: Mapping[str, str]
 ) -> tuple[ScenarioSection, ...]:
-    """Return a section for each scenario of a report, in its order.
-
-    Parameters
-    ----------
-    report
-        The report.
-    curves
-        By scenario.
-    units
-        Of the metrics.
-    """
+    """Return a section for each scenario of a report, in its order."""
     grouped: dict[str, list[Row]] = {}
     for run in report["runs"]:
         grouped.setdefault(run["scenario"], []).append(run)

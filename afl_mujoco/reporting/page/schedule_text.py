@@ -82,8 +82,6 @@ def schedule_text(time: NDArray[np.float64], values: NDArray[np.float64], unit: 
         Instants [s], shape (N,).
     values
         The parameter, shape (N,).
-    unit
-        Its unit.
     """
     pieces = straight_pieces(time, values)
     changes = list(_changes(pieces, unit))

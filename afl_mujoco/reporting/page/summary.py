@@ -60,13 +60,7 @@ class Sentence:
 
 
 def five_sentences(report: Row) -> tuple[Sentence, ...]:
-    """Return the summary of a report.
-
-    Parameters
-    ----------
-    report
-        The report.
-    """
+    """Return the summary of a report."""
     return (
         Sentence("Agreement", _agreement(report["checks"]), "checks"),
         Sentence("As deployed", _deployed(report["error_budgets"], report["settings"]), "budget"),

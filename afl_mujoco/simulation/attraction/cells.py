@@ -113,22 +113,7 @@ class Cells:
 
 
 def axis(name: str, low: float, high: float, count: int) -> NDArray[np.float64]:
-    """Return evenly spaced coordinates; those of limits +-x are each other's negative to the bit.
-
-    Parameters
-    ----------
-    name
-        What errors call it.
-    low, high
-        The ends.
-    count
-        How many, at least two.
-
-    Raises
-    ------
-    InvalidValueError
-        If a value breaks its rule.
-    """
+    """Return evenly spaced coordinates, odd to the bit where the limits are +-x."""
     if count < 2:
         raise InvalidValueError("grid", "must be at least 2", count)
     if not require_finite(name, low) < require_finite(name, high):
@@ -231,15 +216,7 @@ class AttractionMap:
         settings: Mapping[str, Any],
         found: NDArray[np.float64],
     ) -> AttractionMap:
-        """Put a map together from what was found, shape (N, 4), columns as of `FOUND`.
-
-        Parameters
-        ----------
-        cells, controller, simulator, settings
-            As of the attributes.
-        found
-            For each cell, row by row.
-        """
+        """Put a map together from what was found, shape (N, 4), columns as of `FOUND`."""
         outcome, *rest = (column.reshape(cells.shape) for column in found.T)
         arrays = dict(zip(FOUND[1:], rest, strict=True))
         return cls(

@@ -61,26 +61,11 @@ def map_in_mujoco(
 
     Parameters
     ----------
-    cells
-        Where the rollouts start, and on which plants.
-    controller
-        What is commanded, held over each step.
-    settling
-        When a rollout has settled; its times are whole steps.
     timestep
         Physics step [s].
-    integrator
-        MuJoCo's integrator, as of `CartPoleModel`.
     threads
         Threads to share the cells among, each with a model of its own; the result does not depend
         on it.
-    progress
-        Called with how many more cells are done.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or a gain is not positive somewhere.
     """
     settling = Settling() if settling is None else settling
     models = [

@@ -57,23 +57,10 @@ def map_by_ode(
 
     Parameters
     ----------
-    cells
-        Where the rollouts start, and on which plants.
-    controller
-        What is commanded, continuously in time.
-    settling
-        When a rollout has settled.
     tolerance
         Local error of a step, 1e-12 to 1e-2.
     threads
         Threads to share the cells among; the result does not depend on it.
-    progress
-        Called with how many more cells are done.
-
-    Raises
-    ------
-    InvalidValueError
-        If a setting breaks its rule, or a gain is not positive somewhere.
     """
     settling = Settling() if settling is None else settling
     if not 1e-12 <= tolerance <= 1e-2:
@@ -166,8 +153,6 @@ def integrate_cells(kind, starts, laws, plants, bands, rules, found):
 
     Parameters
     ----------
-    kind
-        Of law, as of `compiled_law`.
     starts
         Initial states, shape (N, 4).
     laws

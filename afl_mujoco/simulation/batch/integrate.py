@@ -100,8 +100,6 @@ def closed_loop_terms(
         (K, lambda, Phi), shape (N, 3).
     plants
         (M, l) [kg, m], shape (N, 2) or (2,).
-    initial_state
-        (z, phi, z_dot, phi_dot) of every loop.
     duration
         The horizon [s].
     pole_mass, gravity
@@ -110,12 +108,6 @@ def closed_loop_terms(
         Local error of a step, 1e-12 to 1e-2.
     threads
         Threads to share the loops among; the result does not depend on it.
-
-    Raises
-    ------
-    InvalidValueError
-        If a gain or a parameter is not positive and finite, the start has fallen, or a loop is so
-        stiff that it would take millions of steps.
 
     Notes
     -----

@@ -42,8 +42,6 @@ def objective(iae_z: Any, iae_phi: Any, max_force: Any, scales: ObjectiveScales)
         Integrals of abs(z) [m s] and abs(phi) [rad s].
     max_force
         Largest abs(F) [N].
-    scales
-        The normalising constants.
     """
     return iae_z / scales.iae_z + iae_phi / scales.iae_phi + max_force / scales.max_force
 
@@ -55,10 +53,6 @@ def penalised_objective(
 
     Parameters
     ----------
-    terms
-        Of the loops.
-    scales
-        The normalising constants.
     duration
         The horizon [s].
     """

@@ -110,18 +110,11 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         ----------
         seed
             Of the random perturbation of phi(0), of this and the episodes after it.
-        options
-            ``"initial_state"``: where to start instead, (z, phi, z_dot, phi_dot), unperturbed.
 
         Returns
         -------
         tuple
             Observation, and information: ``time`` [s] and the ``force`` [N] that acted.
-
-        Raises
-        ------
-        gymnasium.error.ClosedEnvironmentError
-            If it was closed.
         """
         if self._closed:
             raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
@@ -146,16 +139,6 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         ----------
         action
             Force as a share of the limit, shape (1,), clipped to -1 and 1.
-
-        Returns
-        -------
-        tuple
-            Observation, reward, terminated, truncated, and information as of `reset`.
-
-        Raises
-        ------
-        gymnasium.error.ResetNeeded
-            If the episode has ended or none has begun.
         """
         if not self._under_way:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
@@ -167,13 +150,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         return _flat(step), float(step.reward), ended, truncated, self._information()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture of this instant, shape (height, width, 3); None without a render mode.
-
-        Raises
-        ------
-        GraphicsError
-            If nothing can be drawn on this machine.
-        """
+        """Return a picture of now, shape (height, width, 3), or None without a render mode."""
         if self.render_mode is None:
             return None
         if choose_backend() == "disable":

@@ -24,36 +24,18 @@ GYMNASIUM = "gymnasium"
 
 
 def require_gymnasium() -> None:
-    """Raise if Gymnasium is not installed.
-
-    Raises
-    ------
-    AflMujocoError
-        If so.
-    """
+    """Raise if Gymnasium is not installed."""
     if sys.modules.get(GYMNASIUM) is None and importlib.util.find_spec(GYMNASIUM) is None:
         raise AflMujocoError("Gymnasium", "is not installed: pip install afl-mujoco[gym]")
 
 
 def environment_id(scenario: str) -> str:
-    """Return the name by which `gymnasium.make` finds a scenario.
-
-    Parameters
-    ----------
-    scenario
-        Its name in the catalogue.
-    """
+    """Return the name by which `gymnasium.make` finds a scenario."""
     return f"{NAMESPACE}/CartPole-{scenario}-v0"
 
 
 def register() -> None:
-    """Make every scenario of the catalogue known to `gymnasium.make`; once is enough.
-
-    Raises
-    ------
-    AflMujocoError
-        If Gymnasium is not installed.
-    """
+    """Make every scenario of the catalogue known to `gymnasium.make`; once is enough."""
     require_gymnasium()
     from gymnasium.envs import registration
 

@@ -41,22 +41,7 @@ def simulate_estimated(
     control_period: float | None = None,
     integrator: str = "RK4",
 ) -> EstimatedRun:
-    """Simulate a scenario as `simulate_mujoco` does in sampled mode, and keep the estimates.
-
-    Parameters
-    ----------
-    scenario
-        What happens, and what departs from the ideal.
-    law
-        Law and estimator.
-    timestep, control_period, integrator
-        As of `simulate_mujoco`.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Simulate a scenario as `simulate_mujoco` does in sampled mode, and keep the estimates."""
     period = control_period_of(scenario, control_period, timestep)
     estimates = np.full((int(scenario.duration / period) + 2, 2), np.nan)
     run = simulate_sampled(

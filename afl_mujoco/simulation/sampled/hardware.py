@@ -101,8 +101,6 @@ def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
 
     Parameters
     ----------
-    imperfections
-        Noise, resolution, differentiation, filter.
     period
         Control period [s].
     """
@@ -120,8 +118,6 @@ def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Ac
 
     Parameters
     ----------
-    imperfections
-        Limit, delay, slew rate, lag.
     timestep
         Physics step [s].
     steps
@@ -161,8 +157,6 @@ def sense(at, sensors, run, tick):
         `CartPoleModel.addresses`; the state is read from MjData.
     sensors
         A `Sensors`.
-    run
-        From `new_run`.
     tick
         Number of the control tick; each is measured once, in order.
     """
@@ -239,8 +233,6 @@ def actuate(actuator, run, pending, command, k):
     ----------
     actuator
         An `Actuator`.
-    run, pending
-        From `new_run` and `no_commands`.
     command
         From `within_reach` [N], the command now.
     k

@@ -169,8 +169,6 @@ def start(at, plan, profile, run, record, initial_state):
         A `Plan`.
     profile
         What happens to the plant in each step, fields as of `PROFILE`.
-    run
-        From `new_run`.
     record
         Takes state and force from each instant on, shape (N + 1, 5), or (0, 5) for no record.
     initial_state
@@ -188,8 +186,6 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
 
     Parameters
     ----------
-    at, plan, profile, run, record
-        As of `start`.
     actuator, pending
         An `Actuator`, and from `no_commands`.
     command
@@ -234,10 +230,6 @@ def run_to_end(
 
     Parameters
     ----------
-    at, plan, profile, run, record, initial_state
-        As of `start`.
-    pending, actuator
-        As of `advance`.
     sensors
         A `Sensors`.
     kind, inputs
@@ -279,8 +271,6 @@ def run_estimating(
         reports the force, the mean of what it exerted.
     law
         A `CompiledController`.
-    filter_, settings
-        Of the estimator, as of `estimator.start`.
     estimates
         Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
     """

@@ -56,15 +56,8 @@ def control_period_of(scenario: Scenario, given: float | None, timestep: float) 
 
     Parameters
     ----------
-    scenario
-        May have one.
     given, timestep
         The simulator's settings [s].
-
-    Raises
-    ------
-    InvalidValueError
-        If the scenario has one and another is given.
     """
     own = scenario.imperfections.control_period
     if own is None:
@@ -87,19 +80,10 @@ def prepare(
 
     Parameters
     ----------
-    scenario
-        What happens, and what departs from the ideal.
-    law
-        Gives belief and gains.
     timestep
         Physics step [s].
     control_period
         For a scenario that leaves it open [s] (default: one step).
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or a gain of the law does.
     """
     s, r = scenario, scenario.imperfections
     period = control_period_of(s, control_period, timestep)
@@ -142,12 +126,8 @@ def input_profile(scenario: Scenario, timestep: float, changing: int, count: int
 
     Parameters
     ----------
-    scenario
-        What happens.
     timestep
         Physics step [s].
-    changing, count
-        How many steps change anything, and how many there are.
     """
     starts = _grid(min(changing + 1, count) + 1) * timestep
     middles = (_grid(len(starts) - 1) + 0.5) * timestep
@@ -178,12 +158,6 @@ def perform(
     ----------
     model
         With the passive physics of the scenario; its state is of no consequence.
-    prepared
-        From `prepare`.
-    law
-        The controller that it was prepared for.
-    record
-        Whether to keep every state and force.
     estimates
         Takes the M [kg] and l [m] that an estimator finds at each control tick, shape (T, 2).
 
@@ -233,21 +207,8 @@ def simulate_sampled(
 
     Parameters
     ----------
-    scenario
-        What happens, and what departs from the ideal.
-    law
-        What is commanded.
-    timestep, control_period, integrator
-        As of `simulate_mujoco`.
     model
         The model to use instead of a fresh one, its timestep and integrator as given here.
-    estimates
-        As of `perform`.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
     """
     prepared = prepare(scenario, law, timestep=timestep, control_period=control_period)
     if model is None:

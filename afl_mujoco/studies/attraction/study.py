@@ -129,13 +129,7 @@ def check(configuration: Attraction) -> None:
 
 
 def run(configuration: Attraction, *, progress: Progress = silent, workers: int = 1) -> Result:
-    """Make the maps; the numbers do not depend on the threads, one for each of the workers.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Make the maps; the numbers do not depend on the threads, one for each of the workers."""
     from afl_mujoco.simulation.attraction.mujoco_map import map_in_mujoco
     from afl_mujoco.simulation.attraction.ode_map import map_by_ode
     from afl_mujoco.studies.attraction.comparison import Comparison

@@ -52,13 +52,7 @@ def check(configuration: Estimation) -> None:
 
 
 def run(configuration: Estimation, *, progress: Progress = silent, workers: int = 1) -> Result:
-    """Run every schedule; the result does not depend on the workers.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Run every schedule; the result does not depend on the workers."""
     import itertools
 
     from afl_mujoco.execution.executors import compute_all, open_executor

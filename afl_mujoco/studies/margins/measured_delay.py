@@ -110,16 +110,12 @@ def compare_delays(
 
     Parameters
     ----------
-    controllers
-        The controllers.
     plants
         M [kg] and l [m] of each.
     control_period
         How long the force is held [s].
     workers
         Processes to share the work among; the result does not depend on it.
-    progress
-        Called with how many are done.
     """
     units = [(law, *plant, control_period) for law in controllers for plant in plants]
     done = itertools.count(1)
@@ -153,8 +149,6 @@ def measured_delay(
 
     Parameters
     ----------
-    law
-        The controller.
     mass, length
         M [kg] and l [m].
     about
@@ -176,8 +170,6 @@ def motion_decays(
 
     Parameters
     ----------
-    law
-        The controller.
     mass, length
         M [kg] and l [m].
     delay

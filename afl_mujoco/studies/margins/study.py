@@ -53,13 +53,7 @@ def check(configuration: MarginsConfiguration) -> None:
 def run(
     configuration: MarginsConfiguration, *, progress: Progress = silent, workers: int = 1
 ) -> Result:
-    """Survey the margins and measure delays; the result does not depend on the workers.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or a controller cannot be linearised.
-    """
+    """Survey the margins and measure delays; the result does not depend on the workers."""
     from dataclasses import replace
 
     from afl_mujoco.studies.margins.measured_delay import compare_delays, measured_plants

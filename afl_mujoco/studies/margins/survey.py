@@ -91,16 +91,12 @@ def survey_margins(
 
     Parameters
     ----------
-    controllers
-        Which.
     cart_masses, half_lengths
         The grid, M [kg] and l [m].
     control_period
         Over which the sampled loop holds its force [s].
     workers
         Processes to share the work among; the result does not depend on it.
-    progress
-        Called as of `Progress`.
     """
     laws, masses, lengths, period = require(controllers, cart_masses, half_lengths, control_period)
     units: list[Unit] = [(law, mass, lengths, period) for law in laws for mass in masses]

@@ -55,12 +55,8 @@ def most_separating(
 
     Parameters
     ----------
-    features
-        From `features_of`.
     failed
         For each controller, which samples it did not survive, shape (samples,).
-    count
-        How many to return.
     """
     ranked = [bad for bad in failed if FEWEST <= int(bad.sum()) <= len(bad) - FEWEST]
 

@@ -34,13 +34,7 @@ def require(folder: Path) -> None:
 
 
 def write(result: Result, folder: Path) -> list[Path]:
-    """Write a scenario file of each failure kept and of each worst case, in place of older ones.
-
-    Returns
-    -------
-    list of Path
-        The folder of the scenario files.
-    """
+    """Write a scenario file of each failure kept and of each worst case, in place of older ones."""
     require(folder)
     space, seed = result.space, result.seed
     scenarios: dict[str, Scenario] = {

@@ -185,8 +185,6 @@ def result_of(
 
     Parameters
     ----------
-    campaign, found
-        What was found.
     keep
         How many failures of each controller have a scenario file; ``None`` for all.
     asked

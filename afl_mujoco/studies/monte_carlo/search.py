@@ -58,14 +58,6 @@ def minimise(
     cost
         Takes points of the cube and returns what to minimise, one number each. The start is
         tried first, alone.
-    start
-        Where to begin.
-    step
-        Standard deviation at first.
-    rng
-        The only source of chance.
-    budget
-        When to end.
     """
     import cma
 

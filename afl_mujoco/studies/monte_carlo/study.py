@@ -101,22 +101,7 @@ def run(
     workers: int = 1,
     cluster: str | None = None,
 ) -> Result:
-    """Run the campaign and the searches; who computes does not change a bit.
-
-    Parameters
-    ----------
-    configuration
-        What to study.
-    progress
-        Called as of `Progress`.
-    workers, cluster
-        Who computes, as of `open_executor`.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
-    """
+    """Run the campaign and the searches; who computes does not change a bit."""
     from afl_mujoco.execution.executors import open_executor
     from afl_mujoco.studies.monte_carlo.campaign import run_campaign
     from afl_mujoco.studies.monte_carlo.result import result_of

@@ -71,22 +71,7 @@ def run(
     workers: int = 1,
     cluster: str | None = None,
 ) -> Result:
-    """Find the thresholds; who computes does not change a bit.
-
-    Parameters
-    ----------
-    configuration
-        What to study.
-    progress
-        Called as of `Progress`.
-    workers, cluster
-        Who computes, as of `open_executor`.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or a controller cannot be run.
-    """
+    """Find the thresholds; who computes does not change a bit."""
     from afl_mujoco.studies.thresholds.sweep import find_thresholds, request_of
 
     request = request_of(configuration)

@@ -142,14 +142,8 @@ def judge(
 
     Parameters
     ----------
-    level
-        Of the verdict.
-    real
-        Departures from the ideal; all must be survived.
     timestep
         MuJoCo's step [s].
-    law, settings
-        The controller, and in which scenarios.
     """
     scenarios = [replace(s, imperfections=r) for s in settings.scenarios for r in real]
     try:

@@ -47,15 +47,7 @@ class Settings:
 def closed_loop_runs(
     scenario: Scenario, controller: Controller, settings: Settings
 ) -> dict[str, Trajectory]:
-    """Simulate a scenario in every simulator that the checks compare, by name.
-
-    Parameters
-    ----------
-    scenario, controller
-        What happens and what is commanded.
-    settings
-        Step sizes.
-    """
+    """Simulate a scenario in every simulator that the checks compare, by name."""
     h, period = settings.timestep, settings.control_period
     runs = (
         simulate_ode(scenario, controller, sample_period=h),
@@ -71,15 +63,7 @@ def closed_loop_runs(
 def closed_loop_checks(
     scenario: Scenario, controller: Controller, runs: dict[str, Trajectory]
 ) -> tuple[Check, ...]:
-    """Judge the runs of one scenario and controller.
-
-    Parameters
-    ----------
-    scenario, controller
-        What was simulated.
-    runs
-        From `closed_loop_runs`.
-    """
+    """Judge the runs of one scenario and controller."""
     values = {
         "A5": one_step_difference(scenario, runs["mujoco sampled"]),
         "B1": state_difference(runs["mujoco exact"], runs["ode"]),
@@ -106,11 +90,6 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
     Runs that did not both end the same way differ infinitely, and so do runs that leave nothing to
     compare. Of runs that both fell, the part before `TIPPED` is compared: the law amplifies
     round-off there.
-
-    Parameters
-    ----------
-    one, other
-        The runs.
     """
     if one.outcome.kind != other.outcome.kind:
         return math.inf
@@ -131,8 +110,6 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
 
     Parameters
     ----------
-    scenario
-        What was simulated.
     run
         A run of sampled mode with MuJoCo's RK4.
     """

@@ -99,13 +99,7 @@ class Refinement:
 
 
 def studied(scenario: Scenario) -> Scenario:
-    """Return the scenario cut to half a second after its last breakpoint, at least 2 s.
-
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    """
+    """Return the scenario cut to half a second after its last breakpoint, at least 2 s."""
     last = max((*scenario.breakpoints, 1.5))
     duration = np.ceil((last + AFTERMATH) / STEPS[0] - 1e-9) * STEPS[0]
     if duration >= scenario.duration:
@@ -114,15 +108,7 @@ def studied(scenario: Scenario) -> Scenario:
 
 
 def difference(run: Trajectory, reference: Trajectory) -> float:
-    """Return the largest difference of any state at the instants of the reference.
-
-    Parameters
-    ----------
-    run
-        A run whose grid holds that of the reference.
-    reference
-        What it is compared with.
-    """
+    """Return the largest difference of any state at the instants of the reference."""
     index = np.searchsorted(run.time, reference.time - 1e-9)
     if len(run.time) < len(reference.time) or index[-1] >= len(run.time):
         return float("inf")
@@ -134,8 +120,6 @@ def continuous_study(scenario: Scenario, controller: Controller, reference: Traj
 
     Parameters
     ----------
-    scenario, controller
-        What is simulated.
     reference
         The ODE's run, reported every ``STEPS[0]``.
     """
@@ -152,8 +136,6 @@ def sampled_study(
 
     Parameters
     ----------
-    scenario, controller
-        What is simulated.
     reference
         The ODE's run, reported every ``STEPS[0]``.
     """
@@ -174,11 +156,6 @@ def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
 
     Ideal impulses are left out: they strike with the parameters of a step's middle, which on a
     ramp is an error of order 1 of its own.
-
-    Parameters
-    ----------
-    scenario, controller
-        What is simulated.
     """
     if not any(s.cart_mass[1] or s.half_length[1] for s in scenario.segments):
         return None
@@ -199,8 +176,6 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
 
     Parameters
     ----------
-    integrator
-        MuJoCo's integrator.
     steps
         The steps [s], which divide 1 s.
     """
@@ -237,10 +212,6 @@ def last_state(
 
     Parameters
     ----------
-    rate
-        The right-hand side.
-    start
-        The initial state.
     duration
         When to stop [s].
     """

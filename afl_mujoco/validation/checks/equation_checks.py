@@ -28,13 +28,7 @@ _HIGH = {"cart_mass": 2.0, "pole_mass": 0.5, "half_length": 1.0, "gravity": 20.0
 
 
 def equation_checks(seed: int = 0) -> tuple[Check, ...]:
-    """Run A1, A2, A3 and A7.
-
-    Parameters
-    ----------
-    seed
-        Of the random states and plants.
-    """
+    """Run A1, A2, A3 and A7."""
     return (
         CRITERIA["A1"].judge(acceleration_error(np.random.default_rng([seed, 1]))),
         CRITERIA["A2"].judge(mass_matrix_error(np.random.default_rng([seed, 2]))),
@@ -44,26 +38,12 @@ def equation_checks(seed: int = 0) -> tuple[Check, ...]:
 
 
 def random_plant(rng: np.random.Generator) -> CartPoleParameters:
-    """Return a plant drawn from the whole box of parameters.
-
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    """
+    """Return a plant drawn from the whole box of parameters."""
     return CartPoleParameters(**{key: rng.uniform(_LOW[key], _HIGH[key]) for key in _LOW})
 
 
 def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
-    """Return the largest scaled difference between MuJoCo's qacc and (P3), (P4).
-
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    states
-        How many random states and plants.
-    """
+    """Return the largest scaled difference between MuJoCo's qacc and (P3), (P4)."""
     model = CartPoleModel(NOMINAL)
     worst = 0.0
     for _ in range(states):
@@ -88,13 +68,6 @@ def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
     """Return the largest relative difference between MuJoCo's mass matrix and the analytic one.
 
     The velocity jump under an ideal impulse, which is its inverse's doing, counts as well.
-
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    states
-        How many random states and plants.
     """
     model = CartPoleModel(NOMINAL)
     worst = 0.0
@@ -123,18 +96,6 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
 
     Mirrored states and forces give mirrored accelerations and forces of the law; a shift along z
     changes no acceleration; twice the masses under twice the force neither.
-
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    states
-        How many random states and plants.
-
-    Returns
-    -------
-    tuple of float
-        The largest difference for mirror and scale, and the largest scaled one for the shift.
     """
     model = CartPoleModel(NOMINAL)
     exact = shift = 0.0
@@ -160,8 +121,6 @@ def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:
 
     Parameters
     ----------
-    rng
-        Source of randomness.
     plants
         How many random plants; one model lives through all of them.
     """
@@ -178,13 +137,7 @@ def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:
 
 
 def differing_numbers(one: mujoco.MjModel, other: mujoco.MjModel) -> int:
-    """Return in how many elements the arrays of two models differ; `stat` is left aside.
-
-    Parameters
-    ----------
-    one, other
-        Models of the same structure.
-    """
+    """Return in how many elements the arrays of two models differ; `stat` is left aside."""
     count = 0
     for owner, twin in ((one, other), (one.opt, other.opt)):
         for name in dir(owner):
@@ -195,13 +148,7 @@ def differing_numbers(one: mujoco.MjModel, other: mujoco.MjModel) -> int:
 
 
 def add_realism(spec: mujoco.MjSpec) -> None:
-    """Add what makes stale derived constants show: friction, limits and contact.
-
-    Parameters
-    ----------
-    spec
-        The description to edit.
-    """
+    """Add what makes stale derived constants show: friction, limits and contact."""
     for name, reach in (("slider", 1.0), ("hinge", 2.5)):
         joint = spec.joint(name)
         joint.frictionloss, joint.damping, joint.armature = 0.05, [0.02, 0.0, 0.0], 0.001

@@ -105,20 +105,7 @@ class ErrorBudget:
 def budget_curves(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return total, parts and residual as curves, shape (N, 4) each, at the multiples of the step.
-
-    Parameters
-    ----------
-    scenario, controller
-        What was simulated.
-    runs
-        From `closed_loop_checks.closed_loop_runs`.
-
-    Returns
-    -------
-    dict
-        ``total``, each of `SOURCES` and ``residual``; empty if a run did not complete.
-    """
+    """Return total, parts and residual as curves, shape (N, 4) each, at each step."""
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
         return {}
     settings = runs["mujoco sampled"].provenance["settings"]
@@ -159,12 +146,8 @@ def error_budget(
 
     Parameters
     ----------
-    scenario, controller
-        What was simulated.
     times
         Instants of the curves [s], shape (N,).
-    curves
-        From `budget_curves`.
     """
     row, column = np.unravel_index(np.abs(curves["total"]).argmax(), curves["total"].shape)
     signed = {name: float(curve[row, column]) for name, curve in curves.items()}

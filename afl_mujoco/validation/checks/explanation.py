@@ -105,12 +105,6 @@ def explain(
 
     Parameters
     ----------
-    scenario, controller
-        What was simulated.
-    runs
-        From `closed_loop_checks.closed_loop_runs`.
-    parts
-        From `error_budget.budget_curves`.
     full
         Whether to make the refinement studies, the ledger and the comparison with what the paper
         leaves out, or only the error budget.

@@ -76,11 +76,6 @@ def ledger(scenario: Scenario, controller: Controller) -> Ledger:
 
     Work and impulse are those of the forces that MuJoCo applied; energy and momentum are MuJoCo's
     own; what a parameter change adds is booked by the analytic energy and momentum.
-
-    Parameters
-    ----------
-    scenario, controller
-        What is simulated.
     """
     model = CartPoleModel(scenario.parameters_at(0.0), edit=_measure_energy)
     change = ParameterChange()

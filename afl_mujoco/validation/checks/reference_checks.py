@@ -39,13 +39,7 @@ _SHORT = replace(
 
 
 def reference_checks(swings: tuple[Refinement, Refinement]) -> tuple[Check, ...]:
-    """Run A4, A8 and A10.
-
-    Parameters
-    ----------
-    swings
-        From `free_swings`.
-    """
+    """Run A4, A8 and A10."""
     study, exactness = manufactured_study()
     rk4, euler = swings
     return (

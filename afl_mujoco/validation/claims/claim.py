@@ -47,10 +47,6 @@ def verdict(share: float, enough: float = 1.0, least: float = 0.0) -> str:
 
     Parameters
     ----------
-    share
-        What share of the claim holds.
-    enough
-        From here on it is reproduced.
     least
         Up to here it is not reproduced; in between in part.
     """

@@ -64,15 +64,7 @@ def published_rows() -> NDArray[np.float64]:
 
 
 def optima_claim(table: GainTable, scales: ObjectiveScales) -> Claim:
-    """Judge C10: the gains of Table 1 minimise the objective.
-
-    Parameters
-    ----------
-    table
-        Our optima.
-    scales
-        Of the objective.
-    """
+    """Judge C10: the gains of Table 1 minimise the objective."""
     rows = published_rows()
     slope, plants, masses = rows[:, 1], rows[:, [4, 5]], rows[:, 4]
     found = [table.gains(mass, length) for mass, length in plants]
@@ -128,13 +120,7 @@ def _cost(
 
 
 def fit_claim(table: GainTable) -> Claim:
-    """Judge C11: the RMSE of Table 2 follow from the fit (G1).
-
-    Parameters
-    ----------
-    table
-        Our optima.
-    """
+    """Judge C11: the RMSE of Table 2 follow from the fit (G1)."""
     rows, published = published_rows(), GainFunction.published()
     masses, lengths = rows[:, 4], rows[:, 5]
     columns = {"switching": rows[:, 0], "slope": rows[:, 1], "boundary_layer": rows[:, 2]}

@@ -42,13 +42,7 @@ class Ledger:
 
 
 def decidable(runs: Runs) -> bool:
-    """Return whether the runs are all that the claims need: both controllers, every scenario.
-
-    Parameters
-    ----------
-    runs
-        Metrics by scenario and controller.
-    """
+    """Return whether the runs are all that the claims need: both controllers, every scenario."""
     return all((s, c) in runs for s in SCENARIOS for c in (FIXED, ADAPTIVE))
 
 
@@ -63,16 +57,8 @@ def judge_claims(
 
     Parameters
     ----------
-    runs
-        Metrics by scenario and controller, the objective among them.
-    scales
-        Of the objective.
     schedules
         How many random schedules to draw for C9.
-    executor
-        What computes them.
-    progress
-        Called after each schedule.
     """
     if not decidable(runs):
         return Ledger()

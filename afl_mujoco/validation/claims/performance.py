@@ -37,13 +37,7 @@ Runs = Mapping[tuple[str, str], Metrics]
 
 
 def performance_claims(runs: Runs) -> Iterator[Claim]:
-    """Judge C2 to C8.
-
-    Parameters
-    ----------
-    runs
-        Of every scenario of the catalogue with the fixed and the adaptive gains.
-    """
+    """Judge C2 to C8."""
     yield _stabilised(runs)
     for place, case in enumerate(PUBLISHED_IMPROVEMENT, start=3):
         yield _improvement(f"C{place}", case, runs)
@@ -73,13 +67,7 @@ def _stabilised(runs: Runs) -> Claim:
 
 
 def improvement(fixed: Metrics, adaptive: Metrics) -> float | None:
-    """Return by how much the adaptive gains lower the objective [%]; None if a run did not end.
-
-    Parameters
-    ----------
-    fixed, adaptive
-        Metrics of the two.
-    """
+    """Return by how much the adaptive gains lower the objective [%]; None if a run did not end."""
     one, other = fixed["objective"], adaptive["objective"]
     return None if one is None or other is None else 100.0 * (1.0 - other / one)
 

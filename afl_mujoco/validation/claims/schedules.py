@@ -26,13 +26,7 @@ Unit = tuple[int, ObjectiveScales]
 
 
 def objectives_on_schedule(unit: Unit) -> list[float | None]:
-    """Return the objective of each of `COMPARED` on one random schedule; None where it fell.
-
-    Parameters
-    ----------
-    unit
-        Index of the schedule, and the scales of the objective.
-    """
+    """Return the objective of each of `COMPARED` on one random schedule; None where it fell."""
     index, scales = unit
     scenario = random_scenario(SEED, index)
     return [ideal_objective(scenario, CONTROLLERS[name], scales) for name in COMPARED]
@@ -89,13 +83,7 @@ def compare(fixed: NDArray[np.float64], adaptive: NDArray[np.float64]) -> Compar
 def schedules_claim(
     objectives: Sequence[Sequence[float | None]],
 ) -> tuple[Claim, Mapping[str, Comparison]]:
-    """Judge C9, and return the comparisons behind it.
-
-    Parameters
-    ----------
-    objectives
-        From `objectives_on_schedule`, one row a schedule.
-    """
+    """Judge C9, and return the comparisons behind it."""
     table = np.array([[np.inf if x is None else x for x in row] for row in objectives])
     found = {
         "published": compare(table[:, 0], table[:, 1]),

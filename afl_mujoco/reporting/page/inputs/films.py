@@ -91,17 +91,8 @@ def load_films(folder: Path, page_folder: Path, *, room: int = ROOM) -> tuple[Fi
 
     Parameters
     ----------
-    folder
-        Holds films.json and the films.
-    page_folder
-        Where the page will be: links are relative to it.
     room
         How much of the page films may take [bytes].
-
-    Raises
-    ------
-    FileError
-        If films.json cannot be understood or a poster is no picture.
     """
     listing = folder / "films.json"
     try:
@@ -187,13 +178,7 @@ def _film(entry: dict[str, Any], folder: Path, page_folder: Path, room: int) -> 
 
 
 def render_command(scenario: str | None) -> str:
-    """Return the command that makes the films of a scenario, or all of them.
-
-    Parameters
-    ----------
-    scenario
-        Its name.
-    """
+    """Return the command that makes the films of a scenario, or all of them."""
     return shlex.join(["afl-mujoco", "render", *filter(None, [scenario])])
 
 

@@ -61,23 +61,7 @@ _SETTINGS = {"timestep": NUMBER, "control_period": NUMBER}
 
 
 def load_report(path: Path) -> dict[str, Any]:
-    """Read a report that `afl-mujoco validate` wrote.
-
-    Parameters
-    ----------
-    path
-        The report.json.
-
-    Returns
-    -------
-    dict
-        The report; everything in `REQUIRED` is there and of its kind.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, is no JSON or not of that form.
-    """
+    """Read a report that `afl-mujoco validate` wrote."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
     except OSError as error:
@@ -92,18 +76,7 @@ def load_report(path: Path) -> dict[str, Any]:
 
 
 def require_report(data: object) -> dict[str, Any]:
-    """Return data as a report.
-
-    Parameters
-    ----------
-    data
-        What a report.json holds.
-
-    Raises
-    ------
-    ValueError
-        If it is not of a report's form; the message names place and rule.
-    """
+    """Return data as a report."""
     if not isinstance(data, dict):
         _refuse("it", TABLE, data)
     if data.get("schema") != 1:
