@@ -9,7 +9,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 STUDIES := $(shell sed -n 's/^    name="\(.*\)",$$/\1/p' afl_mujoco/studies/*/study.py)
 
 .DEFAULT_GOAL := help
-.PHONY: $(STUDIES) help setup validate proof robustness render view report docs test regression bless referee cluster tune bench faults check lock clean distclean
+.PHONY: $(STUDIES) help setup validate proof robustness render view report docs test regression baselines pinocchio cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -47,15 +47,15 @@ docs: $(READY) ## print the criteria into docs/verification.md
 test: $(READY) ## run the tests; narrow them with ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(ARGS)
 
-regression: $(READY) ## compare every run with its blessed baseline
+regression: $(READY) ## compare every run with its baseline
 	@$(BIN)/afl-mujoco regression $(ARGS)
 
-bless: $(READY) ## make what is now the baselines, and print what moved
-	@$(BIN)/afl-mujoco regression --bless $(ARGS)
+baselines: $(READY) ## make what is now the baselines, and print what moved
+	@$(BIN)/afl-mujoco regression --update $(ARGS)
 
-referee: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
-	@$(PIP_INSTALL) --no-deps --requirement requirements-referee.lock
-	@AFL_MUJOCO_REQUIRE_REFEREE=1 $(BIN)/pytest -q tests/validation/test_second_engine.py $(ARGS)
+pinocchio: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
+	@$(PIP_INSTALL) --no-deps --requirement requirements-pinocchio.lock
+	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/validation/test_second_engine.py $(ARGS)
 
 cluster: $(READY) ## share work among the workers of a Dask cluster, one of which dies
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock

@@ -11,7 +11,7 @@ from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar
 
 @dataclass(frozen=True, kw_only=True)
 class Regression:
-    """Compare every run of the paper's scenarios with the blessed baselines.
+    """Compare every run of the paper's scenarios with its baseline.
 
     Example: afl-mujoco regression --workers 2
 
@@ -20,33 +20,33 @@ class Regression:
 
     baselines: Path = Path("tests/regression/baselines")
     """Folder of the baselines."""
-    bless: bool = False
+    update: bool = False
     """Make what is now the baselines, and print what moved."""
     workers: int = min(2, os.cpu_count() or 1)
     """Processes to share the work among; the numbers do not depend on it."""
 
     def run(self) -> int:
-        """Run everything; compare, or bless."""
+        """Run everything; compare, or update the baselines."""
         from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.scenario.catalogue import SCENARIOS
         from afl_mujoco.validation.regression import (
             REGRESSED,
-            bless,
             compare,
             load_baselines,
-            open_for_blessing,
+            open_for_update,
             record_all,
+            update_baselines,
         )
 
-        read = open_for_blessing if self.bless else load_baselines
-        blessed = read(self.baselines)  # what is quick to check comes first
+        read = open_for_update if self.update else load_baselines
+        baselines = read(self.baselines)  # what is quick to check comes first
         scenarios = list(SCENARIOS.values())
         controllers = [CONTROLLERS[name] for name in REGRESSED]
         with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
             fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
-        if self.bless:
-            print(*bless(self.baselines, blessed, fresh), sep="\n")
+        if self.update:
+            print(*update_baselines(self.baselines, baselines, fresh), sep="\n")
             return SUCCESS
-        comparison = compare(blessed, fresh)
+        comparison = compare(baselines, fresh)
         print(*comparison.lines(self.baselines), sep="\n")
         return SUCCESS if comparison.passed else CHECK_FAILED

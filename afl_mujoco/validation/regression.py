@@ -1,4 +1,4 @@
-"""The physics regression: every run against its blessed baseline, and the blessing of new ones."""
+"""The physics regression: every run against its baseline, and the update of the baselines."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from afl_mujoco.validation.pair import Pair, pair_name, reported_runs
 REGRESSED = ("fixed", "adaptive")
 """The controllers that have baselines."""
 
-BLESS = "make bless"
+UPDATE = "make baselines"
 """What makes the present state the baseline."""
 
 
@@ -127,9 +127,9 @@ class Comparison:
         """Return the report, a line for each deviation, the verdict last."""
         moved = [change for found in self.changes.values() for change in found]
         said = [f"moved     {change}" for change in moved]
-        said += [f"missing   {folder / name}; {BLESS} writes it" for name in self.missing]
+        said += [f"missing   {folder / name}; {UPDATE} writes it" for name in self.missing]
         said += [
-            f"orphaned  {folder / name} has no run; {BLESS} removes it" for name in self.orphaned
+            f"orphaned  {folder / name} has no run; {UPDATE} removes it" for name in self.orphaned
         ]
         said += [f"note      {name} was {old}, is {new}" for name, old, new in self.versions]
         if self.passed:
@@ -140,48 +140,48 @@ class Comparison:
             "orphaned": len(self.orphaned),
         }
         summary = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-        return [*said, f"FAIL: {summary or 'no runs'}; {BLESS} accepts what is meant"]
+        return [*said, f"FAIL: {summary or 'no runs'}; {UPDATE} accepts what is meant"]
 
 
 def load_baselines(folder: Path) -> dict[str, Baseline]:
     """Read every baseline of a folder, by the name of its file."""
     if not folder.is_dir():
-        raise FileError(f"baseline folder {folder}", f"must be there; {BLESS} makes it")
+        raise FileError(f"baseline folder {folder}", f"must be there; {UPDATE} makes it")
     return {path.name: load_baseline(path) for path in sorted(folder.glob("*.json"))}
 
 
-def open_for_blessing(folder: Path) -> dict[str, Baseline]:
+def open_for_update(folder: Path) -> dict[str, Baseline]:
     """Make the folder if it is missing and read what is in it, as `load_baselines`."""
     return load_baselines(output_folder(folder))
 
 
-def compare(blessed: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) -> Comparison:
+def compare(baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) -> Comparison:
     """Compare fresh runs with baselines."""
-    both = [name for name in fresh if name in blessed]
-    moved = {name: found for name in both if (found := changes(blessed[name], fresh[name]))}
+    both = [name for name in fresh if name in baselines]
+    moved = {name: found for name in both if (found := changes(baselines[name], fresh[name]))}
     versions = {
         (package, old, fresh[name].versions.get(package, "none"))
         for name in moved
-        for package, old in blessed[name].versions.items()
+        for package, old in baselines[name].versions.items()
     }
     return Comparison(
         runs=sum(len(baseline.runs) for baseline in fresh.values()),
         changes=moved,
-        missing=tuple(name for name in fresh if name not in blessed),
-        orphaned=tuple(name for name in blessed if name not in fresh),
+        missing=tuple(name for name in fresh if name not in baselines),
+        orphaned=tuple(name for name in baselines if name not in fresh),
         versions=tuple(sorted(v for v in versions if v[1] != v[2])),
     )
 
 
-def bless(
-    folder: Path, blessed: Mapping[str, Baseline], fresh: Mapping[str, Baseline]
+def update_baselines(
+    folder: Path, baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]
 ) -> list[str]:
     """Make fresh runs the baselines and return what moved, a line each.
 
     A file in which no figure moved by more than it may keeps its bytes, so that another host's
     last digits do not rewrite them all.
     """
-    comparison = compare(blessed, fresh)
+    comparison = compare(baselines, fresh)
     for name in (*comparison.missing, *comparison.changes):
         write_text(folder / name, fresh[name].to_text())
     for name in comparison.orphaned:

@@ -1,4 +1,4 @@
-"""The physics regression notices what moved, what is missing and what is left over; bless mends."""
+"""The physics regression notices what moved, what is missing and what is left over; an update mends."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ def by_name(*baselines: Baseline) -> dict[str, Baseline]:
 
 
 @pytest.fixture
-def blessed(tmp_path: Path) -> Path:
+def baselines(tmp_path: Path) -> Path:
     """A folder with the baselines of two scenarios."""
-    regression.bless(tmp_path, {}, by_name(made(), made("nominal")))
+    regression.update_baselines(tmp_path, {}, by_name(made(), made("nominal")))
     return tmp_path
 
 
@@ -127,40 +127,40 @@ def test_a_run_of_another_length_is_a_change() -> None:
 # The folder
 
 
-def test_the_file_gives_back_the_very_numbers(blessed: Path) -> None:
+def test_the_file_gives_back_the_very_numbers(baselines: Path) -> None:
     third = dataclasses.replace(made(), scenario='odd "name"', runs={"ode": recording(a=1 / 3)})
     for made_up in (made(), third):
-        (blessed / made_up.file_name).write_text(made_up.to_text())
-        assert load_baseline(blessed / made_up.file_name) == made_up
+        (baselines / made_up.file_name).write_text(made_up.to_text())
+        assert load_baseline(baselines / made_up.file_name) == made_up
 
 
-def test_what_was_blessed_passes(blessed: Path) -> None:
+def test_what_was_recorded_passes(baselines: Path) -> None:
     fresh = by_name(made(), made("nominal"))
-    comparison = regression.compare(regression.load_baselines(blessed), fresh)
+    comparison = regression.compare(regression.load_baselines(baselines), fresh)
     assert comparison.passed
-    assert comparison.lines(blessed) == ["PASS: 4 runs match their baselines"]
+    assert comparison.lines(baselines) == ["PASS: 4 runs match their baselines"]
 
 
-def test_a_moved_figure_is_one_line_with_old_new_and_limit(blessed: Path) -> None:
+def test_a_moved_figure_is_one_line_with_old_new_and_limit(baselines: Path) -> None:
     fresh = by_name(made(run=recording(objective=2.6), mujoco="3.18.0"), made("nominal"))
-    comparison = regression.compare(regression.load_baselines(blessed), fresh)
+    comparison = regression.compare(regression.load_baselines(baselines), fresh)
     assert not comparison.passed
-    assert comparison.lines(blessed) == [
+    assert comparison.lines(baselines) == [
         "moved     step-step / fixed / mujoco sampled: objective 2.5 -> 2.6 "
         "(by +1.00e-01, relative +4.00e-02; it may move by 2.50e-06)",
         "note      mujoco was 3.17.0, is 3.18.0",
-        "FAIL: 1 figures moved; make bless accepts what is meant",
+        "FAIL: 1 figures moved; make baselines accepts what is meant",
     ]
 
 
-def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(blessed: Path) -> None:
+def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(baselines: Path) -> None:
     fresh = by_name(made(), made("trapezoid-step"))
-    comparison = regression.compare(regression.load_baselines(blessed), fresh)
+    comparison = regression.compare(regression.load_baselines(baselines), fresh)
     assert not comparison.passed
-    assert comparison.lines(blessed) == [
-        f"missing   {blessed}/trapezoid-step.fixed.json; make bless writes it",
-        f"orphaned  {blessed}/nominal.fixed.json has no run; make bless removes it",
-        "FAIL: 1 baselines missing, 1 orphaned; make bless accepts what is meant",
+    assert comparison.lines(baselines) == [
+        f"missing   {baselines}/trapezoid-step.fixed.json; make baselines writes it",
+        f"orphaned  {baselines}/nominal.fixed.json has no run; make baselines removes it",
+        "FAIL: 1 baselines missing, 1 orphaned; make baselines accepts what is meant",
     ]
 
 
@@ -168,25 +168,25 @@ def test_no_runs_do_not_pass() -> None:
     assert not regression.compare({}, {}).passed
 
 
-def test_bless_says_what_moved_and_leaves_what_did_not(blessed: Path) -> None:
-    untouched = (blessed / "step-step.fixed.json").read_bytes()
+def test_an_update_says_what_moved_and_leaves_what_did_not(baselines: Path) -> None:
+    untouched = (baselines / "step-step.fixed.json").read_bytes()
     fresh = by_name(
         made(python="3.12.1"),  # another host, the same numbers but for the last digits
         made("trapezoid-step", run=recording(objective=2.6)),
     )
-    assert regression.bless(blessed, regression.open_for_blessing(blessed), fresh) == [
-        f"new      {blessed}/trapezoid-step.fixed.json",
-        f"removed  {blessed}/nominal.fixed.json",
+    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
+        f"new      {baselines}/trapezoid-step.fixed.json",
+        f"removed  {baselines}/nominal.fixed.json",
     ]
-    assert (blessed / "step-step.fixed.json").read_bytes() == untouched
+    assert (baselines / "step-step.fixed.json").read_bytes() == untouched
     fresh |= by_name(made(run=recording(settling_2pc_z=None)))
-    assert regression.bless(blessed, regression.open_for_blessing(blessed), fresh) == [
+    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
         "moved    step-step / fixed / mujoco sampled: settling_2pc_z 6.112 -> none"
     ]
-    assert regression.bless(blessed, regression.open_for_blessing(blessed), fresh) == [
+    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
         "nothing moved"
     ]
-    assert regression.compare(regression.load_baselines(blessed), fresh).passed
+    assert regression.compare(regression.load_baselines(baselines), fresh).passed
 
 
 @pytest.mark.parametrize(
@@ -205,13 +205,13 @@ def test_bless_says_what_moved_and_leaves_what_did_not(blessed: Path) -> None:
     ids=["empty", "conflict", "list", "table", "schema", "name", "text", "row", "nan"],
 )
 def test_a_file_that_is_no_baseline_is_named_with_the_reason(
-    blessed: Path, text: str, reason: str
+    baselines: Path, text: str, reason: str
 ) -> None:
-    (blessed / "step-step.fixed.json").write_text(text)
+    (baselines / "step-step.fixed.json").write_text(text)
     with pytest.raises(FileError) as caught:
-        regression.load_baselines(blessed)
+        regression.load_baselines(baselines)
     said = str(caught.value)
-    assert said.startswith(f"{blessed}/step-step.fixed.json is not a baseline: ")
+    assert said.startswith(f"{baselines}/step-step.fixed.json is not a baseline: ")
     assert reason in said
     assert "\n" not in said
 
@@ -277,11 +277,11 @@ def short_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(regression, "REGRESSED", ("adaptive",))
 
 
-def test_the_command_passes_on_what_it_blessed_and_fails_on_a_change(
+def test_the_command_passes_on_what_it_recorded_and_fails_on_a_change(
     tmp_path: Path, short_command: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["regression", "--baselines", str(tmp_path / "b"), "--workers", "1"]
-    assert cli.main([*command, "--bless"]) == 0
+    assert cli.main([*command, "--update"]) == 0
     path = tmp_path / "b" / "short.adaptive.json"
     assert capsys.readouterr().out == f"new      {path}\n"
     before = path.read_bytes()
@@ -295,20 +295,20 @@ def test_the_command_passes_on_what_it_blessed_and_fails_on_a_change(
     output = capsys.readouterr().out.splitlines()
     assert output[0].startswith("moved     short / adaptive / ode: max_force ")
     assert output[-1].startswith("FAIL: 1 figures moved")
-    assert cli.main([*command, "--bless"]) == 0
+    assert cli.main([*command, "--update"]) == 0
     assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--baselines", "none"], "baseline folder none must be there; make bless makes it"),
+        (["--baselines", "none"], "baseline folder none must be there; make baselines makes it"),
         (["--baselines", "bad"], "bad/x.json is not a baseline: 'schema' is missing"),
-        (["--bless", "--baselines", "bad"], "bad/x.json is not a baseline: 'schema' is missing"),
-        (["--bless", "--baselines", "/proc/afl"], "output folder /proc/afl cannot be written"),
+        (["--update", "--baselines", "bad"], "bad/x.json is not a baseline: 'schema' is missing"),
+        (["--update", "--baselines", "/proc/afl"], "output folder /proc/afl cannot be written"),
         (["--baselines", "bad/x.json"], "baseline folder bad/x.json must be"),
     ],
-    ids=["missing", "malformed", "bless malformed", "unwritable", "file"],
+    ids=["missing", "malformed", "update malformed", "unwritable", "file"],
 )
 def test_a_bad_folder_is_one_line_and_exit_2(
     tmp_path: Path, arguments: list[str], message: str

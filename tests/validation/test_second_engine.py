@@ -1,7 +1,7 @@
-"""A second engine as outside referee: Pinocchio reads the same MJCF and must move it alike.
+"""A second engine as outside second: Pinocchio reads the same MJCF and must move it alike.
 
-Optional: `make referee` installs Pinocchio and runs this. Without it the tests are skipped, or fail
-where AFL_MUJOCO_REQUIRE_REFEREE is set.
+Optional: `make pinocchio` installs Pinocchio and runs this. Without it the tests are skipped, or fail
+where AFL_MUJOCO_REQUIRE_PINOCCHIO is set.
 """
 
 import os
@@ -19,9 +19,9 @@ from afl_mujoco.validation.checks.equation_checks import random_plant
 try:
     import pinocchio as pin
 except ImportError as error:
-    reason = f"Pinocchio, the second engine, is not installed ({error}): run `make referee`"
-    if os.environ.get("AFL_MUJOCO_REQUIRE_REFEREE"):
-        pytest.fail(f"AFL_MUJOCO_REQUIRE_REFEREE is set, but {reason}", pytrace=False)
+    reason = f"Pinocchio, the second engine, is not installed ({error}): run `make pinocchio`"
+    if os.environ.get("AFL_MUJOCO_REQUIRE_PINOCCHIO"):
+        pytest.fail(f"AFL_MUJOCO_REQUIRE_PINOCCHIO is set, but {reason}", pytrace=False)
     pytest.skip(reason, allow_module_level=True)
 
 STATES = 2000
@@ -29,7 +29,7 @@ TOLERANCE = 1e-12  # of 1 + |value|: round-off, the two engines add the same ter
 SCALE = (10.0, np.pi, 10.0, 10.0)
 
 
-class Referee:
+class SecondEngine:
     """Pinocchio's cart-pole: structure from the MJCF, inertias from Pinocchio's own formulas.
 
     The inertias are set as numbers, because MJCF text would round them to six digits.
@@ -85,7 +85,7 @@ class MuJoCo:
 
 
 class Paper:
-    """The analytic equations, for which the referee is as good."""
+    """The analytic equations, for which the second is as good."""
 
     def set_parameters(self, p):
         self.p = p
@@ -106,52 +106,52 @@ def judged(request):
 
 
 @pytest.fixture
-def referee():
-    return Referee()
+def second():
+    return SecondEngine()
 
 
-def _worst(judged, referee, rng, values):
+def _worst(judged, second, rng, values):
     """Return the largest scaled difference over random states, forces and plants."""
     worst = 0.0
     for _ in range(STATES):
         p = random_plant(rng)
         judged.set_parameters(p)
-        referee.set_parameters(p)
+        second.set_parameters(p)
         state, force = rng.uniform(-1.0, 1.0, 4) * SCALE, rng.uniform(-200.0, 200.0)
-        actual, expected = (np.array(values(side, state, force)) for side in (judged, referee))
+        actual, expected = (np.array(values(side, state, force)) for side in (judged, second))
         worst = max(worst, np.max(np.abs(actual - expected) / (1.0 + np.abs(expected))))
     return worst
 
 
-def test_accelerations_are_the_referee_s(judged, referee, rng):
-    assert _worst(judged, referee, rng, lambda side, x, f: side.acceleration(x, f)) <= TOLERANCE
+def test_accelerations_are_the_second_engine_s(judged, second, rng):
+    assert _worst(judged, second, rng, lambda side, x, f: side.acceleration(x, f)) <= TOLERANCE
 
 
-def test_mass_matrices_are_the_referee_s(judged, referee, rng):
-    assert _worst(judged, referee, rng, lambda side, x, _: side.mass_matrix(x)) <= TOLERANCE
+def test_mass_matrices_are_the_second_engine_s(judged, second, rng):
+    assert _worst(judged, second, rng, lambda side, x, _: side.mass_matrix(x)) <= TOLERANCE
 
 
-def test_energies_are_the_referee_s(judged, referee, rng):
-    assert _worst(judged, referee, rng, lambda side, x, _: side.energy(x)) <= TOLERANCE
+def test_energies_are_the_second_engine_s(judged, second, rng):
+    assert _worst(judged, second, rng, lambda side, x, _: side.energy(x)) <= TOLERANCE
 
 
-def test_the_mjcf_as_it_stands_moves_alike_in_both_engines(referee, rng):
+def test_the_mjcf_as_it_stands_moves_alike_in_both_engines(second, rng):
     model = mujoco.MjModel.from_xml_path(str(model_file("cartpole.xml")))
     data = mujoco.MjData(model)
     for _ in range(STATES):
         state, force = rng.uniform(-1.0, 1.0, 4) * SCALE, rng.uniform(-200.0, 200.0)
         data.qpos, data.qvel, data.ctrl = state[:2], state[2:], force
         mujoco.mj_forward(model, data)
-        expected = referee.acceleration(state, force)
+        expected = second.acceleration(state, force)
         error = np.abs(data.qacc - expected) / (1.0 + np.abs(expected))
         assert error.max() <= TOLERANCE
 
 
-def test_the_referee_sees_a_wrong_inertia(referee, rng, odd_parameters):
+def test_the_second_engine_sees_a_wrong_inertia(second, rng, odd_parameters):
     side = MuJoCo()
-    for judge in (side, referee):
+    for judge in (side, second):
         judge.set_parameters(odd_parameters)
     side.cart_pole.mj_model.body("pole").inertia[1] *= 1.0 + 1e-9
     state = rng.uniform(-1.0, 1.0, 4) * SCALE
-    difference = side.acceleration(state, 1.0) - referee.acceleration(state, 1.0)
+    difference = side.acceleration(state, 1.0) - second.acceleration(state, 1.0)
     assert np.abs(difference).max() > TOLERANCE
