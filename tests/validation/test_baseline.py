@@ -1,4 +1,4 @@
-"""The physics regression notices what moved, what is missing and what is left over; an update mends."""
+"""The physics regression notices what moved, is missing or left over; an update mends it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A second engine as outside second: Pinocchio reads the same MJCF and must move it alike.
+"""A second engine as outside truth: Pinocchio reads the same MJCF and must move it alike.
 
-Optional: `make pinocchio` installs Pinocchio and runs this. Without it the tests are skipped, or fail
-where AFL_MUJOCO_REQUIRE_PINOCCHIO is set.
+Optional: `make pinocchio` installs Pinocchio and runs this. Without it the tests are skipped, or
+fail where AFL_MUJOCO_REQUIRE_PINOCCHIO is set.
 """
 
 import os
@@ -85,7 +85,7 @@ class MuJoCo:
 
 
 class Paper:
-    """The analytic equations, for which the second is as good."""
+    """The analytic equations, for which the second engine is as good."""
 
     def set_parameters(self, p):
         self.p = p
