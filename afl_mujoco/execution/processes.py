@@ -62,12 +62,8 @@ def _computed(
     """Yield index and result of each unit as it is done."""
     with interrupts_held():  # processes are started here
         futures = {pool.submit(function, unit): index for index, unit in units.items()}
-    try:
-        for future in as_completed(futures):
-            yield futures.pop(future), future.result()
-    finally:
-        for future in futures:
-            future.cancel()
+    for future in as_completed(futures):
+        yield futures.pop(future), future.result()
 
 
 @contextmanager
@@ -75,14 +71,22 @@ def interrupts_held() -> Iterator[None]:
     """Put off a Ctrl-C to the end of the block, and for good in what is started within.
 
     A terminal sends the signal to every process of a command; only this one is to answer it. What
-    a worker inherits holds from its first instruction on, as a handler of its own would not.
+    a worker inherits holds from its first instruction on, as a handler of its own would not. The
+    mask alone does not put it off here: a thread of a numerical library may take the signal.
     """
     ensure_running()  # started within the block, it would let the signal through again
+    came: list[int] = []
+    in_main = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda n, _: came.append(n)) if in_main else None
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if in_main:
+            signal.signal(signal.SIGINT, handler or signal.SIG_DFL)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _end_with_parent() -> None:

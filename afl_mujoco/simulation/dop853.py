@@ -181,7 +181,7 @@ def _take_step(rates, arguments, time, end, state, step, options, slopes, after)
     """
     rtol, atol, longest = options
     least = 10.0 * abs(np.nextafter(time, np.inf) - time)
-    step, rejected = min(max(step, least), longest), False
+    step, rejected = max(min(step, longest), least), False  # a segment may be shorter
     while step >= least:
         reached = min(time + step, end)
         step = reached - time
