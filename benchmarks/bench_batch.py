@@ -1,6 +1,6 @@
-"""How many closed loops of 20 s a second and core? The ensemble against the ways to do without it.
+"""How many closed loops of 20 s a second and core? The batch against the ways to do without it.
 
-Run: python benchmarks/bench_ensemble.py [--repeats 10]
+Run: python benchmarks/bench_batch.py [--repeats 10]
 
 All ways are timed in turn in each repeat, on the same loops; a ratio is the median over the repeats
 of the ratio within one repeat. Rates are by the processor time of the process, those of two threads
@@ -50,7 +50,7 @@ START = (0.0, -math.pi / 3.0, 0.0, 0.0, 0.0, 0.0)
 """z, phi, their rates, and the integrals of their absolute values."""
 
 CLAIM = 1e-5
-"""Relative error of the objective that the ensemble claims, and that a fixed step must reach."""
+"""Relative error of the objective that the batch claims, and that a fixed step must reach."""
 
 LENGTHS = (0.05, 0.1, 0.2, 0.5, 1.0)
 STEPS = (2e-2, 1e-2, 8e-3, 5e-3, 4e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
@@ -140,7 +140,7 @@ def exact(loop: Array) -> Array:
     return np.array([*(np.abs(np.diff(x)).sum() for x in at_zeros), max(forces[k], -peak.fun)])
 
 
-def ensemble(loops: Array, threads: int = 1) -> Array:
+def batch(loops: Array, threads: int = 1) -> Array:
     terms = closed_loop_terms(loops[:, 2:], loops[:, :2], duration=HORIZON, threads=threads)
     return np.stack([terms.iae_z, terms.iae_phi, terms.max_force], axis=1)
 
@@ -237,7 +237,7 @@ def the_ways(loops: Array, expected: Array) -> dict[str, tuple[Way, int]]:
     print(f"\nfixed steps, chosen for an error of {CLAIM:g}, the largest force left out")
     step_of = largest_steps(loops, expected)
     ways = {
-        "ensemble": (ensemble, 512),
+        "batch": (batch, 512),
         "solve_ivp, public names": (by_scipy(public_names), 1),
         "solve_ivp, plain floats": (plain_floats, 1),
         "solve_ivp, compiled": (by_scipy(lambda p: lambda y: compiled_rates(y, p)), 1),
@@ -269,10 +269,10 @@ def compare_ways(repeats: int) -> None:
             errors[name] += list(np.abs(costs(found[:A_REPEAT]) / costs(right) - 1.0))
     print(f"\none core, {len(loops)} loops over the box, median of {repeats} repeats")
     for name in ways:
-        ratios = [a / b for a, b in zip(per_second["ensemble"], per_second[name], strict=True)]
+        ratios = [a / b for a, b in zip(per_second["batch"], per_second[name], strict=True)]
         print(
             f"  {name:<30}{statistics.median(per_second[name]):>9,.1f} loops/s,"
-            f" ensemble / it {statistics.median(ratios):>8,.1f},"
+            f" batch / it {statistics.median(ratios):>8,.1f},"
             f" error {np.median(errors[name]):.0e}, at most {max(errors[name]):.1e}"
         )
     print(f"  targets: 1,000 times solve_ivp with public names, error at most {CLAIM:g}")
@@ -283,9 +283,9 @@ def compare_sharing(repeats: int) -> None:
     loops = drawn(SHARED, seed=2)
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         calls = {
-            "one thread": lambda: ensemble(loops),
-            "two threads": lambda: ensemble(loops, threads=2),
-            "two processes": lambda: list(pool.map(ensemble, np.array_split(loops, 8))),
+            "one thread": lambda: batch(loops),
+            "two threads": lambda: batch(loops, threads=2),
+            "two processes": lambda: list(pool.map(batch, np.array_split(loops, 8))),
         }
         times = {name: [] for name in calls}
         for _ in range(repeats + 1):

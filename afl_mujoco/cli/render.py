@@ -32,7 +32,7 @@ class Render:
     controllers: tuple[str, ...] = ("fixed", "adaptive")
     """Controllers by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
     partial-linearization; any but -nominal with -estimated after it, told M and l by the estimator;
-    or a law in Python, my_module:my_law (examples/README.md)."""
+    or your own, module:attribute (examples/README.md)."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     size: str = "1280x720"

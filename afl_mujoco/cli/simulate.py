@@ -33,7 +33,7 @@ class Simulate:
     controller: str | None = None
     """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
     partial-linearization; any but -nominal with -estimated after it, told M and l by the estimator
-    (sampled); or a law in Python, my_module:my_law (examples/README.md). That of the file's
+    (sampled); or your own, module:attribute (examples/README.md). That of the file's
     [replay], else adaptive, by default."""
     simulator: str = "sampled"
     """ode, or a mode of MuJoCo: exact, continuous, sampled."""

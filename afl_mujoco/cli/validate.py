@@ -44,7 +44,7 @@ class Validate:
     """Scenarios by name, or TOML files; all nine of the paper by default."""
     controllers: tuple[str, ...] = ("fixed", "adaptive")
     """Controllers by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
-    partial-linearization; or a law in Python, my_module:my_law (examples/README.md)."""
+    partial-linearization; or your own, module:attribute (examples/README.md)."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     full: bool = False

@@ -23,7 +23,7 @@ class View:
     """Scenario by name, or a TOML file."""
     controller: str = "adaptive"
     """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
-    partial-linearization; any but -nominal with -estimated after it; or my_module:my_law."""
+    partial-linearization; any but -nominal with -estimated after it; or module:attribute."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     timestep: float = 1e-3

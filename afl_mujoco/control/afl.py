@@ -86,7 +86,7 @@ def control_force(
     state
         (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (..., 4).
     parameters
-        What the law believes of the plant.
+        What the controller assumes of the plant.
     gains
         K, lambda, Phi.
 
@@ -120,7 +120,7 @@ def sliding_variable(
     state
         (z, phi, z_dot, phi_dot), shape (..., 4).
     parameters
-        What the law believes of the plant.
+        What the controller assumes of the plant.
     gains
         Only `slope` enters.
 

@@ -25,7 +25,7 @@ from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_
 
 
 class GainError(InvalidValueError):
-    """A gain function that gives no positive gain for what the law believes."""
+    """A gain function that gives no positive gain for what the controller assumes."""
 
 
 @functools.lru_cache(maxsize=256)
@@ -37,7 +37,7 @@ def _compiled(gain_function: GainFunction) -> CompiledController:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AFLController(Controller):
-    """The law (L1)-(L10) with its gains and its belief.
+    """The law (L1)-(L10) with its gains and the parameters it assumes.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class AFLController(Controller):
         Returns
         -------
         ndarray
-            Believed parameters and gains, shape (..., 7).
+            Assumed parameters and gains, shape (..., 7).
 
         Raises
         ------

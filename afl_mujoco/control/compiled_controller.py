@@ -43,7 +43,7 @@ class CompiledController(NamedTuple):
 
 
 @kernel
-def scheduled_force(z, phi, z_dot, phi_dot, assumed_parameters, w):
+def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
     """Return the force [N] of the paper's law with the gains of (G1), NaN where it has no value.
 
     Parameters
@@ -55,7 +55,7 @@ def scheduled_force(z, phi, z_dot, phi_dot, assumed_parameters, w):
     w
         Coefficients of the gain function, shape (3, 5).
     """
-    cart_mass, pole_mass, half_length, gravity = assumed_parameters
+    cart_mass, pole_mass, half_length, gravity = assumed
     return force_kernel(
         z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
         scheduled_gain(cart_mass, half_length, w[0]),
@@ -123,13 +123,13 @@ def interpolated_gains(table, masses, lengths, cart_mass, half_length):
 
 
 @kernel
-def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed_parameters, gains):
+def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains):
     """Return the force [N] of state feedback with given gains; NaN of an unknown kind."""
     feedback = -(gains[0] * z + gains[1] * phi + gains[2] * z_dot + gains[3] * phi_dot)
     if kind == LINEAR:
         return feedback
     if kind == PARTIAL:
-        cart_mass, pole_mass, half_length, gravity = assumed_parameters
+        cart_mass, pole_mass, half_length, gravity = assumed
         return _linearizing_force(
             feedback, phi, phi_dot, cart_mass, pole_mass, half_length, gravity
         )
@@ -137,7 +137,7 @@ def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed_parameters, gains):
 
 
 @kernel
-def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed_parameters):
+def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed):
     """Return the force [N] of a law at one state, or NaN where the law has no value.
 
     Parameters
@@ -147,7 +147,7 @@ def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed_para
     table
         Float64, C-contiguous. Of `AFL`: coefficients of the gain function (G1), shape (1, 3, 5).
         Of the others: gains k by M and l, shape (len(masses), len(lengths), 4), interpolated
-        at what the law believes and held constant beyond the nodes.
+        at what the controller assumes and held constant beyond the nodes.
     masses, lengths
         Nodes M [kg] and l [m], increasing; of no consequence for `AFL`.
     z, phi, z_dot, phi_dot
@@ -156,9 +156,9 @@ def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed_para
         (M, m, l, g) as the law takes them to be.
     """
     if kind == AFL:
-        return scheduled_force(z, phi, z_dot, phi_dot, assumed_parameters, table[0])
-    gains = interpolated_gains(table, masses, lengths, assumed_parameters[0], assumed_parameters[2])
-    return _feedback_force(kind, z, phi, z_dot, phi_dot, assumed_parameters, gains)
+        return scheduled_force(z, phi, z_dot, phi_dot, assumed, table[0])
+    gains = interpolated_gains(table, masses, lengths, assumed[0], assumed[2])
+    return _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains)
 
 
 @kernel
@@ -202,7 +202,7 @@ def forces_along(kind, states, law):
 
 
 @kernel
-def inputs_along(kind, table, masses, lengths, assumed_parameters):
+def inputs_along(kind, table, masses, lengths, assumed):
     """Return what a law is given at each of many instants: (M, m, l, g) and its gains.
 
     Parameters
@@ -213,16 +213,12 @@ def inputs_along(kind, table, masses, lengths, assumed_parameters):
         (M, m, l, g) at each instant, shape (N, 4).
     """
     count = 7 if kind == AFL else 8
-    law = np.empty((len(assumed_parameters), count))
-    for i in range(len(assumed_parameters)):
+    law = np.empty((len(assumed), count))
+    for i in range(len(assumed)):
         for j in range(4):
-            law[i, j] = assumed_parameters[i, j]
-        cart_mass, half_length = assumed_parameters[i, 0], assumed_parameters[i, 2]
-        if (
-            i > 0
-            and cart_mass == assumed_parameters[i - 1, 0]
-            and half_length == assumed_parameters[i - 1, 2]
-        ):
+            law[i, j] = assumed[i, j]
+        cart_mass, half_length = assumed[i, 0], assumed[i, 2]
+        if i > 0 and cart_mass == assumed[i - 1, 0] and half_length == assumed[i - 1, 2]:
             for j in range(4, count):  # most schedules stand still most of the time
                 law[i, j] = law[i - 1, j]
         elif kind == AFL:

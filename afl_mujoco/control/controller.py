@@ -1,4 +1,4 @@
-"""What a control law is to a simulator: state and truth in, force out."""
+"""What a controller is to a simulator: state and truth in, force out."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Estimator(NamedTuple):
 
 
 class Controller(Protocol):
-    """A law with its gains and its belief; a class says what its name, belief and numbers are.
+    """What commands the force: its gains, and the parameters that it assumes of the plant.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class Controller(Protocol):
         Returns
         -------
         ndarray
-            Believed parameters and gains, shape (..., 7) or (..., 8): the paper's law has three
+            Assumed parameters and gains, shape (..., 7) or (..., 8): the paper's law has three
             gains, state feedback four.
 
         Raises

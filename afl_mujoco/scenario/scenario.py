@@ -61,7 +61,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What is asked of a simulator: the truth, not what a controller believes of it.
+    """What is asked of a simulator: the truth, not what a controller assumes of it.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ def simulate_mujoco(
         Physics step [s]; in exact mode the spacing of the reported instants.
     control_period
         How long sampled mode holds the force [s], a multiple of `timestep` (default: what the
-        scenario's imperfections says, else one step).
+        scenario's imperfections say, else one step).
     integrator
         MuJoCo's integrator in sampled mode: ``"RK4"``, ``"Euler"``, ``"implicit"`` or
         ``"implicitfast"``.

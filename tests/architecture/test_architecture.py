@@ -143,7 +143,7 @@ FLOORS = "A package imports only from the floors below it"
 ENGINE = "The engine side cannot reach the equations that it is checked against"
 ANALYTIC = "The analytic side does not know the engine"
 SEARCH = "The search knows nothing of cart-poles"
-BELIEF = "A control law has its own model of the plant"
+BELIEF = "A controller has its own model of the plant"
 
 
 def broken_contracts(folder: Path) -> set[str]:

@@ -16,7 +16,7 @@ TIME = st.floats(0, 9)
 PULSES = st.builds(ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3, 1))
 HITS = st.builds(Impulse, momentum=NUMBER, time=TIME)
 NOT_NEGATIVE = st.floats(0, 1e3)
-REALISM = st.builds(
+IMPERFECTIONS = st.builds(
     Imperfections,
     control_period=st.none() | POSITIVE,
     delay=NOT_NEGATIVE,
@@ -47,7 +47,7 @@ def scenarios(draw):
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
         initial_state=draw(st.tuples(*[NUMBER] * 4)),
         duration=draw(st.floats(10, 1e3)),
-        imperfections=draw(REALISM),
+        imperfections=draw(IMPERFECTIONS),
     )
 
 

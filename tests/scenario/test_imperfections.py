@@ -120,7 +120,7 @@ def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message,
     assert "\n" not in str(caught.value)
 
 
-def test_realism_that_is_no_table_is_refused(tmp_path):
+def test_imperfections_that_is_no_table_is_refused(tmp_path):
     (tmp_path / "bad.toml").write_text("imperfections = 3")
     with pytest.raises(InvalidValueError, match=r"bad.toml: imperfections must be a table, got 3$"):
         load_scenario(tmp_path / "bad.toml")
@@ -139,7 +139,7 @@ SIMULATORS = {
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=SIMULATORS)
 @pytest.mark.parametrize("name", FIELDS)
-def test_what_would_ignore_realism_refuses_it(simulate, name):
+def test_what_would_ignore_imperfections_refuses_it(simulate, name):
     real = Scenario(name="mine", imperfections=Imperfections(**{name: getattr(REAL, name)}))
     with pytest.raises(InvalidValueError) as caught:
         simulate(real, CONTROLLERS["fixed"])

@@ -1,4 +1,4 @@
-"""The ensemble against the readable path: `simulate_ode` at rtol 1e-12, one loop at a time."""
+"""The batch against the readable path: `simulate_ode` at rtol 1e-12, one loop at a time."""
 
 from __future__ import annotations
 

@@ -180,8 +180,8 @@ def test_a1_sees_an_inertia_a_millionth_off(monkeypatch: pytest.MonkeyPatch) -> 
     assert not CRITERIA["A1"].judge(error).passed
 
 
-def test_realism_makes_contacts_limits_and_friction_act() -> None:
-    model = afl.CartPoleModel(afl.CartPoleParameters(), edit=equations.add_realism)
+def test_imperfections_makes_contacts_limits_and_friction_act() -> None:
+    model = afl.CartPoleModel(afl.CartPoleParameters(), edit=equations.add_passive_physics)
     equations._qacc(model, np.array([1.5, 2.0, 0.0, 0.0]))
     kinds = set(model.mj_data.efc_type.tolist())
     assert model.mj_data.ncon > 0

@@ -25,7 +25,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StateFeedback(Controller):
-    """A linear feedback of the state, with its gains and its belief.
+    """A linear feedback of the state, with its gains and the parameters it assumes.
 
     It has a force at every state, also where the paper's law has none.
 

@@ -1,1 +1,1 @@
-"""What the law believes when nobody tells it: M and l estimated from encoders and the force."""
+"""M and l estimated online, from encoders and the force."""

@@ -29,7 +29,7 @@ class EstimatedController(Controller):
     settings
         Of the estimator.
     belief
-        None: what the law believes changes along the run.
+        None: what the controller assumes changes along the run.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""A block of closed loops that march side by side, each with a step of its own (`ensemble`).
+"""A block of closed loops side by side, each with a step of its own (`closed_loop_terms`).
 
 One flat array and row numbers known to the compiler tell it that rows do not overlap, so that it
 makes vectors of the lanes; every function in the loop is inlined for that.

@@ -30,7 +30,7 @@ class MarginsConfiguration:
         "pole-placement",
         "partial-linearization",
     )
-    """Controllers by name, or module:function of your own."""
+    """Controllers by name, or module:attribute of your own."""
     cart_masses: tuple[float, ...] | None = None
     """Cart masses M of the grid [kg]; the paper's 20 by default."""
     half_lengths: tuple[float, ...] | None = None

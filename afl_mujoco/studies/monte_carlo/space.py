@@ -123,7 +123,7 @@ class SampleSpace:
         """Names of the cube's axes, in their order."""
         parts = ["shape"] + [f"level {i}" for i in range(1, _LEVELS + 1)]
         parts += [f"instant {i}" for i in range(1, _INSTANTS + 1)]
-        return (*_STATE, *(f"{s} {p}" for s in _SCHEDULES for p in parts), *self._realism)
+        return (*_STATE, *(f"{s} {p}" for s in _SCHEDULES for p in parts), *self._varied)
 
     @property
     def dimension(self) -> int:
@@ -131,8 +131,8 @@ class SampleSpace:
         return len(self.coordinates)
 
     @property
-    def _realism(self) -> tuple[str, ...]:
-        """Names of the imperfections that varies."""
+    def _varied(self) -> tuple[str, ...]:
+        """Names of the imperfections that vary."""
         known = {field.name for field in fields(Imperfections)}
         ranged = [f.name for f in fields(self) if isinstance(getattr(self, f.name), tuple)]
         return tuple(name for name in ranged if name in known)
@@ -149,9 +149,7 @@ class SampleSpace:
             nothing else.
         """
         at = self._by_name(point)
-        scaled = {
-            name: _within(getattr(self, name), at[name]) for name in (*_STATE, *self._realism)
-        }
+        scaled = {name: _within(getattr(self, name), at[name]) for name in (*_STATE, *self._varied)}
         noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
         return Scenario(
             name=f"montecarlo-{seed}-{index:04d}",
@@ -210,7 +208,7 @@ class SampleSpace:
                 f"{thing} instant {i}": 0.5 for thing in _SCHEDULES for i in range(1, _INSTANTS + 1)
             },
         }
-        for name in (*_STATE, *self._realism):
+        for name in (*_STATE, *self._varied):
             ideal[name] = _share(getattr(self, name), ideal.get(name, 0.0))
         for thing in _SCHEDULES:
             share = _share(getattr(self, thing), getattr(nominal, thing).at(0.0))

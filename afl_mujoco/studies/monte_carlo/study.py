@@ -30,7 +30,7 @@ class MonteCarlo:
     """
 
     controllers: tuple[str, ...] = ("adaptive", "lqr")
-    """Controllers by name, or module:function of your own."""
+    """Controllers by name, or module:attribute of your own."""
     samples: int | None = None
     """Hardware samples; 1000 by default. Sample i is the same whatever their number."""
     seed: int = 1

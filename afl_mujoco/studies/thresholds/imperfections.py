@@ -124,7 +124,7 @@ IMPERFECTIONS: tuple[Imperfection, ...] = (
          fields={"tip_mass_share": 1.0}, reference=0.1, benign=1e-3, harsh=0.95),
     Imperfection(name="pole-radius", title="radius of the rod", unit="mm", scale=1e3,
          fields={"pole_radius": 1.0}, reference=5e-3, benign=5e-4, harsh=1.0),
-    Imperfection(name="belief-delay", title="M, l known late", unit="ms", scale=1e3,
+    Imperfection(name="parameter-delay", title="M, l known late", unit="ms", scale=1e3,
          fields={"parameter_delay": 1.0}, reference=50e-3, benign=1e-3, harsh=10.0),
     Imperfection(name="mass-over", title="M assumed too large", unit="%", scale=1e2,
          fields={"mass_error": 1.0}, reference=0.1, benign=0.01, harsh=30.0),

@@ -40,7 +40,7 @@ class Thresholds:
         "pole-placement",
         "partial-linearization",
     )
-    """Controllers by name, or module:function of your own."""
+    """Controllers by name, or module:attribute of your own."""
     imperfections: tuple[str, ...] = ()
     """Imperfections by name; all, and all of them combined, by default."""
     seeds: int | None = None

@@ -237,7 +237,7 @@ def require(
         raise UnknownNameError.among("integrator", settings.integrator, INTEGRATORS)
     for scenario in settings.scenarios:
         if scenario.imperfections != IDEAL:
-            rule = "must be ideal: remove [imperfections]: this study sets it"
+            rule = "must be ideal: remove [imperfections], which this study sets"
             raise InvalidValueError(f"scenario {scenario.name!r}", rule)
         whole_steps("duration", scenario.duration, "timestep", TIMESTEP)
     return names

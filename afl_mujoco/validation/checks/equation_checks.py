@@ -124,12 +124,12 @@ def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:
     plants
         How many random plants; one model lives through all of them.
     """
-    mutated = CartPoleModel(NOMINAL, edit=add_realism)
+    mutated = CartPoleModel(NOMINAL, edit=add_passive_physics)
     stale = 0
     for _ in range(plants):
         p = random_plant(rng)
         mutated.set_parameters(p)
-        fresh = CartPoleModel(p, edit=add_realism)
+        fresh = CartPoleModel(p, edit=add_passive_physics)
         stale += differing_numbers(mutated.mj_model, fresh.mj_model)
         state = rng.uniform(-1.0, 1.0, 4) * (1.2, np.pi, 5.0, 5.0)
         stale += int(np.sum(_qacc(mutated, state) != _qacc(fresh, state)))
@@ -147,7 +147,7 @@ def differing_numbers(one: mujoco.MjModel, other: mujoco.MjModel) -> int:
     return count
 
 
-def add_realism(spec: mujoco.MjSpec) -> None:
+def add_passive_physics(spec: mujoco.MjSpec) -> None:
     """Add what makes stale derived constants show: friction, limits and contact."""
     for name, reach in (("slider", 1.0), ("hinge", 2.5)):
         joint = spec.joint(name)

@@ -116,7 +116,7 @@ def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
             assert getattr(used.mj_model, name).tobytes() == array.tobytes(), name
 
 
-def test_realism_adds_to_what_an_edit_put_there(odd_parameters):
+def test_imperfections_adds_to_what_an_edit_put_there(odd_parameters):
     def drive(spec):
         spec.joint("slider").armature = 0.5
 
