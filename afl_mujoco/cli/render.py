@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from afl_mujoco.cli.terminal import FILMS, SUCCESS, ScenarioNames, count_bar, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, ScenarioNames, count_bar, separated, typed
 from afl_mujoco.errors import InvalidValueError
 
 INDIFFERENT = ("out", "workers")
@@ -62,7 +62,7 @@ class Render:
 
         # What is quick to check comes before what is slow to import, the backend before MuJoCo.
         scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
-        names = [name for given in self.controllers for name in given.split(",")]
+        names = separated(self.controllers)
         controllers = [find_controller(name, self.gain_labels) for name in names]
         size = self._size()
         require_backend()

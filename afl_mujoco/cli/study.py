@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 import tyro
 
-from afl_mujoco.cli.terminal import FILMS, ROBUSTNESS, SUCCESS, VALIDATION, bars
+from afl_mujoco.cli.terminal import FILMS, ROBUSTNESS, SUCCESS, VALIDATION, bars, separated
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.studies.contract import Progress, Study
 from afl_mujoco.studies.registry import studies
@@ -69,7 +69,7 @@ class StudyCommand:
     def configuration(self) -> Any:
         """What the study takes of the options."""
         kind = self.study.configuration
-        return kind(**{field.name: getattr(self, field.name) for field in fields(kind)})
+        return kind(**{field.name: separated(getattr(self, field.name)) for field in fields(kind)})
 
     @property
     def _page_folder(self) -> Path | None:

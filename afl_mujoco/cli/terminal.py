@@ -26,6 +26,13 @@ ScenarioNames = Annotated[
 """Scenarios by name or file, before the options."""
 
 
+def separated(value: Any) -> Any:
+    """Return a list of words with those that commas separate apart; anything else as it is."""
+    if not (isinstance(value, tuple) and all(isinstance(word, str) for word in value)):
+        return value
+    return tuple(word for given in value for word in given.split(","))
+
+
 @contextlib.contextmanager
 def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
     """Give a callable that advances a bar by one, told what has been done."""

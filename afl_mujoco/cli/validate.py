@@ -17,6 +17,7 @@ from afl_mujoco.cli.terminal import (
     VALIDATION,
     ScenarioNames,
     progress_bar,
+    separated,
     typed,
 )
 
@@ -83,7 +84,7 @@ class Validate:
         from afl_mujoco.validation.checks.closed_loop_checks import Settings
         from afl_mujoco.validation.claims.schedules import FULL, QUICK
 
-        names = [name for given in self.controllers for name in given.split(",")]
+        names = separated(self.controllers)
         controllers = [find_controller(name, self.gain_labels) for name in names]
         period = self.timestep if self.control_period is None else self.control_period
         settings = Settings(timestep=self.timestep, control_period=period, full=self.full)
