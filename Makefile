@@ -9,7 +9,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 STUDIES := $(shell sed -n 's/^    name="\(.*\)",$$/\1/p' afl_mujoco/studies/*/study.py)
 
 .DEFAULT_GOAL := help
-.PHONY: $(STUDIES) help setup validate proof robustness render view report docs test regression baselines pinocchio cluster tune bench faults check lock clean distclean
+.PHONY: $(STUDIES) help setup validate proof robustness render view report docs test slow regression baselines pinocchio cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -44,8 +44,11 @@ $(STUDIES): $(READY)
 docs: $(READY) ## print the criteria into docs/verification.md
 	@$(BIN)/python -m afl_mujoco.reporting.criteria_table docs/verification.md
 
-test: $(READY) ## run the tests; narrow them with ARGS="tests/plant -k energy"
-	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(ARGS)
+test: $(READY) ## run the tests but the slow ones; or exactly those of ARGS="tests/plant -k energy"
+	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")
+
+slow: $(READY) ## run the slow tests: whole commands, films, the page in a browser
+	@$(BIN)/pytest -q -n logical --maxprocesses 4 -m slow $(ARGS)
 
 regression: $(READY) ## compare every run with its baseline
 	@$(BIN)/afl-mujoco regression $(ARGS)

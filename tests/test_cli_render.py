@@ -11,6 +11,8 @@ from afl_mujoco.cli import main
 from afl_mujoco.errors import GraphicsError
 from afl_mujoco.graphics import require_display
 
+pytestmark = pytest.mark.slow
+
 SMALL = ("--size", "160x128", "--controllers", "adaptive")
 
 BAD = {

@@ -14,6 +14,8 @@ from program import interrupt, run
 
 from afl_mujoco.control.gain_table import GainTable
 
+pytestmark = pytest.mark.slow
+
 SMALL = ("--masses", "0.5", "1.0", "--lengths", "0.5", "--population", "60", "--workers", "1")
 HAS_DASK = subprocess.run([sys.executable, "-c", "import distributed"], capture_output=True)
 

@@ -14,6 +14,8 @@ from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.thresholds.result import REFUSED
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 SHORT = "duration = 0.3\n"

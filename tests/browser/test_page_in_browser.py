@@ -25,6 +25,8 @@ from page_case import NASTY, film_entry, make_curves, make_pictures, make_report
 from afl_mujoco.reporting.page.inputs.films import load_films
 from afl_mujoco.reporting.page.page import render_page
 
+pytestmark = pytest.mark.slow
+
 CHROMIUM = Path(os.environ.get("CHROME_BIN", "/usr/bin/chromium"))
 DRIVER = Path("/usr/bin/chromedriver")
 OPTIONS = (

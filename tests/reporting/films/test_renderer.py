@@ -21,6 +21,8 @@ from afl_mujoco.reporting.films.renderer import INDEX, make_films, write_stills
 from afl_mujoco.reporting.films.replay import Deployment, record
 from afl_mujoco.reporting.films.video import write_video
 
+pytestmark = pytest.mark.slow
+
 SIZE = (256, 144)
 CONTROLLERS = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
 

@@ -12,6 +12,8 @@ from afl_mujoco.reporting.films.camera import Frame, follow
 from afl_mujoco.reporting.films.overlays import ARROW_SCALE, cart_size
 from afl_mujoco.reporting.films.scene import open_scene
 
+pytestmark = pytest.mark.slow
+
 SIZE = (1280, 720)
 BEFORE, AFTER = 5, 7
 """Frames on both sides of the step of l."""

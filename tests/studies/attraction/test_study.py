@@ -11,6 +11,8 @@ from program import interrupt, run
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
 
+pytestmark = pytest.mark.slow
+
 
 def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
     result = run("attraction", "--controllers", "lqr", "--grid", "5", "--out", "out", cwd=tmp_path)

@@ -16,6 +16,8 @@ from afl_mujoco.studies.margins.measured_delay import (
     motion_decays,
 )
 
+pytestmark = pytest.mark.slow
+
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 
 

@@ -23,6 +23,8 @@ from afl_mujoco.studies.monte_carlo.result import result_of
 from afl_mujoco.studies.monte_carlo.space import SampleSpace
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
 
+pytestmark = pytest.mark.slow
+
 ADAPTIVE, LQR = afl.CONTROLLERS["adaptive"], afl.CONTROLLERS["lqr"]
 SHORT = SampleSpace(
     duration=2.0, last_change=1.0, rail_damping=(2.0, 8.0), cart_mass=(0.1, 0.5), phi=(-1.4, 1.4)

@@ -12,6 +12,8 @@ from program import interrupt, run
 
 import afl_mujoco as afl
 
+pytestmark = pytest.mark.slow
+
 REPLAY = "Replay a failure to the last bit: "
 FEW = ["--samples", "16", "--integrator", "Euler", "--out", "out"]
 

@@ -28,6 +28,8 @@ from afl_mujoco.studies.monte_carlo.worst_case import (
     worst_scenario,
 )
 
+pytestmark = pytest.mark.slow
+
 LQR = afl.CONTROLLERS["lqr"]
 SHORT = SampleSpace(duration=2.0, last_change=1.0)
 BUDGET = Budget(generations=4, population=8)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from program import interrupt, run
+
+pytestmark = pytest.mark.slow
 
 LAW = """\
 def push(time, state, belief):

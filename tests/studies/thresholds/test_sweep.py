@@ -24,6 +24,8 @@ from afl_mujoco.studies.thresholds.sweep import (
     sweep_combined,
 )
 
+pytestmark = pytest.mark.slow
+
 CASE = replace(afl.SCENARIOS["step-step"], duration=8.0)
 SETTINGS = Settings(scenarios=(CASE,), seeds=2, scan=5, tolerance=0.05)
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
