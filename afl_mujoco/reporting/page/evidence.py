@@ -58,7 +58,7 @@ def _budget_table(budgets: Sequence[Row]) -> Table:
         caption="Error budget of the run as deployed",
         columns=(
             Column("Scenario"),
-            Column("AFLController"),
+            Column("Controller"),
             Column("Total", number=True),
             Column("Where"),
             *(Column(sentence(words), number=True) for words in SOURCES.values()),
@@ -149,7 +149,7 @@ def _errors(name: str, rows: Sequence[Row]) -> Table:
         caption=f"{sentence(name)}: largest error of any state",
         columns=(
             Column("Scenario"),
-            Column("AFLController"),
+            Column("Controller"),
             *(Column(f"{short(1e3 * step)} ms", number=True) for step in rows[0]["steps"]),
             Column("Order", number=True),
         ),
@@ -184,7 +184,7 @@ def _ledger(rows: Sequence[Row]) -> Section:
     columns = [Column(title, unit, number=True) for title, _, unit, _ in parts]
     table = Table(
         caption="Ledger at the end of each run; the residual is the largest along it",
-        columns=(Column("Scenario"), Column("AFLController"), *columns),
+        columns=(Column("Scenario"), Column("Controller"), *columns),
         rows=[
             (row["scenario"], row["controller"], *(write(row[key]) for _, key, _, write in parts))
             for row in rows
@@ -206,7 +206,7 @@ def _omissions(report: Row) -> Section:
         caption="Largest change of any state (SI)",
         columns=(
             Column("Scenario"),
-            Column("AFLController"),
+            Column("Controller"),
             Column("Terms in l′", number=True),
             Column("Momenta kept at steps", number=True),
         ),

@@ -58,7 +58,7 @@ def _table(result: Result) -> Table:
         ),
         columns=(
             Column("Map over"),
-            Column("AFLController"),
+            Column("Controller"),
             Column("By"),
             *(Column(outcome.capitalize(), "%", number=True) for outcome in OUTCOMES),
             *(Column(title, number=True) for title in counts),

@@ -59,7 +59,7 @@ def _table(result: Result) -> Table:
     return Table(
         caption=f"Worst margins over {result.plants} plants, and where the delay margin is least",
         columns=(
-            Column("AFLController"),
+            Column("Controller"),
             Column("Force"),
             Column("Unstable plants", number=True),
             *(column for column, *_ in _COLUMNS),

@@ -100,7 +100,7 @@ def _rates(result: Result) -> Table:
             "controller, with exact intervals"
         ),
         columns=(
-            Column("AFLController"),
+            Column("Controller"),
             Column("Survives", number=True),
             Column(level, "%", number=True),
             Column("Settles", number=True),
@@ -163,7 +163,7 @@ def _worst_cases(result: Result) -> Table:
             "nominal run, 1 the diagonal of all ranges"
         ),
         columns=(
-            Column("AFLController"),
+            Column("Controller"),
             Column("Search"),
             Column("Outcome"),
             Column("Distance", number=True),

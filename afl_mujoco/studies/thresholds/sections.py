@@ -315,7 +315,7 @@ def _details(result: Result) -> Table:
         columns=(
             Column("Imperfection"),
             Column("Reference", number=True),
-            Column("AFLController"),
+            Column("Controller"),
             Column("Fails at", number=True),
             Column("How"),
             Column("Unsettled at", number=True),
@@ -373,7 +373,7 @@ def _delays(result: Result) -> Section:
             Table(
                 caption="Least delay margin, and the delay at which the controller fails",
                 columns=(
-                    Column("AFLController"),
+                    Column("Controller"),
                     Column("Margin", "ms", number=True),
                     Column("At M, l"),
                     Column("Threshold", "ms", number=True),
