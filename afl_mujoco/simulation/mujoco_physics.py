@@ -17,7 +17,6 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
-    Actuator,
     actuator_of,
     new_run,
     no_commands,
@@ -41,7 +40,8 @@ from dm_control.mujoco import wrapper  # noqa: E402
 _FOREVER = 2**62
 """More steps than any run has: the environment ends an episode, not the loop."""
 
-_NO_COMMANDS = no_commands(actuator_of(IDEAL, 1.0, 1))
+_IDEAL = actuator_of(IDEAL, 1.0, 1)
+_NO_COMMANDS = no_commands(_IDEAL)
 
 
 @kernel
@@ -67,13 +67,13 @@ def _advance(at, constants, profile, now, run, pending, instant, hold):
     It stops where the state diverges. Else it leaves model and data as they are at that instant,
     with the (M, l) that `now` holds for each.
     """
-    plan, ideal = _plan(constants, hold), Actuator(np.inf, np.inf, 0, 0.0, 0.0)
+    plan = _plan(constants, hold)
     if not within_limits(mm.read_state(at)):
         return instant
     run.step, run.status, run.written_mass = instant, RUNNING, np.nan
     write_plant(at, plan, profile, run, instant)
     force = load(at.control)
-    advance(at, plan, ideal, profile, run, pending, np.empty((0, 5)), force)
+    advance(at, plan, _IDEAL, profile, run, pending, np.empty((0, 5)), force)
     if not within_limits(mm.read_state(at)):
         return run.step + 1
     i = min(instant + hold, len(now) - 1)

@@ -184,12 +184,8 @@ class PythonController(Controller):
 
     def __reduce__(self) -> Any:
         """Pickle by name what was loaded by name."""
-        values = (self.name, self.function, self.belief, self.call_limit)
-        if self.spec is None:
-            return _restored, values
-        from afl_mujoco.control.own.loading import load_python_controller
-
-        return load_python_controller, (self.spec, self.belief)
+        function = self.function if self.spec is None else None
+        return _restored, (self.name, function, self.belief, self.call_limit, self.spec)
 
     def describe(self) -> dict[str, Any]:
         """Return the law as plain data, for provenance: its name and a hash of its file."""
@@ -215,10 +211,20 @@ def _takes(function: Any, arguments: tuple[Any, ...]) -> bool:
     return True
 
 
-def _restored(*values: Any) -> PythonController:
-    """Return a controller from its pickled fields."""
+def _restored(
+    name: str,
+    function: Any,
+    belief: CartPoleParameters | None,
+    call_limit: float,
+    spec: str | None,
+) -> PythonController:
+    """Return a controller from its pickled fields, its function loaded again by its name."""
+    if spec is not None:
+        from afl_mujoco.control.own.loading import load_attribute
+
+        function = load_attribute(spec)
     return PythonController(
-        **dict(zip(("name", "function", "belief", "call_limit"), values, strict=True))
+        name=name, function=function, belief=belief, call_limit=call_limit, spec=spec
     )
 
 
