@@ -42,7 +42,7 @@ $(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
 docs: $(READY) ## print the criteria into docs/verification.md
-	@$(BIN)/python -m afl_mujoco.reporting.criteria_table docs/verification.md
+	@$(BIN)/python -m afl_mujoco.studies.verification.criteria_table docs/verification.md
 
 test: $(READY) ## run the tests but the slow ones; or exactly those of ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")
@@ -58,7 +58,7 @@ baselines: $(READY) ## make what is now the baselines, and print what moved
 
 pinocchio: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
 	@$(PIP_INSTALL) --no-deps --requirement requirements-pinocchio.lock
-	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/validation/test_second_engine.py $(ARGS)
+	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/studies/verification/test_second_engine.py $(ARGS)
 
 cluster: $(READY) ## share work among the workers of a Dask cluster, one of which dies
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock
@@ -67,7 +67,7 @@ cluster: $(READY) ## share work among the workers of a Dask cluster, one of whic
 tune: $(READY) ## search the gain table and fit the gain functions, the whole of the paper's setting (an hour at most)
 	@$(BIN)/afl-mujoco tune table --resume --out renders/tuning $(ARGS)
 	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
-	@$(BIN)/python -m afl_mujoco.reporting.gain_figures renders/tuning
+	@$(BIN)/python -m afl_mujoco.studies.gain_figures renders/tuning
 
 bench: $(READY) ## what things cost, as ratios: the loop, the batch integrator, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
 	@$(BIN)/python benchmarks/bench_rollout.py

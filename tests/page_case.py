@@ -10,10 +10,15 @@ import numpy as np
 
 from afl_mujoco.document.pictures import Picture, load_picture
 from afl_mujoco.document.style import new_figure, save_figure
-from afl_mujoco.validation.claims.claim import IN_PART, NOT_REPRODUCED, REPRODUCED, UNDETERMINED
-from afl_mujoco.validation.criteria import CRITERIA
-from afl_mujoco.validation.curves import Curves
-from afl_mujoco.validation.decisions import DECISIONS
+from afl_mujoco.studies.verification.claims.claim import (
+    IN_PART,
+    NOT_REPRODUCED,
+    REPRODUCED,
+    UNDETERMINED,
+)
+from afl_mujoco.studies.verification.criteria import CRITERIA
+from afl_mujoco.studies.verification.curves import Curves
+from afl_mujoco.studies.verification.decisions import DECISIONS
 
 NASTY = "<script>alert(1)</script>"
 CONTROLLERS = ("fixed", "adaptive")

@@ -2,7 +2,8 @@
 
 Each fault of planted_faults.toml is planted in a temporary copy of the repository, on which the
 fast checks run: the verdict of `afl-mujoco validate --full`, and if that does not object, the
-tests. The copy without a fault must pass both.
+tests. A copy without a fault must pass both; its compiled code goes into the others, where whatever
+depends on the faulty file is compiled anew.
 
     python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--markdown FILE] [--list]
 
@@ -80,11 +81,12 @@ class Checks:
 
     def caught_by(self, fault: Fault) -> str:
         """Return what objects to the fault, or "" if nothing does."""
+        if fault is SOUND:
+            return self._verdict(self.pristine) or self._tests(self.pristine)
         root = Path(tempfile.mkdtemp(dir=self.scratch))
         try:
-            self._copy(self.pristine, root)
-            if fault is not SOUND:
-                fault.plant(root)
+            shutil.copytree(self.pristine, root, dirs_exist_ok=True)
+            fault.plant(root)
             return self._verdict(root) or self._tests(root)
         finally:
             shutil.rmtree(root, ignore_errors=True)
@@ -100,6 +102,7 @@ class Checks:
         """Return the checks of `afl-mujoco validate` that fail."""
         out = root / "renders" / "faults"
         code, said = self._run(root, "afl_mujoco", *VERDICT, "--out", str(out))
+        _require_environment(said)
         report = out / "report.json"
         if not report.exists():
             return f"validate ends with an error: {_last_line(said)}"
@@ -113,6 +116,7 @@ class Checks:
         """Return the first test that fails."""
         quiet = ("-q", "-x", "--no-header", "-p", "no:cacheprovider")
         code, said = self._run(root, "pytest", *quiet, *TESTS)
+        _require_environment(said)
         if code == 0:
             return ""
         failed = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(\S+?)(?:\[| |$)", said, re.MULTILINE)
@@ -182,16 +186,17 @@ def run_all(faults: Sequence[Fault], jobs: int, report: Callable[[str], None]) -
         pool = ThreadPoolExecutor(jobs)
         try:
             started = time.monotonic()
-            tasks = {pool.submit(checks.caught_by, fault): fault for fault in (SOUND, *faults)}
+            objected = results[SOUND.name] = pool.submit(checks.caught_by, SOUND).result()
+            report(f"[{time.monotonic() - started:5.0f} s] {SOUND.name}: {objected or 'passes'}")
+            if objected:
+                return results
+            tasks = {pool.submit(checks.caught_by, fault): fault for fault in faults}
             for done, task in enumerate(as_completed(tasks), start=1):
                 fault = tasks[task]
                 results[fault.name] = task.result()
-                missed = "passes" if fault is SOUND else "NOT CAUGHT"
                 elapsed = time.monotonic() - started
-                said = results[fault.name] or missed
+                said = results[fault.name] or "NOT CAUGHT"
                 report(f"[{done}/{len(tasks)} {elapsed:5.0f} s] {fault.name}: {said}")
-                if fault is SOUND and results[fault.name]:
-                    break
         finally:
             checks.stop()
             pool.shutdown(wait=True, cancel_futures=True)
@@ -217,6 +222,15 @@ def as_text(results: dict[str, str]) -> str:
 def _last_line(text: str) -> str:
     """Return the last line that says something."""
     return next((line for line in reversed(text.splitlines()) if line.strip()), "nothing said")
+
+
+def _require_environment(said: str) -> None:
+    """Raise if it was the environment that objected, and no check."""
+    missing = re.search(
+        r"^.*(?:ModuleNotFoundError|No space left on device).*$", said, re.MULTILINE
+    )
+    if missing:
+        raise ValueError(f"the environment is at fault: {missing[0].strip()}")
 
 
 def _interrupt(*_: object) -> None:

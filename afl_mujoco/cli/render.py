@@ -67,9 +67,9 @@ class Render:
         size = self._size()
         require_backend()
 
-        from afl_mujoco.reporting.films.plan import plan
-        from afl_mujoco.reporting.films.renderer import make_films, write_stills
-        from afl_mujoco.reporting.films.replay import Deployment
+        from afl_mujoco.studies.films.plan import plan
+        from afl_mujoco.studies.films.renderer import make_films, write_stills
+        from afl_mujoco.studies.films.replay import Deployment
 
         deployment = Deployment(
             timestep=self.timestep, control_period=self.control_period, integrator=self.integrator

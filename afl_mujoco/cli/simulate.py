@@ -67,9 +67,9 @@ class Simulate:
 
         from afl_mujoco.document.style import save_figure
         from afl_mujoco.files import output_folder
-        from afl_mujoco.reporting.figures.runs import draw_runs
         from afl_mujoco.reporting.tables import print_metrics
-        from afl_mujoco.validation.metrics import metrics, nominal_scales, with_objective
+        from afl_mujoco.simulation.figures import draw_runs
+        from afl_mujoco.simulation.metrics import metrics, nominal_scales, with_objective
 
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)

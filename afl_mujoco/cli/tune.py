@@ -11,7 +11,7 @@ from afl_mujoco.cli.terminal import SUCCESS, count_bar, progress_bar
 
 if TYPE_CHECKING:
     from afl_mujoco.control.gain_table import GainTable
-    from afl_mujoco.tuning.gain_table import PairSearch
+    from afl_mujoco.studies.gain_tuning.gain_table import PairSearch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +59,9 @@ class Table:
         from afl_mujoco.execution.executors import compute_all, open_executor
         from afl_mujoco.execution.store import Store
         from afl_mujoco.files import output_folder
-        from afl_mujoco.tuning.gain_cost import paper_scales
-        from afl_mujoco.tuning.gain_table import search_pair, table_provenance
-        from afl_mujoco.validation.rescoring import mujoco_objective
+        from afl_mujoco.studies.gain_tuning.gain_cost import paper_scales
+        from afl_mujoco.studies.gain_tuning.gain_table import search_pair, table_provenance
+        from afl_mujoco.studies.gain_tuning.rescoring import mujoco_objective
 
         provenance = table_provenance(self._units(None))  # what is quick to check comes first
         default = "renders/tuning-quick" if self.quick else "renders/tuning"
@@ -91,8 +91,8 @@ class Table:
 
     def _units(self, checkpoints: Path | None) -> list[PairSearch]:
         """Return the searches that are asked for."""
-        from afl_mujoco.tuning.gain_cost import GAIN_BOX
-        from afl_mujoco.tuning.gain_table import (
+        from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX
+        from afl_mujoco.studies.gain_tuning.gain_table import (
             CART_MASSES,
             HALF_LENGTHS,
             QUICK_LENGTHS,
@@ -100,7 +100,7 @@ class Table:
             QUICK_SETTINGS,
             pair_searches,
         )
-        from afl_mujoco.tuning.settings import Box, GeneticSettings
+        from afl_mujoco.studies.gain_tuning.settings import Box, GeneticSettings
 
         defaults = QUICK_SETTINGS if self.quick else GeneticSettings()
         settings = replace(
@@ -149,7 +149,7 @@ class Fit:
         """Fit, print the fits, write them."""
         from afl_mujoco.control.gain_table import GainTable
         from afl_mujoco.files import output_folder
-        from afl_mujoco.tuning.fit import FITS, damped_slope, fit_table, save_fits
+        from afl_mujoco.studies.gain_tuning.fit import FITS, damped_slope, fit_table, save_fits
 
         table = GainTable.shipped() if self.table is None else GainTable.load(self.table)
         damped_slope(table)  # what is quick to check comes first

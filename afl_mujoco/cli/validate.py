@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from afl_mujoco.document.blocks import Section
     from afl_mujoco.execution.executors import Executor
     from afl_mujoco.reporting.page.inputs.films import Film
-    from afl_mujoco.validation.campaign import Report
+    from afl_mujoco.studies.verification.campaign import Report
 
 INDIFFERENT = ("out", "films", "robustness", "page", "workers")
 """Options that leave the numbers as they are, and so are no part of what reproduces them."""
@@ -80,9 +80,9 @@ class Validate:
         from afl_mujoco.files import output_folder
         from afl_mujoco.reporting.page.folder import forget_page
         from afl_mujoco.reporting.tables import print_report, write_report
-        from afl_mujoco.validation.campaign import require_runnable, run_campaign
-        from afl_mujoco.validation.checks.closed_loop_checks import Settings
-        from afl_mujoco.validation.claims.schedules import FULL, QUICK
+        from afl_mujoco.studies.cases import Settings, require_runnable
+        from afl_mujoco.studies.verification.campaign import run_campaign
+        from afl_mujoco.studies.verification.claims.schedules import FULL, QUICK
 
         names = separated(self.controllers)
         controllers = [find_controller(name, self.gain_labels) for name in names]
@@ -138,7 +138,7 @@ class Validate:
             write_gallery,
             write_page,
         )
-        from afl_mujoco.validation.curves import save_curves
+        from afl_mujoco.studies.verification.curves import save_curves
 
         save_curves(folder / CURVES, report.curves)
         if not self.page:

@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 from afl_mujoco.files import write_text
-from afl_mujoco.validation.check import Check
-from afl_mujoco.validation.criteria import CRITERIA
-from afl_mujoco.validation.decisions import DECISIONS
-from afl_mujoco.validation.metrics import UNITS, Metrics
+from afl_mujoco.simulation.metrics import UNITS, Metrics
+from afl_mujoco.studies.verification.check import Check
+from afl_mujoco.studies.verification.criteria import CRITERIA
+from afl_mujoco.studies.verification.decisions import DECISIONS
 
 if TYPE_CHECKING:
-    from afl_mujoco.validation.campaign import Report
+    from afl_mujoco.studies.verification.campaign import Report
 
 ANY = "any"
 REFERENCE = "ode"

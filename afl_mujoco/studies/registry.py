@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import pkgutil
 from functools import cache
 
@@ -27,6 +28,6 @@ def find_study(name: str) -> Study:
 @cache
 def _found(paths: tuple[str, ...]) -> tuple[Study, ...]:
     """Return the studies in some folders."""
-    names = [module.name for module in pkgutil.iter_modules(paths) if module.ispkg]
-    found = [importlib.import_module(f"{packages.__name__}.{n}.study").STUDY for n in names]
+    names = [f"{packages.__name__}.{m.name}.study" for m in pkgutil.iter_modules(paths) if m.ispkg]
+    found = [importlib.import_module(n).STUDY for n in names if importlib.util.find_spec(n)]
     return tuple(sorted(found, key=lambda study: (study.order, study.name)))

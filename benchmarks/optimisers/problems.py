@@ -12,7 +12,13 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from afl_mujoco.simulation.batch import closed_loop_terms, penalised_objective
-from afl_mujoco.tuning.gain_cost import GAIN_BOX, HORIZON, Cost, gain_cost, paper_scales
+from afl_mujoco.studies.gain_tuning.gain_cost import (
+    GAIN_BOX,
+    HORIZON,
+    Cost,
+    gain_cost,
+    paper_scales,
+)
 
 RESOLUTION = 1e-6
 """How well an optimal cost is known, relatively: tightening the tolerance of the simulation moves

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.gain_function import GAIN_NAMES
 from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.files import write_text
-from afl_mujoco.tuning.gain_cost import GAIN_BOX
+from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX
 from optimisers.problems import PROBLEMS, Optimum, Problem
 from optimisers.scores import Effect, effect_size, empirical_distribution, expected_running_time
 from optimisers.searches import OPTIMISERS

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.tuning.gain_cost import GAIN_BOX
+from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX
 from optimisers.problems import RESOLUTION, Optimum, Problem, known_optimum
 from optimisers.result import Benchmark, Result
 from optimisers.searches import OPTIMISERS, CountedCost, Finished

@@ -14,8 +14,8 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
-from afl_mujoco.tuning.genetic import MultipleCrossoverGA
-from afl_mujoco.tuning.settings import Box, GeneticSettings
+from afl_mujoco.studies.gain_tuning.genetic import MultipleCrossoverGA
+from afl_mujoco.studies.gain_tuning.settings import Box, GeneticSettings
 
 FloatArray = NDArray[np.float64]
 Cost = Callable[[FloatArray], FloatArray]

@@ -197,7 +197,9 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
             "simulation/attraction/cells", "import mujoco", ANALYTIC, id="analytic-attraction"
         ),
         pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
-        pytest.param("tuning/genetic", "import afl_mujoco.scenario", SEARCH, id="search"),
+        pytest.param(
+            "studies/gain_tuning/genetic", "import afl_mujoco.scenario", SEARCH, id="search"
+        ),
     ],
 )
 def test_a_planted_import_breaks_its_contract(

@@ -24,8 +24,8 @@ from scipy.stats import binomtest, mannwhitneyu
 
 from afl_mujoco.control.gain_function import shipped_file
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError
-from afl_mujoco.tuning.gain_cost import GAIN_BOX
-from afl_mujoco.tuning.settings import Box
+from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX
+from afl_mujoco.studies.gain_tuning.settings import Box
 
 NEVER = float("inf")
 PAPER, SMALL = "multiple-crossover GA, Np = 1000", "multiple-crossover GA, Np = 60"

@@ -23,14 +23,11 @@ from afl_mujoco.control.baselines.state_feedback import StateFeedback, baselines
 from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.compiled_controller import LINEAR, PARTIAL
 from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.task import controller_policy
-from afl_mujoco.validation.checks.closed_loop_checks import (
-    Settings,
-    closed_loop_checks,
-    closed_loop_runs,
-)
-from afl_mujoco.validation.metrics import metrics
+from afl_mujoco.studies.cases import Settings, closed_loop_runs
+from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
 
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 PLANTS = [

@@ -20,8 +20,8 @@ from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
-from afl_mujoco.validation.metrics import metrics
 
 TOLD = np.array([1.0, 0.05, 0.5, 9.81])
 STATE = np.array([0.1, -0.2, 0.3, 0.4])

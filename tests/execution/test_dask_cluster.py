@@ -20,8 +20,8 @@ import pytest
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.execution import dask_cluster
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.tuning.gain_table import pair_searches, search_pair
-from afl_mujoco.tuning.settings import GeneticSettings
+from afl_mujoco.studies.gain_tuning.gain_table import pair_searches, search_pair
+from afl_mujoco.studies.gain_tuning.settings import GeneticSettings
 from tests.execution.units import (
     COUNT,
     PATIENCE,

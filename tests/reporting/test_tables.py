@@ -12,13 +12,13 @@ import pytest
 from rich.console import Console
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.reporting.claims_table import claims_table
-from afl_mujoco.reporting.criteria_table import rewrite
 from afl_mujoco.reporting.tables import print_report, write_report
-from afl_mujoco.validation.campaign import Report, Run
-from afl_mujoco.validation.claims.claim import Claim
-from afl_mujoco.validation.claims.ledger import Ledger
-from afl_mujoco.validation.criteria import CRITERIA
+from afl_mujoco.studies.verification.campaign import Report, Run
+from afl_mujoco.studies.verification.claims.claim import Claim
+from afl_mujoco.studies.verification.claims.ledger import Ledger
+from afl_mujoco.studies.verification.claims_table import claims_table
+from afl_mujoco.studies.verification.criteria import CRITERIA
+from afl_mujoco.studies.verification.criteria_table import rewrite
 
 
 def make_report(b1: float) -> Report:

@@ -19,8 +19,8 @@ from afl_mujoco import (
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.validation.campaign import require_runnable
-from afl_mujoco.validation.checks.closed_loop_checks import Settings
+from afl_mujoco.studies.cases import Settings
+from afl_mujoco.studies.verification.campaign import require_runnable
 
 REAL = Imperfections(
     control_period=0.004,

@@ -14,7 +14,7 @@ from program import run
 
 from afl_mujoco.studies.contract import Study
 from afl_mujoco.studies.registry import studies
-from afl_mujoco.validation.curves import save_curves
+from afl_mujoco.studies.verification.curves import save_curves
 
 ALL = list(studies())
 NAMES = [*ALL, "dice"]  # the toy study passes as well, without a line of its own

@@ -17,7 +17,7 @@ from page_case import make_curves, make_report
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study, studies
-from afl_mujoco.validation.curves import save_curves
+from afl_mujoco.studies.verification.curves import save_curves
 
 ROOT = Path(__file__).parents[2]
 TOY = Path(__file__).parent / "toy"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.reporting.page.schedule_text import breakpoints
-from afl_mujoco.validation.curves import REFERENCE, Curves
+from afl_mujoco.studies.verification.curves import REFERENCE, Curves
 
 STATES = ("z", "phi", "z_dot", "phi_dot")
 PRESCRIBED = ("cart_mass", "half_length", "push")

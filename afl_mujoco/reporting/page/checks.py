@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from afl_mujoco.document.numbers import limit, scientific, short
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.validation.criteria import CRITERIA
+from afl_mujoco.studies.verification.criteria import CRITERIA
 
 ANY = "any"
 

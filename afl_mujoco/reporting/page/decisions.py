@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from afl_mujoco.document.numbers import short
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.validation.claims.claim import (
+from afl_mujoco.studies.verification.claims.claim import (
     IN_PART,
     NOT_REPRODUCED,
     REPRODUCED,

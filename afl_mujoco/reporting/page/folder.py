@@ -13,11 +13,11 @@ from afl_mujoco.document.pictures import Picture, load_picture
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import Executor
 from afl_mujoco.files import output_folder, write_text
-from afl_mujoco.reporting.figures.gallery import plans, write_figures
 from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import AGAIN, Row, load_report
 from afl_mujoco.reporting.page.page import render_page
-from afl_mujoco.validation.curves import REFERENCE, Curves, load_curves
+from afl_mujoco.studies.verification.curves import REFERENCE, Curves, load_curves
+from afl_mujoco.studies.verification.figures.gallery import plans, write_figures
 
 REPORT, CURVES, PAGE = "report.json", "curves.npz", "report.html"
 FIGURES, LISTING = "figures", "figures.json"

@@ -25,8 +25,8 @@ from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import Row
 from afl_mujoco.reporting.page.scenarios import HEADLINE, scenario_sections
 from afl_mujoco.reporting.page.summary import five_sentences
-from afl_mujoco.validation.curves import Curves
-from afl_mujoco.validation.metrics import UNITS
+from afl_mujoco.simulation.metrics import UNITS
+from afl_mujoco.studies.verification.curves import Curves
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)

@@ -10,7 +10,7 @@ from afl_mujoco.document.numbers import MISSING, fixed, short
 from afl_mujoco.reporting.page.checks import figure
 from afl_mujoco.reporting.page.inputs.report_data import Row
 from afl_mujoco.reporting.page.schedule_text import push_text, schedule_text
-from afl_mujoco.validation.curves import REFERENCE, Curves
+from afl_mujoco.studies.verification.curves import REFERENCE, Curves
 
 FIXED, ADAPTIVE = "fixed", "adaptive"
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from afl_mujoco.document.numbers import fixed, interval, limit, percent, scientific, short
 from afl_mujoco.reporting.page.checks import rank
 from afl_mujoco.reporting.page.inputs.report_data import Row
-from afl_mujoco.validation.claims.claim import (
+from afl_mujoco.studies.verification.claims.claim import (
     IN_PART,
     NOT_REPRODUCED,
     REPRODUCED,

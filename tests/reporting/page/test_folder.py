@@ -13,10 +13,10 @@ import page_case
 import pytest
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.reporting.figures import gallery
 from afl_mujoco.reporting.page.folder import load_pictures, write_gallery, write_page
 from afl_mujoco.reporting.page.inputs.report_data import REQUIRED, require_report
-from afl_mujoco.validation.curves import Curves, save_curves
+from afl_mujoco.studies.verification.curves import Curves, save_curves
+from afl_mujoco.studies.verification.figures import gallery
 
 
 def make_report(**changes: Any) -> dict[str, Any]:

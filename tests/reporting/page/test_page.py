@@ -19,7 +19,7 @@ from page_case import NASTY, make_curves, make_pictures, make_report
 from afl_mujoco.reporting.page.inputs.films import Film
 from afl_mujoco.reporting.page.inputs.report_data import require_report
 from afl_mujoco.reporting.page.page import render_page
-from afl_mujoco.validation.criteria import CRITERIA
+from afl_mujoco.studies.verification.criteria import CRITERIA
 
 VOID = {"meta", "link", "img", "input", "br", "path", "circle", "use", "rect"}
 

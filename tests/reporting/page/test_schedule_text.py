@@ -10,7 +10,7 @@ import afl_mujoco as afl
 from afl_mujoco.reporting.page.schedule_text import breakpoints, push_text, schedule_text
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import piecewise_linear
-from afl_mujoco.validation.curves import DENSE, SPARSE
+from afl_mujoco.studies.verification.curves import DENSE, SPARSE
 
 
 def instants(scenario: Scenario) -> NDArray[np.float64]:

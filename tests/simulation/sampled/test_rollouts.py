@@ -20,9 +20,9 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
-from afl_mujoco.validation.metrics import metrics
 
 FIGURES = Rollouts.__slots__
 SETTINGS = {"integrator": "Euler", "control_period": 0.002}

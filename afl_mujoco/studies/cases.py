@@ -1,0 +1,132 @@
+"""A case, a scenario with a controller: its runs in every simulator, and their metrics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.estimation.estimated_controller import refuse_estimated
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.metrics import Metrics, metrics
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.ode import simulate_ode
+from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
+from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
+
+REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
+"""Simulators whose metrics the report gives; the others are references of checks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Step sizes of a campaign.
+
+    Attributes
+    ----------
+    timestep
+        Physics step of MuJoCo [s].
+    control_period
+        How long sampled mode holds the control [s].
+    full
+        Whether to make the refinement studies as well.
+    """
+
+    timestep: float = 1e-3
+    control_period: float = 1e-3
+    full: bool = False
+
+
+Case = tuple[Scenario, Controller, Settings]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """One simulated run of the report.
+
+    Attributes
+    ----------
+    scenario, controller, simulator
+        What was simulated, in what.
+    outcome
+        How it ended.
+    metrics
+        Its figures.
+    """
+
+    scenario: str
+    controller: str
+    simulator: str
+    outcome: str
+    metrics: Metrics
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the run as plain data."""
+        return asdict(self)
+
+
+def case_name(case: Case) -> str:
+    """Return what a progress bar calls a case."""
+    return f"{case[0].name} / {case[1].name}"
+
+
+def closed_loop_runs(
+    scenario: Scenario, controller: Controller, settings: Settings
+) -> dict[str, Trajectory]:
+    """Simulate a scenario in every simulator that the checks compare, by name."""
+    h, period = settings.timestep, settings.control_period
+    runs = (
+        simulate_ode(scenario, controller, sample_period=h),
+        simulate_mujoco(scenario, controller, "exact", timestep=h),
+        simulate_mujoco(scenario, controller, "continuous", timestep=h),
+        simulate_mujoco(scenario, controller, "sampled", timestep=h, control_period=period),
+        simulate_ode_rk4(scenario, controller, timestep=h),
+        simulate_ode_held(scenario, controller, timestep=h, control_period=period),
+    )
+    return {run.simulator: run for run in runs}
+
+
+def reported_runs(
+    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
+) -> tuple[Run, ...]:
+    """Return the runs of `REPORTED` with their metrics, the objective aside."""
+    return tuple(
+        Run(
+            scenario=scenario.name,
+            controller=controller.name,
+            simulator=name,
+            outcome=str(runs[name].outcome),
+            metrics=metrics(scenario, controller, runs[name]),
+        )
+        for name in REPORTED
+    )
+
+
+def require_runnable(
+    scenarios: Sequence[Scenario],
+    controllers: Sequence[Controller],
+    settings: Settings,
+    workers: int,
+) -> None:
+    """Raise if a campaign cannot be run as asked; arguments as of `run_campaign`."""
+    if workers < 1:
+        raise InvalidValueError("workers", "must be at least 1", workers)
+    require_distinct("scenario", [s.name for s in scenarios])
+    require_distinct("controller", [c.name for c in controllers])
+    refuse_estimated(controllers)
+    whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
+    for scenario in scenarios:
+        scenario.require_ideal()
+        whole_steps("duration", scenario.duration, "timestep", settings.timestep)
+        if abs(tilt := scenario.initial_state[1]) >= 0.5 * math.pi:
+            rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"
+            raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")
+        for controller in controllers:
+            controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))

@@ -1,0 +1,159 @@
+"""Which films to make of which runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.films.film import RESULT_TIME, TITLE_TIME
+from afl_mujoco.studies.films.replay import Deployment, frame_times
+from afl_mujoco.studies.films.scene import require_size
+
+SINGLE, COMPARISON, SHOWCASE = "film", "comparison", "showcase"
+FPS_LIMIT = 240
+"""Most frames a second."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Film:
+    """A film to be made.
+
+    Attributes
+    ----------
+    kind
+        `SINGLE`, `COMPARISON` or `SHOWCASE`.
+    name
+        Of its file, without the suffix.
+    title
+        What it shows.
+    runs
+        Scenario and controller of each run in it.
+    deployment
+        How the law is deployed.
+    size
+        Width and height [px].
+    fps
+        Frames a second.
+    command
+        What makes it, as typed into a shell.
+    """
+
+    kind: str
+    name: str
+    title: str
+    runs: tuple[tuple[Scenario, Controller], ...]
+    deployment: Deployment = field(default_factory=Deployment)
+    size: tuple[int, int] = (1280, 720)
+    fps: int = 30
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        """Validate size and frame rate."""
+        require_size(*self.size)
+        if not 1 <= self.fps <= FPS_LIMIT:
+            raise InvalidValueError("fps", f"must lie between 1 and {FPS_LIMIT}", self.fps)
+        scenario = self.runs[0][0]
+        if self.running < 1:
+            rule = f"must last a frame at {self.fps} frames a second"
+            raise InvalidValueError(f"scenario {scenario.name!r}", rule, f"{scenario.duration} s")
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        return f"{self.name}.mp4"
+
+    @property
+    def poster(self) -> str:
+        """Name of the picture that stands for it."""
+        return f"{self.name}.png"
+
+    @property
+    def running(self) -> int:
+        """How many frames show the runs."""
+        return len(frame_times(self.runs[0][0].duration, self.fps))
+
+    @property
+    def title_frames(self) -> tuple[int, int]:
+        """How many frames of text stand before and after them."""
+        if self.kind != SHOWCASE:
+            return 0, 0
+        return round(TITLE_TIME * self.fps), round(RESULT_TIME * self.fps)
+
+    @property
+    def frames(self) -> int:
+        """How many frames it has."""
+        return self.running + sum(self.title_frames)
+
+    def describe(self) -> dict[str, Any]:
+        """Return its entry in the index."""
+        scenarios = {scenario.name for scenario, _ in self.runs}
+        return {
+            "file": self.file,
+            "poster": self.poster,
+            "kind": self.kind,
+            "title": self.title,
+            "scenario": scenarios.pop() if len(scenarios) == 1 else None,
+            "controllers": list(dict.fromkeys(c.name for _, c in self.runs)),
+            "width": self.size[0],
+            "height": self.size[1],
+            "fps": self.fps,
+            "frames": self.frames,
+            "duration": self.frames / self.fps,
+            "deployment": asdict(self.deployment),
+            "command": self.command,
+        }
+
+
+def plan(
+    scenarios: Sequence[Scenario],
+    controllers: Sequence[Controller],
+    showcase: Sequence[Scenario] = (),
+    **settings: Any,
+) -> list[Film]:
+    """Return the films of some scenarios: one per controller, and the first two side by side.
+
+    Parameters
+    ----------
+    showcase
+        The four scenarios of a showcase, under the last controller; none by default.
+    """
+    planned = []
+    for s in scenarios:
+        planned += [
+            Film(
+                kind=SINGLE,
+                name=f"{s.name}-{c.name}",
+                title=f"{s.name}, {c.name} gains",
+                runs=((s, c),),
+                **settings,
+            )
+            for c in controllers
+        ]
+        if len(controllers) > 1:
+            one, other = controllers[:2]
+            planned.append(
+                Film(
+                    kind=COMPARISON,
+                    name=f"{s.name}-{one.name}-and-{other.name}",
+                    title=f"{s.name}, {one.name} beside {other.name} gains",
+                    runs=((s, one), (s, other)),
+                    **settings,
+                )
+            )
+    if showcase:
+        planned.append(
+            Film(
+                kind=SHOWCASE,
+                name="showcase",
+                title=f"The four cases with {controllers[-1].name} gains",
+                runs=tuple((s, controllers[-1]) for s in showcase),
+                **settings,
+            )
+        )
+    require_distinct("film", [film.name for film in planned])
+    return planned

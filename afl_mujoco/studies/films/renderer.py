@@ -1,0 +1,184 @@
+"""Making films, on several processes."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import FileError, InvalidValueError, reading
+from afl_mujoco.execution.executors import open_executor
+from afl_mujoco.files import write_text
+from afl_mujoco.studies.films import film as films
+from afl_mujoco.studies.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
+from afl_mujoco.studies.films.replay import Replay, record
+from afl_mujoco.studies.films.video import write_picture, write_video
+
+INDEX = "films.json"
+"""File beside the films that says what they show."""
+
+POSTER_TIME = 1.2
+"""Instant of the still that stands for a film [s]: the pole is under way."""
+
+Picture = NDArray[np.uint8]
+Unit = tuple[Film, Path]
+
+
+def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Path]:
+    """Write of each film the frame nearest to an instant.
+
+    Parameters
+    ----------
+    time
+        The instant [s].
+    """
+    for film in planned:
+        last = (film.running - 1) / film.fps
+        if not 0.0 <= time <= last:
+            raise InvalidValueError("still", f"must lie between 0 and {last:g} s", time)
+    files = []
+    for film in planned:
+        picture = next(_scenes(film, _record(film), [round(time * film.fps)]))
+        files.append(folder / film.poster)
+        write_picture(picture, files[-1])
+    return files
+
+
+def render_film(film: Film, folder: Path, progress: Callable[[], None] = lambda: None) -> None:
+    """Write a film and its poster."""
+    replays = _record(film)
+    poster = min(round(POSTER_TIME * film.fps), film.running - 1)
+
+    def running() -> Iterator[Picture]:
+        for index, picture in enumerate(_scenes(film, replays, range(film.running))):
+            if index == poster:
+                write_picture(picture, folder / film.poster)
+            yield picture
+
+    def counted() -> Iterator[Picture]:
+        for picture in _with_cards(film, replays, running()):
+            yield picture
+            progress()
+
+    write_video(counted(), folder / film.file, film.size, film.fps, film.title)
+
+
+def make_films(
+    planned: Sequence[Film],
+    folder: Path,
+    *,
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda frames: None,
+) -> list[Path]:
+    """Make films and say in the folder's index what they show.
+
+    A film is made in a hidden folder and moved when it is whole; an interrupt leaves the films
+    that were finished, listed, and nothing else.
+    """
+    workers = min(workers, len(planned))
+    if workers > 1:  # else each process would draw with as many threads as there are cores
+        os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
+    _listed(folder / INDEX)  # a list that cannot be read is refused before anything is filmed
+    with _hidden(folder) as t:
+        hidden, done = Path(t), itertools.count(1)
+        each = (lambda: progress(next(done))) if workers == 1 else None
+        try:
+            for film in _made(planned, hidden, workers, each):
+                _publish(film, hidden, folder)
+                if each is None:
+                    for _ in range(film.frames):
+                        progress(next(done))
+        except FileError as error:
+            raise FileError(error.thing.replace(t, str(folder)), error.rule, error.value) from None
+    return [folder / film.file for film in planned]
+
+
+@contextlib.contextmanager
+def _hidden(folder: Path) -> Iterator[str]:
+    """Give a hidden folder inside a folder, and remove it."""
+    try:
+        hidden = tempfile.TemporaryDirectory(
+            dir=folder, prefix=".films-", ignore_cleanup_errors=True
+        )
+    except OSError as error:
+        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
+    with hidden as name:
+        yield name
+
+
+def _made(
+    planned: Sequence[Film], folder: Path, workers: int, each: Callable[[], None] | None
+) -> Iterator[Film]:
+    """Make films and yield each as it is done."""
+    if each is not None:
+        for film in planned:
+            render_film(film, folder, each)
+            yield film
+        return
+    units = [(film, folder) for film in planned]
+    with open_executor(workers) as executor:
+        for index, _ in executor(_shoot_unit, units):
+            yield planned[index]
+
+
+def _shoot_unit(unit: Unit) -> None:
+    """Make a film in a process of its own."""
+    render_film(*unit)
+
+
+def _record(film: Film) -> list[Replay]:
+    """Return the runs of a film."""
+    return [record(s, c, film.deployment, film.fps) for s, c in film.runs]
+
+
+def _scenes(film: Film, replays: Sequence[Replay], indices: Iterable[int]) -> Iterator[Picture]:
+    """Return the frames of a film, title_frames not counted."""
+    held = film.deployment.describe()
+    if film.kind == SINGLE:
+        return films.single(replays[0], held, film.size, film.fps, indices)
+    several = films.comparison if film.kind == COMPARISON else films.showcase
+    return several(replays, held, film.size, film.fps, indices)
+
+
+def _with_cards(
+    film: Film, replays: Sequence[Replay], scenes: Iterable[Picture]
+) -> Iterable[Picture]:
+    """Return all frames of a film: those of a showcase stand between two title_frames."""
+    if film.kind != SHOWCASE:
+        return scenes
+    title = films.title_card(replays, film.deployment.describe(), film.size)
+    results = films.result_card(replays, film.size)
+    before, after = film.title_frames
+    return itertools.chain(
+        itertools.repeat(title, before), scenes, itertools.repeat(results, after)
+    )
+
+
+def _publish(film: Film, hidden: Path, folder: Path) -> None:
+    """Move a film to where it belongs, and list it."""
+    for name in (film.poster, film.file):
+        try:
+            (hidden / name).replace(folder / name)
+        except OSError as error:
+            raise FileError.cannot_be("written", folder / name, error) from None
+    kept = [entry for entry in _listed(folder / INDEX) if entry["file"] != film.file]
+    entries = sorted([*kept, film.describe()], key=lambda entry: str(entry["file"]))
+    text = json.dumps({"schema": 1, "films": entries}, indent=1, allow_nan=False)
+    write_text(folder / INDEX, text + "\n")
+
+
+def _listed(index: Path) -> list[dict[str, Any]]:
+    """Return the entries of an index whose films are there; none if there is no such file."""
+    if not index.exists():
+        return []
+    with reading(index, "is no list of films; remove it"):
+        entries = json.loads(index.read_text(encoding="utf-8"))["films"]
+        return [entry for entry in entries if (index.parent / entry["file"]).is_file()]

@@ -1,0 +1,1 @@
+"""Regression: every run of the paper's scenarios against its baseline."""

@@ -1,0 +1,49 @@
+"""One case, run in every simulator, judged and explained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from afl_mujoco.studies.cases import REPORTED, Case, Run, closed_loop_runs, reported_runs
+from afl_mujoco.studies.verification.check import Check
+from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
+from afl_mujoco.studies.verification.checks.error_budget import budget_curves
+from afl_mujoco.studies.verification.checks.explanation import Explanation, explain
+from afl_mujoco.studies.verification.curves import Curves, select_curves
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What a worker finds about one case.
+
+    Attributes
+    ----------
+    checks, runs, explanation, curves
+        As of `Report`.
+    """
+
+    checks: tuple[Check, ...]
+    runs: tuple[Run, ...]
+    explanation: Explanation
+    curves: Curves
+
+
+def judge(case: Case) -> Judged:
+    """Run and judge one scenario with one controller."""
+    scenario, controller, settings = case
+    runs = closed_loop_runs(scenario, controller, settings)
+    parts = budget_curves(scenario, controller, runs)
+    explanation = explain(scenario, controller, runs, parts, full=settings.full)
+    return Judged(
+        closed_loop_checks(scenario, controller, runs),
+        reported_runs(scenario, controller, runs),
+        explanation,
+        select_curves(
+            scenario,
+            controller,
+            {name: runs[name] for name in REPORTED},
+            timestep=settings.timestep,
+            parts=parts,
+            energy=explanation.ledger.energy if explanation.ledger else {},
+        ),
+    )

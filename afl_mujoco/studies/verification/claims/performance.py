@@ -1,0 +1,139 @@
+"""The claims that the campaign's own runs decide: C2 to C8, in MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.simulation.metrics import STATES, Metrics
+from afl_mujoco.studies.verification.claims.claim import (
+    IN_PART,
+    NOT_REPRODUCED,
+    REPRODUCED,
+    Claim,
+    verdict,
+)
+
+FIXED, ADAPTIVE = "fixed", "adaptive"
+
+PUBLISHED_IMPROVEMENT = {
+    "step-step": 38.03,
+    "step-trapezoid": 29.28,
+    "trapezoid-step": 39.70,
+    "trapezoid-trapezoid": 36.66,
+}
+"""Table 3: by how much adaptive gains lower the objective of each case [%]."""
+
+NEAR = 5.0
+"""How close to the paper's an improvement must come to be reproduced [percentage points]."""
+
+HALF = 0.5
+"""What share of the paper's improvement must be found to reproduce it in part."""
+
+IMPULSE_TIME = 10.0
+
+Runs = Mapping[tuple[str, str], Metrics]
+"""Metrics by scenario and controller."""
+
+
+def performance_claims(runs: Runs) -> Iterator[Claim]:
+    """Judge C2 to C8."""
+    yield _stabilised(runs)
+    for place, case in enumerate(PUBLISHED_IMPROVEMENT, start=3):
+        yield _improvement(f"C{place}", case, runs)
+    yield _overshoot_and_settling(runs)
+    yield _impulse(runs)
+
+
+def _settled(figures: Metrics) -> float | None:
+    """Return when the last state entered its 2 % band for good, or None if one never did."""
+    times = [figures[f"settling_2pc_{x}"] for x in STATES]
+    return None if None in times else max(t for t in times if t is not None)
+
+
+def _stabilised(runs: Runs) -> Claim:
+    """C2: all states go to zero from -60 degrees."""
+    calm = [_settled(runs[s, c]) for s in PUBLISHED_IMPROVEMENT for c in (FIXED, ADAPTIVE)]
+    reached = [time for time in calm if time is not None]
+    return Claim(
+        id="C2",
+        claim="the law drives all states to zero from -60 degrees",
+        figure="latest settling of any state into 2 % of its peak, four cases [s]",
+        paper=None,
+        here=max(reached) if len(reached) == len(calm) else None,
+        verdict=verdict(len(reached) / len(calm)),
+        why=f"{len(reached)} of {len(calm)} runs of the four cases settle in MuJoCo within 20 s",
+    )
+
+
+def improvement(fixed: Metrics, adaptive: Metrics) -> float | None:
+    """Return by how much the adaptive gains lower the objective [%]; None if a run did not end."""
+    one, other = fixed["objective"], adaptive["objective"]
+    return None if one is None or other is None else 100.0 * (1.0 - other / one)
+
+
+def _improvement(id: str, case: str, runs: Runs) -> Claim:
+    """C3 to C6: the improvement of one case of Table 3."""
+    published = PUBLISHED_IMPROVEMENT[case]
+    here = improvement(runs[case, FIXED], runs[case, ADAPTIVE])
+    if here is None:
+        judged, why = NOT_REPRODUCED, "one of the two runs did not complete"
+    else:
+        near = abs(here - published) <= NEAR
+        enough = here >= HALF * published
+        judged = REPRODUCED if near else IN_PART if enough else NOT_REPRODUCED
+        said = "lower" if here > 0.0 else "raise"
+        why = (
+            f"the published adaptive gains {said} the objective by {abs(here):.1f} %; values and "
+            "times of the schedule and the scales of the objective are not in the paper (D3, D4)"
+        )
+    return Claim(
+        id=id,
+        claim=f"adaptive gains lower the objective of {case} by {published} %",
+        figure="improvement of the objective (O1) [%]",
+        paper=published,
+        here=here,
+        verdict=judged,
+        why=why,
+    )
+
+
+def _overshoot_and_settling(runs: Runs) -> Claim:
+    """C7: overshoot and settling time of every state fall in every case."""
+    names = [f"{kind}_{x}" for kind in ("overshoot", "settling_2pc") for x in STATES]
+    cut = [
+        _less(runs[case, ADAPTIVE][name], runs[case, FIXED][name])
+        for case in PUBLISHED_IMPROVEMENT
+        for name in names
+    ]
+    return Claim(
+        id="C7",
+        claim="adaptive gains cut overshoot and settling time of every state in every case",
+        figure="figures that are cut, of 4 cases x 4 states x 2",
+        paper=float(len(cut)),
+        here=float(sum(cut)),
+        verdict=verdict(sum(cut) / len(cut), least=0.5),
+        why=f"{sum(cut)} of {len(cut)} fall; overshoot is the excursion beyond zero, settling is "
+        "into 2 % of the peak",
+    )
+
+
+def _less(one: float | None, other: float | None) -> bool:
+    """Return whether a figure is smaller; one that is missing is infinite."""
+    return one is not None and (other is None or one < other)
+
+
+def _impulse(runs: Runs) -> Claim:
+    """C8: the impulse at 10 s is rejected."""
+    struck = [name for name in SCENARIOS if name.endswith("-impulse")]
+    calm = [_settled(runs[s, c]) for s in struck for c in (FIXED, ADAPTIVE)]
+    reached = [time - IMPULSE_TIME for time in calm if time is not None]
+    return Claim(
+        id="C8",
+        claim="the impulse at 10 s is rejected",
+        figure="latest return of any state into 2 % of its peak after the impulse [s]",
+        paper=None,
+        here=max(reached) if len(reached) == len(calm) else None,
+        verdict=verdict(len(reached) / len(calm)),
+        why=f"{len(reached)} of {len(calm)} struck runs settle again before 20 s",
+    )

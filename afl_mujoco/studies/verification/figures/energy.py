@@ -1,0 +1,114 @@
+"""The ledger of energy: what MuJoCo's energy gained, and what was booked for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator
+
+from afl_mujoco.document.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    TIME,
+    VERMILION,
+    Drawn,
+    colour_of,
+    decade_above,
+    draw_limit,
+    in_words,
+    new_figure,
+    styled,
+)
+from afl_mujoco.studies.verification.criteria import CRITERIA
+from afl_mujoco.studies.verification.curves import Curves
+
+FLOOR = 1e-17
+"""Residuals below are drawn there: a logarithmic axis has no zero."""
+
+_BOOKED: Mapping[str, tuple[str, str, Any]] = {
+    "work": ("work of all forces", BLUE, (0, ())),
+    "ramps": ("ramps of M and l", VERMILION, (0, (5, 1.5, 1, 1.5))),
+    "jumps": ("steps of M and l", GREEN, (0, (1, 1))),
+}
+
+_GAINED: Any = {"color": GREY, "marker": "o", "markersize": 3.5, "linestyle": "none", "alpha": 0.7}
+
+
+@styled()
+def draw_energy(cases: Sequence[Sequence[Curves]]) -> Drawn:
+    """Draw the ledger of each case: above the last controller's, below what is left of all."""
+    figure = new_figure(2.75 * len(cases) + 0.6, 5.8)
+    axes = figure.subplots(2, len(cases), sharex="col", sharey="row", squeeze=False)
+    for (above, below), curves in zip(axes.T, cases, strict=True):
+        _draw_ledger(above, curves[-1])
+        above.set_title(f"{curves[-1].scenario}\n{curves[-1].controller}")
+        for one in curves:
+            below.semilogy(
+                one.energy["time"], np.maximum(np.abs(one.energy["residual"]), FLOOR),
+                color=colour_of(one.controller), linewidth=1.2,
+            )  # fmt: skip
+        draw_limit(below, CRITERIA["A6e"].limit, "A6e", GREY)
+        below.yaxis.set_major_locator(LogLocator(numticks=6))
+        below.minorticks_off()
+        below.set(xlabel=TIME, xlim=(0.0, float(one.energy["time"][-1])))
+    every = [one for curves in cases for one in curves]
+    left = max(float(np.abs(one.energy["residual"]).max()) for one in every)
+    axes[1, 0].set_ylim(FLOOR, decade_above(10.0 * max(left, CRITERIA["A6e"].limit)))
+    axes[0, 0].set_ylabel("energy since t = 0 [J]")
+    axes[1, 0].set_ylabel("|not booked| [J]")
+    _draw_legend(figure, cases[0])
+    return Drawn(
+        name="energy",
+        title="Where the energy comes from",
+        caption="Above: what MuJoCo's own energy gained (dots), what the analytic equations book "
+        "for it (colours), and the sum of that (black line). Below: what is not booked, with the "
+        f"limit of A6e, drawn at {in_words(FLOOR)} J if it is less. The ledger is closed every "
+        "0.1 s, until half a second after the last change.",
+        alt=f"{2 * len(cases)} panels. In the upper ones the sum runs through the dots. "
+        + " ".join(_in_words(curves[-1]) for curves in cases)
+        + f" What is not booked is at most {in_words(left)} J.",
+        figure=figure,
+    )
+
+
+def _draw_ledger(axis: Axes, one: Curves) -> None:
+    """Draw what was gained, what was booked for it, and the sum of that."""
+    time = one.energy["time"]
+    axis.plot(time, one.energy["gained"], **_GAINED)
+    for key, (_, colour, style) in _BOOKED.items():
+        stepped = "steps-post" if key == "jumps" else "default"
+        axis.plot(
+            time, one.energy[key], color=colour, linestyle=style, linewidth=1.3, drawstyle=stepped
+        )
+    booked = sum(one.energy[key] for key in _BOOKED)
+    axis.plot(time, booked, color=BLACK, linewidth=0.9)
+
+
+def _draw_legend(figure: Figure, curves: Sequence[Curves]) -> None:
+    """Draw the legend below the figure."""
+    handles = {"gained by MuJoCo": Line2D([], [], **_GAINED)}
+    for words, colour, style in _BOOKED.values():
+        handles[words] = Line2D([], [], color=colour, linestyle=style, linewidth=1.2)
+    handles["sum of what is booked"] = Line2D([], [], color=BLACK, linewidth=0.9)
+    for one in curves:
+        label = f"not booked, {one.controller}"
+        handles[label] = Line2D([], [], color=colour_of(one.controller), linewidth=1.2)
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
+
+
+def _in_words(one: Curves) -> str:
+    """Say what a run gained and from what."""
+    gained, work, ramps, jumps = (
+        f"{0.0 + one.energy[key][-1].round(3):g} J" for key in ("gained", *_BOOKED)
+    )
+    return (
+        f"{one.scenario}, {one.controller}: the energy gains {gained} by the end, work {work}, "
+        f"ramps {ramps}, steps {jumps}."
+    )

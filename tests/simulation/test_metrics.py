@@ -1,0 +1,125 @@
+"""Metrics against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.simulation.batch.objective import ObjectiveScales
+from afl_mujoco.simulation.metrics import (
+    UNITS,
+    metrics,
+    objective_scales,
+    with_objective,
+)
+from afl_mujoco.simulation.trajectory import Outcome, Trajectory
+
+TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20
+
+
+def decaying_run(outcome: str = "completed") -> Trajectory:
+    """z = exp(-t), phi = -exp(-2 t), F = 5 - t over 10 s."""
+    time = np.linspace(0.0, 10.0, 10_001)
+    state = np.zeros((time.size, 4))
+    state[:, 0], state[:, 1] = np.exp(-time), -np.exp(-2.0 * time)
+    return Trajectory(
+        time=time,
+        state=state,
+        force=5.0 - time,
+        cart_mass=np.ones_like(time),
+        half_length=np.full_like(time, 0.5),
+        outcome=Outcome(outcome, 10.0),
+    )
+
+
+def measured(run: Trajectory) -> dict[str, float | None]:
+    return metrics(afl.SCENARIOS["nominal"], afl.CONTROLLERS["fixed"], run)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("iae_z", 1.0 - np.exp(-10.0)),
+        ("iae_phi", 0.5 * (1.0 - np.exp(-20.0))),
+        ("itae_z", 1.0 - 11.0 * np.exp(-10.0)),
+        ("itae_phi", 0.25 - (5.0 + 0.25) * np.exp(-20.0)),
+        ("force_squared", 250.0 / 3.0),
+        ("max_force", 5.0),
+        ("force_variation", 10.0),
+        ("peak_z", 1.0),
+        ("peak_phi", 1.0),
+    ],
+)
+def test_integrals_and_peaks_match_their_closed_forms(name: str, expected: float) -> None:
+    assert measured(decaying_run())[name] == pytest.approx(expected, abs=TRAPEZOID_ERROR)
+
+
+def test_settling_is_the_first_instant_inside_the_band_for_good() -> None:
+    figures = measured(decaying_run())
+    one_sample = 1e-3
+    assert figures["settling_2pc_z"] == pytest.approx(np.log(50.0), abs=one_sample)
+    assert figures["settling_5pc_phi"] == pytest.approx(np.log(20.0) / 2.0, abs=one_sample)
+    assert figures["settling_2pc_z_dot"] == 0.0
+
+
+def test_a_state_that_never_passes_its_target_has_no_overshoot() -> None:
+    assert measured(decaying_run())["overshoot_phi"] == 0.0
+
+
+def test_overshoot_is_the_excursion_beyond_the_target() -> None:
+    run = decaying_run()
+    state = run.state.copy()
+    state[:, 1] = -np.cos(run.time) * np.exp(-run.time)
+    swung = Trajectory(
+        time=run.time,
+        state=state,
+        force=run.force,
+        cart_mass=run.cart_mass,
+        half_length=run.half_length,
+        outcome=run.outcome,
+    )
+    at_peak = 0.75 * np.pi  # where the derivative of cos(t) exp(-t) vanishes
+    expected = -np.cos(at_peak) * np.exp(-at_peak)
+    assert measured(swung)["overshoot_phi"] == pytest.approx(expected, abs=1e-7)  # curvature h^2/8
+
+
+def test_a_run_that_ends_outside_the_band_never_settled() -> None:
+    run = afl.simulate_ode(
+        afl.Scenario(name="short", duration=0.5), afl.CONTROLLERS["fixed"], sample_period=1e-2
+    )
+    assert measured(run)["settling_2pc_z"] is None
+
+
+def test_a_fallen_run_has_no_integrals_and_no_objective() -> None:
+    figures = measured(decaying_run("fell"))
+    scales = ObjectiveScales(iae_z=1.0, iae_phi=1.0, max_force=1.0)
+    assert figures["iae_z"] is None
+    assert figures["settling_5pc_z"] is None
+    assert with_objective(figures, scales)["objective"] is None
+
+
+def test_a_run_that_starts_fallen_has_no_force() -> None:
+    scenario = afl.Scenario(name="fallen", initial_state=(0.0, -1.6, 0.0, 0.0))
+    controller = afl.CONTROLLERS["fixed"]
+    figures = metrics(scenario, controller, afl.simulate_ode(scenario, controller))
+    assert figures["max_force"] is None
+    assert figures["peak_phi"] == 1.6
+
+
+def test_the_objective_of_its_own_scales_is_three() -> None:
+    figures = measured(decaying_run())
+    assert with_objective(figures, objective_scales(figures))["objective"] == 3.0
+
+
+def test_saturation_counts_the_time_beyond_the_boundary_layer() -> None:
+    run = decaying_run()
+    gains = afl.FIXED_GAINS
+    sliding = afl.sliding_variable(run.state, afl.CartPoleParameters(), gains)
+    share = np.trapezoid((np.abs(sliding) >= gains.boundary_layer).astype(float), run.time) / 10.0
+    assert measured(run)["saturated_share"] == pytest.approx(share, abs=1e-12)  # same sum
+
+
+def test_every_metric_has_a_unit() -> None:
+    scales = ObjectiveScales(iae_z=1.0, iae_phi=1.0, max_force=1.0)
+    assert set(with_objective(measured(decaying_run()), scales)) == set(UNITS)

@@ -1,0 +1,329 @@
+"""The physics regression notices what moved, is missing or left over; an update mends it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco import cli
+from afl_mujoco.errors import AflMujocoError, FileError
+from afl_mujoco.studies.cases import REPORTED
+from afl_mujoco.studies.regression import baseline, regression
+from afl_mujoco.studies.regression.baseline import Baseline, Recording, changes, load_baseline
+
+H = baseline.SETTINGS.timestep
+METRICS = {
+    "objective": 2.5,
+    "force_squared": 67.5,
+    "overshoot_z": 0.0,
+    "saturated_share": 0.25,
+    "settling_2pc_z": 6.112,
+    "settling_5pc_z": None,
+    "end_time": 20.0,
+}
+ROWS = ((0.0, 0.0, -1.0, 0.0, 0.0, 59.0), (0.5, 1.9, 0.1, 5.4, 3.0, -2.4))
+
+
+def recording(rows=ROWS, outcome="completed", **metrics) -> Recording:
+    return Recording({"timestep": H}, outcome, {**METRICS, **metrics}, rows)
+
+
+def made(scenario="step-step", run=None, **versions) -> Baseline:
+    runs = {"ode": recording(), "mujoco sampled": run or recording()}
+    return Baseline(scenario, "fixed", {"mujoco": "3.17.0", **versions}, runs)
+
+
+def figures(run: Recording) -> list[str]:
+    """What differs between a baseline and the same with another run in it."""
+    return [change.figure for change in changes(made(), made(run=run))]
+
+
+def by_name(*baselines: Baseline) -> dict[str, Baseline]:
+    return {b.file_name: b for b in baselines}
+
+
+@pytest.fixture
+def baselines(tmp_path: Path) -> Path:
+    """A folder with the baselines of two scenarios."""
+    regression.update_baselines(tmp_path, {}, by_name(made(), made("nominal")))
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["objective", "force_squared"])
+def test_a_metric_may_move_by_a_millionth_and_no_more(name: str) -> None:
+    assert figures(recording(**{name: METRICS[name] * (1 + 5e-7)})) == []
+    assert figures(recording(**{name: METRICS[name] * (1 + 2e-6)})) == [name]
+    assert figures(recording(**{name: METRICS[name] * (1 - 2e-6)})) == [name]
+
+
+def test_a_metric_that_is_zero_may_move_by_round_off() -> None:
+    assert figures(recording(overshoot_z=5e-10)) == []
+    assert figures(recording(overshoot_z=2e-9)) == ["overshoot_z"]
+
+
+def test_a_settling_time_may_move_by_one_sample() -> None:
+    settling = METRICS["settling_2pc_z"]
+    assert figures(recording(settling_2pc_z=settling + H)) == []
+    assert figures(recording(settling_2pc_z=settling - H)) == []
+    assert figures(recording(settling_2pc_z=settling + 2 * H)) == ["settling_2pc_z"]
+
+
+def test_the_saturated_share_may_move_by_one_sample() -> None:
+    assert figures(recording(saturated_share=0.25 + H / 20.0)) == []
+    assert figures(recording(saturated_share=0.25 + 2 * H / 20.0)) == ["saturated_share"]
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        pytest.param({"settling_5pc_z": 7.0}, id="found"),
+        pytest.param({"settling_2pc_z": None}, id="lost"),
+    ],
+)
+def test_a_figure_that_comes_or_goes_has_moved(run: dict[str, float | None]) -> None:
+    assert figures(recording(**run)) == list(run)
+
+
+def test_a_metric_or_a_simulator_that_comes_or_goes_has_moved() -> None:
+    assert figures(recording(new_metric=1.0)) == ["has new_metric"]
+    one = dataclasses.replace(made(), runs={"ode": recording()})
+    assert [c.figure for c in changes(one, made())] == ["recorded"]
+    assert [c.figure for c in changes(made(), one)] == ["recorded"]
+
+
+def test_another_outcome_is_a_change_even_if_no_figure_moved() -> None:
+    assert figures(recording(outcome="fell")) == ["outcome"]
+
+
+@pytest.mark.parametrize(
+    ("column", "inside", "outside"),
+    [(2, 5e-9, 2e-8), (5, 5e-7, 2e-6)],
+    ids=["state", "force"],
+)
+def test_the_trajectory_may_move_by_round_off_only(
+    column: int, inside: float, outside: float
+) -> None:
+    def shifted(by: float) -> Recording:
+        last = [*ROWS[1]]
+        last[column] += by
+        return recording(rows=(ROWS[0], tuple(last)))
+
+    name = baseline.COLUMNS[column]
+    assert figures(shifted(inside)) == []
+    assert figures(shifted(outside)) == [f"{name} at 1 instants, first at t = 0.5 s,"]
+
+
+def test_a_run_of_another_length_is_a_change() -> None:
+    assert figures(recording(rows=ROWS[:1])) == ["number of instants"]
+
+
+# The folder
+
+
+def test_the_file_gives_back_the_very_numbers(baselines: Path) -> None:
+    third = dataclasses.replace(made(), scenario='odd "name"', runs={"ode": recording(a=1 / 3)})
+    for made_up in (made(), third):
+        (baselines / made_up.file_name).write_text(made_up.to_text())
+        assert load_baseline(baselines / made_up.file_name) == made_up
+
+
+def test_what_was_recorded_passes(baselines: Path) -> None:
+    fresh = by_name(made(), made("nominal"))
+    comparison = regression.compare(regression.load_baselines(baselines), fresh)
+    assert comparison.passed
+    assert comparison.lines(baselines) == ["PASS: 4 runs match their baselines"]
+
+
+def test_a_moved_figure_is_one_line_with_old_new_and_limit(baselines: Path) -> None:
+    fresh = by_name(made(run=recording(objective=2.6), mujoco="3.18.0"), made("nominal"))
+    comparison = regression.compare(regression.load_baselines(baselines), fresh)
+    assert not comparison.passed
+    assert comparison.lines(baselines) == [
+        "moved     step-step / fixed / mujoco sampled: objective 2.5 -> 2.6 "
+        "(by +1.00e-01, relative +4.00e-02; it may move by 2.50e-06)",
+        "note      mujoco was 3.17.0, is 3.18.0",
+        "FAIL: 1 figures moved; make baselines accepts what is meant",
+    ]
+
+
+def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(baselines: Path) -> None:
+    fresh = by_name(made(), made("trapezoid-step"))
+    comparison = regression.compare(regression.load_baselines(baselines), fresh)
+    assert not comparison.passed
+    assert comparison.lines(baselines) == [
+        f"missing   {baselines}/trapezoid-step.fixed.json; make baselines writes it",
+        f"orphaned  {baselines}/nominal.fixed.json has no run; make baselines removes it",
+        "FAIL: 1 baselines missing, 1 orphaned; make baselines accepts what is meant",
+    ]
+
+
+def test_no_runs_do_not_pass() -> None:
+    assert not regression.compare({}, {}).passed
+
+
+def test_an_update_says_what_moved_and_leaves_what_did_not(baselines: Path) -> None:
+    untouched = (baselines / "step-step.fixed.json").read_bytes()
+    fresh = by_name(
+        made(python="3.12.1"),  # another host, the same numbers but for the last digits
+        made("trapezoid-step", run=recording(objective=2.6)),
+    )
+    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
+        f"new      {baselines}/trapezoid-step.fixed.json",
+        f"removed  {baselines}/nominal.fixed.json",
+    ]
+    assert (baselines / "step-step.fixed.json").read_bytes() == untouched
+    fresh |= by_name(made(run=recording(settling_2pc_z=None)))
+    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
+        "moved    step-step / fixed / mujoco sampled: settling_2pc_z 6.112 -> none"
+    ]
+    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
+        "nothing moved"
+    ]
+    assert regression.compare(regression.load_baselines(baselines), fresh).passed
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "is not a baseline: Expecting value"),
+        ("<<<<<<< HEAD", "is not a baseline: Expecting value"),
+        ("[]", "is not a baseline: "),
+        ("{}", "is not a baseline: 'schema' is missing"),
+        ('{"schema": 2}', "is not a baseline: schema must be 1, got 2"),
+        (made("other").to_text(), "its file must be named other.fixed.json"),
+        (made().to_text().replace("59.0", '"fast"'), "trajectory must be a number, got 'fast'"),
+        (made().to_text().replace("59.0", "59.0, 1.0"), "trajectory must have rows of 6, got 7"),
+        (made().to_text().replace("2.5", "NaN"), "objective must be finite, got nan"),
+    ],
+    ids=["empty", "conflict", "list", "table", "schema", "name", "text", "row", "nan"],
+)
+def test_a_file_that_is_no_baseline_is_named_with_the_reason(
+    baselines: Path, text: str, reason: str
+) -> None:
+    (baselines / "step-step.fixed.json").write_text(text)
+    with pytest.raises(FileError) as caught:
+        regression.load_baselines(baselines)
+    said = str(caught.value)
+    assert said.startswith(f"{baselines}/step-step.fixed.json is not a baseline: ")
+    assert reason in said
+    assert "\n" not in said
+
+
+# The runs and the command
+
+SHORT = dataclasses.replace(
+    afl.SCENARIOS["step-trapezoid"],
+    name="short",
+    duration=1.2,
+    disturbances=(afl.ForcePulse(force=-10.0, start=0.5003, duration=0.1),),
+)
+
+
+@pytest.fixture(scope="module")
+def fresh() -> dict[str, Baseline]:
+    return regression.record_all([SHORT], [afl.CONTROLLERS["adaptive"]])
+
+
+def test_a_recording_has_every_reported_run_every_half_second(fresh: dict[str, Baseline]) -> None:
+    assert list(fresh) == ["short.adaptive.json"]
+    recorded = fresh["short.adaptive.json"]
+    assert tuple(recorded.runs) == REPORTED
+    run = afl.simulate_mujoco(SHORT, afl.CONTROLLERS["adaptive"], "continuous")
+    kept = recorded.runs["mujoco continuous"]
+    index = [int(abs(run.time - t).argmin()) for t in (0.0, 0.5, 1.0)]
+    assert [list(row) for row in kept.trajectory] == [
+        [t, *run.state[i], run.force[i]] for t, i in zip((0.0, 0.5, 1.0), index, strict=True)
+    ]
+    assert kept.metrics["objective"] is not None
+    assert kept.settings["timestep"] == H
+    assert recorded.versions.keys() >= {"python", "afl_mujoco", "mujoco", "numpy", "scipy", "numba"}
+
+
+def test_workers_and_repetition_do_not_change_a_byte(fresh: dict[str, Baseline]) -> None:
+    names = ("adaptive", "fixed")
+    again = regression.record_all([SHORT], [afl.CONTROLLERS[n] for n in names], workers=2)
+    one, two = again["short.adaptive.json"].to_text(), fresh["short.adaptive.json"].to_text()
+    assert one == two
+
+
+def test_a_plant_a_hundred_thousandth_off_is_noticed(fresh: dict[str, Baseline]) -> None:
+    heavier = dataclasses.replace(SHORT, pole_mass=SHORT.pole_mass * (1 + 1e-5))
+    moved = regression.record_all([heavier], [afl.CONTROLLERS["adaptive"]])
+    found = regression.compare(fresh, moved).changes["short.adaptive.json"]
+    assert {change.run.rpartition(" / ")[2] for change in found} == set(REPORTED)
+
+
+def test_a_run_that_fell_is_recorded_up_to_its_end() -> None:
+    hit = dataclasses.replace(SHORT, disturbances=(afl.Impulse(momentum=60.0, time=0.7),))
+    fallen = regression.record_all([hit], [afl.CONTROLLERS["fixed"]])["short.fixed.json"]
+    kept = fallen.runs["mujoco exact"]
+    assert kept.outcome == "fell"
+    assert [row[0] for row in kept.trajectory] == [0.0, 0.5]
+    assert all(math.isfinite(x) for row in kept.trajectory for x in row if x is not None)
+    assert kept.metrics["objective"] is None
+
+
+@pytest.fixture
+def short_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the command run one short scenario with one controller."""
+    monkeypatch.setattr("afl_mujoco.scenario.catalogue.SCENARIOS", {"short": SHORT})
+    monkeypatch.setattr(regression, "REGRESSED", ("adaptive",))
+
+
+def test_the_command_passes_on_what_it_recorded_and_fails_on_a_change(
+    tmp_path: Path, short_command: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["regression", "--baselines", str(tmp_path / "b"), "--workers", "1"]
+    assert cli.main([*command, "--update"]) == 0
+    path = tmp_path / "b" / "short.adaptive.json"
+    assert capsys.readouterr().out == f"new      {path}\n"
+    before = path.read_bytes()
+    assert cli.main(command) == 0
+    assert capsys.readouterr().out == "PASS: 4 runs match their baselines\n"
+
+    content = json.loads(before)
+    content["runs"]["ode"]["metrics"]["max_force"] *= 1 + 2e-6
+    path.write_text(json.dumps(content))
+    assert cli.main(command) == 1
+    output = capsys.readouterr().out.splitlines()
+    assert output[0].startswith("moved     short / adaptive / ode: max_force ")
+    assert output[-1].startswith("FAIL: 1 figures moved")
+    assert cli.main([*command, "--update"]) == 0
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--baselines", "none"], "baseline folder none must be there; make baselines makes it"),
+        (["--baselines", "bad"], "bad/x.json is not a baseline: 'schema' is missing"),
+        (["--update", "--baselines", "bad"], "bad/x.json is not a baseline: 'schema' is missing"),
+        (["--update", "--baselines", "/proc/afl"], "output folder /proc/afl cannot be written"),
+        (["--baselines", "bad/x.json"], "baseline folder bad/x.json must be"),
+    ],
+    ids=["missing", "malformed", "update malformed", "unwritable", "file"],
+)
+def test_a_bad_folder_is_one_line_and_exit_2(
+    tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "x.json").write_text("{}")
+    command = [sys.executable, "-m", "afl_mujoco", "regression", *arguments]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith(f"afl-mujoco: {message}")
+    assert len(result.stderr.splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["bad"]
+    assert (tmp_path / "bad" / "x.json").read_text() == "{}"
+
+
+def test_workers_must_be_at_least_one() -> None:
+    with pytest.raises(AflMujocoError, match=r"^workers must be at least 1, got 0"):
+        regression.record_all([SHORT], [afl.CONTROLLERS["fixed"]], workers=0)
