@@ -80,7 +80,9 @@ def settings_for(rig: Imperfections, **changes: Any) -> EstimatorSettings:
 def estimated(
     scenario: Scenario, rig: Imperfections, settings: EstimatorSettings | None = None
 ) -> Run:
-    law = EstimatedController(name="estimated", law=TOLD, settings=settings or settings_for(rig))
+    law = EstimatedController(
+        name="estimated", controller=TOLD, settings=settings or settings_for(rig)
+    )
     found = simulate_estimated(replace(scenario, imperfections=rig), law)
     ticks = found.time[1:]
     before = ticks - 0.5e-3

@@ -84,21 +84,21 @@ BAD_ARGUMENTS = {
         ["validate", "short.toml", "--controllers", "pid"],
         "controller must be one of fixed, adaptive, fixed-retuned, adaptive-retuned, ",
     ),
-    "law told by the estimator, judged": (
+    "controller with the estimator, judged": (
         ["validate", "short.toml", "--controllers", "adaptive-estimated"],
-        "controller 'adaptive-estimated' is told by an estimator, which only sampled mode ",
+        "controller 'adaptive-estimated' uses the estimator; only sampled mode ",
     ),
-    "law told by the estimator, in the ODE": (
+    "controller with the estimator, in the ODE": (
         ["simulate", "short.toml", "--simulator", "ode", "--controller", "lqr-estimated"],
-        "controller 'lqr-estimated' is told by an estimator, which only sampled mode simulates",
+        "controller 'lqr-estimated' uses the estimator; only sampled mode ",
     ),
-    "law told by the estimator, in exact mode": (
+    "controller with the estimator, in exact mode": (
         ["simulate", "short.toml", "--simulator", "exact", "--controller", "fixed-estimated"],
-        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
+        "controller 'fixed-estimated' uses the estimator; only sampled mode ",
     ),
-    "law told by the estimator, in continuous mode": (
+    "controller with the estimator, in continuous mode": (
         ["simulate", "short.toml", "--simulator", "continuous", "--controller", "fixed-estimated"],
-        "controller 'fixed-estimated' is told by an estimator, which only sampled mode simulates",
+        "controller 'fixed-estimated' uses the estimator; only sampled mode ",
     ),
     "unknown gain labels": (
         ["validate", "short.toml", "--gain-labels", "table3"],

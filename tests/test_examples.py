@@ -1,4 +1,4 @@
-"""The example of a law of one's own, and laws that go wrong, from the real command line."""
+"""The example of a user's controller, and controllers that go wrong, from the command line."""
 
 from __future__ import annotations
 
@@ -51,22 +51,22 @@ COMMANDS = {
     "exact": ["simulate", "--simulator", "exact", "--controller"],
     "continuous": ["simulate", "--simulator", "continuous", "--controller"],
     "sampled": ["simulate", "--simulator", "sampled", "--controller"],
-    # a second law, so that there is work for two processes
+    # a second controller, so that there is work for two processes
     "validate": ["validate", "--workers", "2", "--controllers", "fixed"],
     "render": ["render", "--size", "160x128", "--fps", "10", "--workers", "2", "--controllers"],
 }
 
 
 def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a command that leaves no byte code beside the laws that it imports."""
+    """Run a command that leaves no byte code beside the controllers that it imports."""
     return start(*arguments, cwd=folder, PYTHONPATH=str(ROOT), PYTHONDONTWRITEBYTECODE="1")
 
 
-def with_law(command: str, law: str, scenario: Path, out: Path) -> list[str]:
+def arguments_of(command: str, controller: str, scenario: Path, out: Path) -> list[str]:
     """Return the arguments of a command."""
-    law = f"fixed,{law}" if command == "render" else law
+    controller = f"fixed,{controller}" if command == "render" else controller
     name, *rest = COMMANDS[command]
-    return [name, str(scenario), *rest, law, "--out", str(out)]
+    return [name, str(scenario), *rest, controller, "--out", str(out)]
 
 
 @pytest.fixture
@@ -81,46 +81,54 @@ def files(folder: Path) -> list[Path]:
 
 
 def test_the_example_has_ten_lines() -> None:
-    lines = (EXAMPLES / "own_law.py").read_text().splitlines()
+    lines = (EXAMPLES / "own_controller.py").read_text().splitlines()
     body = [x for x in lines if x.strip() and not x.lstrip().startswith(("#", '"""'))]
     assert len(body) <= 10
 
 
 @pytest.mark.parametrize("mode", ["exact", "continuous", "sampled"])
 def test_the_example_balances_in_every_mode(mode: str, tmp_path: Path) -> None:
-    arguments = ("--simulator", mode, "--controller", "own_law:law", "--out", str(tmp_path))
+    arguments = (
+        "--simulator",
+        mode,
+        "--controller",
+        "own_controller:force",
+        "--out",
+        str(tmp_path),
+    )
     run = program(EXAMPLES, "simulate", "step-step", *arguments)
     assert (run.returncode, run.stderr) == (0, "")
-    saved = Trajectory.load(tmp_path / f"step-step-own_law.law-{mode}.npz")
+    saved = Trajectory.load(tmp_path / f"step-step-own_controller.force-{mode}.npz")
     assert str(saved.outcome) == "completed"
     assert abs(saved.state[-1]).max() < 0.01
-    assert saved.provenance["controller"]["law"] == "own_law.law"
+    assert saved.provenance["controller"]["function"] == "own_controller.force"
 
 
 def test_the_example_is_validated(scenario: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    run = program(EXAMPLES, *with_law("validate", "own_law:law", scenario, out))
+    run = program(EXAMPLES, *arguments_of("validate", "own_controller:force", scenario, out))
     assert (run.returncode, run.stderr) == (0, "")
     report = json.loads((out / "report.json").read_text())
-    judged = {c["id"] for c in report["checks"] if c["controller"] == "own_law.law"}
+    judged = {c["id"] for c in report["checks"] if c["controller"] == "own_controller.force"}
     assert judged == {"A5", "B1", "B2b", "B3", "B5"}
-    assert "own_law.law" in (out / "report.html").read_text()
+    assert "own_controller.force" in (out / "report.html").read_text()
 
 
 def test_the_example_is_filmed(graphics: None, scenario: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    run = program(EXAMPLES, *with_law("render", "own_law:law", scenario, out))
+    run = program(EXAMPLES, *arguments_of("render", "own_controller:force", scenario, out))
     assert (run.returncode, run.stderr) == (0, "")
-    assert (out / "short-own_law.law.mp4").stat().st_size > 1000
+    assert (out / "short-own_controller.force.mp4").stat().st_size > 1000
 
 
-def test_the_example_has_a_threshold_and_a_broken_law_fails(tmp_path: Path) -> None:
+def test_the_example_has_a_threshold_and_a_broken_controller_fails(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text("duration = 2.0\n")
     (tmp_path / "broken.py").write_text(BROKEN)
-    example = (EXAMPLES / "own_law.py").read_text()
-    (tmp_path / "own_law.py").write_text(example)
+    example = (EXAMPLES / "own_controller.py").read_text()
+    (tmp_path / "own_controller.py").write_text(example)
     run = program(
-        tmp_path, "thresholds", "short.toml", "--controllers", "own_law:law", "broken:raises",
+        tmp_path, "thresholds", "short.toml", "--controllers", "own_controller:force",
+        "broken:raises",
         "--imperfections", "force-limit", "--seeds", "1", "--scan", "2", "--tolerance", "1",
         "--out", "out",
     )  # fmt: skip
@@ -133,27 +141,31 @@ def test_the_example_has_a_threshold_and_a_broken_law_fails(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("command", "law"),
+    ("command", "controller"),
     [
-        *(("sampled", law) for law in SAID),
+        *(("sampled", controller) for controller in SAID),
         *((command, "raises") for command in COMMANDS if command != "sampled"),
         *((command, "hangs") for command in ("validate", "render")),
     ],
 )
-def test_a_law_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
-    command: str, law: str, scenario: Path, tmp_path: Path, request: pytest.FixtureRequest
+def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
+    command: str, controller: str, scenario: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if command == "render":
         request.getfixturevalue("graphics")
     (tmp_path / "broken.py").write_text(BROKEN)
     before = files(tmp_path)
-    run = program(tmp_path, *with_law(command, f"broken:{law}", scenario, tmp_path / "out"))
+    run = program(
+        tmp_path, *arguments_of(command, f"broken:{controller}", scenario, tmp_path / "out")
+    )
     assert run.returncode == 2
     assert run.stdout == ""
-    assert run.stderr.startswith(f"afl-mujoco: {SAID[law]}")
+    assert run.stderr.startswith(f"afl-mujoco: {SAID[controller]}")
     assert len(run.stderr.splitlines()) == 1
     kept = {path.name for path in files(tmp_path)} - {path.name for path in before}
-    if command == "render" and kept:  # the film of the other law was finished first, and listed
+    if (
+        command == "render" and kept
+    ):  # the film of the other controller was finished first, and listed
         assert kept == {"short-fixed.mp4", "short-fixed.png", "films.json"}
         index = json.loads((tmp_path / "out" / "films.json").read_text())
         assert [film["file"] for film in index["films"]] == ["short-fixed.mp4"]
@@ -162,14 +174,14 @@ def test_a_law_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_law_without_a_force_ends_the_run_and_the_result_says_so(
+def test_a_controller_without_a_force_ends_the_run_and_the_result_says_so(
     command: str, scenario: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if command == "render":
         request.getfixturevalue("graphics")
     (tmp_path / "broken.py").write_text(BROKEN)
     out = tmp_path / "out"
-    run = program(tmp_path, *with_law(command, "broken:nothing", scenario, out))
+    run = program(tmp_path, *arguments_of(command, "broken:nothing", scenario, out))
     assert run.returncode == 0
     assert run.stderr == ""
     if command == "validate":

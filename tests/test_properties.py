@@ -14,7 +14,7 @@ from hypothesis import Phase, assume, example, given, note, settings
 from hypothesis import strategies as st
 
 import afl_mujoco as afl
-from afl_mujoco.control.afl import force_given
+from afl_mujoco.control.afl import afl_force
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verification.checks.closed_loop_checks import state_difference
 from afl_mujoco.studies.verification.criteria import CRITERIA
@@ -33,25 +33,25 @@ PLANTS = st.builds(
 )
 
 
-def given_to_law(controller: str, plant: afl.CartPoleParameters) -> np.ndarray:
+def inputs_for(controller: str, plant: afl.CartPoleParameters) -> np.ndarray:
     p = plant
     inputs = afl.CONTROLLERS[controller].inputs_along_run
     return inputs(p.cart_mass, p.half_length, p.pole_mass, p.gravity)
 
 
-# The law
+# The controller
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_the_law_is_finite_and_odd_to_the_last_bit(controller: str) -> None:
+def test_the_controller_is_finite_and_odd_to_the_last_bit(controller: str) -> None:
     @settings(derandomize=True, max_examples=300, deadline=None)
     @given(state=STATES, plant=PLANTS)
     @example(state=(0.0, 0.0, 0.0, 0.0), plant=afl.CartPoleParameters())
     def holds(state: tuple[float, ...], plant: afl.CartPoleParameters) -> None:
-        law = given_to_law(controller, plant)
-        force = force_given(np.array(state), law)
+        inputs = inputs_for(controller, plant)
+        force = afl_force(np.array(state), inputs)
         assert math.isfinite(force)
-        assert force_given(-np.array(state), law) == -force
+        assert afl_force(-np.array(state), inputs) == -force
 
     holds()
 
@@ -67,7 +67,7 @@ def test_the_law_is_finite_and_odd_to_the_last_bit(controller: str) -> None:
         boundary_layer=st.floats(1, 500),
     ),
 )
-def test_the_readable_law_is_odd_to_the_last_bit(
+def test_the_readable_controller_is_odd_to_the_last_bit(
     state: tuple[float, ...], plant: afl.CartPoleParameters, gains: afl.Gains
 ) -> None:
     there = afl.control_force(state, plant, gains)
@@ -75,19 +75,19 @@ def test_the_readable_law_is_odd_to_the_last_bit(
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_the_law_has_no_jump_between_any_two_states(controller: str) -> None:
+def test_the_controller_has_no_jump_between_any_two_states(controller: str) -> None:
     @settings(derandomize=True, max_examples=200, deadline=None)
     @given(one=STATES, other=STATES, plant=PLANTS)
     def holds(
         one: tuple[float, ...], other: tuple[float, ...], plant: afl.CartPoleParameters
     ) -> None:
-        law = given_to_law(controller, plant)
+        inputs = inputs_for(controller, plant)
         a, b = np.array(one), np.array(other)
-        forces = force_given(a, law), force_given(b, law)
+        forces = afl_force(a, inputs), afl_force(b, inputs)
         largest = max(1.0, *map(abs, forces))
         for _ in range(50):  # into the half over which the force changes more: a jump would stay
             middle = 0.5 * (a + b)
-            force = force_given(middle, law)
+            force = afl_force(middle, inputs)
             largest = max(largest, abs(force))
             if abs(force - forces[0]) > abs(force - forces[1]):
                 b, forces = middle, (forces[0], force)
@@ -170,8 +170,8 @@ def scenarios(draw: st.DrawFn) -> afl.Scenario:
     )
 
 
-# At 1 ms RK4 itself is not stable under a law that takes a 0.1 kg cart for 1 kg, and off by 1e-5
-# with a pole of 5 cm; at 0.25 ms it is off by 3e-9 at most, and what is left is the model.
+# At 1 ms RK4 itself is not stable under a controller that takes a 0.1 kg cart for 1 kg, and off by
+# 1e-5 with a pole of 5 cm; at 0.25 ms it is off by 3e-9 at most, and what is left is the model.
 FINE = Settings(timestep=2.5e-4, control_period=2.5e-4)
 
 
@@ -211,7 +211,7 @@ def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(
     assert outcomes in ({"fell"}, {"diverged"})
     times = [runs[name].outcome.time for name in ("mujoco exact", "ode")]
     assert times[0] == pytest.approx(times[1], abs=1e-9)  # RK4 misses it by some steps
-    before = runs["ode"].time < 0.0107  # the law amplifies round-off on the way down
+    before = runs["ode"].time < 0.0107  # the controller amplifies round-off on the way down
     one, other = (runs[name].state[: before.sum()] for name in ("mujoco exact", "ode"))
     assert before.sum() > 10
     assert abs(one - other).max() <= CRITERIA["B1"].limit

@@ -1,1 +1,1 @@
-"""What we command: the paper's law, its gains, and the controllers built from them."""
+"""What we command: the paper's controller, its gains, and the controllers built from them."""

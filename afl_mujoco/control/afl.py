@@ -1,4 +1,4 @@
-"""The whole law (L1)-(L10): state and model in, force out."""
+"""The paper's control law (L1)-(L10): state and model in, force out."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def _force(
 def force_kernel(
     z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity, switching, slope, layer
 ):
-    """Return the force [N] of the law, or NaN where it has no value (``|phi| >= pi/2``).
+    """Return the force [N] of the control law, or NaN where it has no value (``|phi| >= pi/2``).
 
-    The one compiled form of the law: every loop and the dm_control agent call it, which makes
-    their forces equal bit for bit. Floats only; arguments as in `control_force`.
+    Its one compiled form: every loop and the dm_control agent call it, which makes their forces
+    equal bit for bit. Floats only; arguments as in `control_force`.
     """
     if not abs(phi) < 0.5 * np.pi:
         return np.nan
@@ -60,33 +60,33 @@ def force_kernel(
 
 
 @kernel
-def force_given(state, law):
-    """Return the force at one state.
+def afl_force(state, inputs):
+    """Return the force [N] at one state, its gains looked up already.
 
     Parameters
     ----------
     state
         (z, phi, z_dot, phi_dot), shape (4,).
-    law
-        What the law is given: (M, m, l, g, K, lambda, Phi), shape (7,).
+    inputs
+        (M, m, l, g, K, lambda, Phi) as the controller assumes them, shape (7,).
     """
     return force_kernel(
         state[0], state[1], state[2], state[3],
-        law[0], law[1], law[2], law[3], law[4], law[5], law[6],
+        inputs[0], inputs[1], inputs[2], inputs[3], inputs[4], inputs[5], inputs[6],
     )  # fmt: skip
 
 
 def control_force(
     state: ArrayLike, parameters: CartPoleParameters, gains: Gains
 ) -> NDArray[np.float64]:
-    """Return the force of the law, Eqs. (L1)-(L10).
+    """Return the force of the control law, Eqs. (L1)-(L10).
 
     Parameters
     ----------
     state
         (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (..., 4).
     parameters
-        What the controller assumes of the plant.
+        The assumed parameters of the plant.
     gains
         K, lambda, Phi.
 
@@ -120,7 +120,7 @@ def sliding_variable(
     state
         (z, phi, z_dot, phi_dot), shape (..., 4).
     parameters
-        What the controller assumes of the plant.
+        The assumed parameters of the plant.
     gains
         Only `slope` enters.
 
@@ -141,7 +141,7 @@ def sliding_variable(
 
 
 def _components(state: ArrayLike) -> NDArray[np.float64]:
-    """Return the state's components first, or raise outside the law's domain."""
+    """Return the state's components first, or raise outside the control law's domain."""
     components = np.moveaxis(np.asarray(state, dtype=np.float64), -1, 0)
     phi = components[1]
     outside = ~(np.abs(phi) < 0.5 * np.pi)

@@ -1,4 +1,4 @@
-"""The controllers by name: the paper's law with fixed or adaptive gains, and the baselines."""
+"""The controllers by name: the paper's, with fixed or adaptive gains, and the baselines."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class GainError(InvalidValueError):
 
 @functools.lru_cache(maxsize=256)
 def _compiled(gain_function: GainFunction) -> CompiledController:
-    """Return the paper's law with a gain function as compiled loops take it."""
+    """Return the paper's controller with a gain function, as compiled loops take it."""
     none = np.zeros(1)
     return CompiledController(AFL, gain_function.coefficients[None], none, none)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AFLController(Controller):
-    """The law (L1)-(L10) with its gains and the parameters it assumes.
+    """The control law (L1)-(L10) with its gains and the parameters it assumes.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class AFLController(Controller):
     gain_function
         Gains as a function of the assumed M and l; constant for fixed gains.
     belief
-        What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
-        l(t) (decision D7).
+        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t)
+        (decision D7).
     """
 
     name: str
@@ -62,13 +62,13 @@ class AFLController(Controller):
 
     @property
     def compiled(self) -> CompiledController:
-        """The law as compiled loops take it."""
+        """The controller as compiled loops take it."""
         return _compiled(self.gain_function)
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """Return what the compiled law is given along a run: (M, m, l, g, K, lambda, Phi).
+        """Return the inputs of the controller along a run: assumed (M, m, l, g), K, lambda, Phi.
 
         Parameters
         ----------
@@ -87,12 +87,12 @@ class AFLController(Controller):
         GainError
             If the gain function gives a gain that is not positive.
         """
-        law = Controller.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
-        _require_positive_gains(law.reshape(-1, 7))
-        return law
+        inputs = Controller.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
+        _require_positive_gains(inputs.reshape(-1, 7))
+        return inputs
 
     def saturation_ratio(
-        self, states: NDArray[np.float64], law: NDArray[np.float64]
+        self, states: NDArray[np.float64], inputs: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return s / Phi at each of many states: beyond +-1 the switching term is saturated.
 
@@ -100,12 +100,14 @@ class AFLController(Controller):
         ----------
         states
             Shape (N, 4).
-        law
+        inputs
             From `inputs_along_run`, shape (N, 7).
         """
         z, phi, z_dot, phi_dot = states.T
-        surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, law[:, 2], law[:, 3], law[:, 5])
-        return np.asarray(surface / law[:, 6])
+        surface, _ = sliding_and_drift(
+            z, phi, z_dot, phi_dot, inputs[:, 2], inputs[:, 3], inputs[:, 5]
+        )
+        return np.asarray(surface / inputs[:, 6])
 
     def relabelled(self) -> AFLController:
         """Return the controller in the other reading of the paper's gain columns (decision D2)."""
@@ -124,16 +126,16 @@ class AFLController(Controller):
         }
 
 
-def _require_positive_gains(law: NDArray[np.float64]) -> None:
+def _require_positive_gains(inputs: NDArray[np.float64]) -> None:
     """Raise if a gain along the run is not positive."""
     for column, name in enumerate(GAIN_NAMES, start=4):
-        bad = ~(law[:, column] > 0.0)
+        bad = ~(inputs[:, column] > 0.0)
         if np.any(bad):
-            mass, _, length = law[bad][0, :3]
+            mass, _, length = inputs[bad][0, :3]
             raise GainError(
                 f"{name} of the gain function at M = {mass:g} kg, l = {length:g} m",
                 "must be positive",
-                f"{law[bad][0, column]:g}",
+                f"{inputs[bad][0, column]:g}",
             )
 
 
@@ -158,14 +160,14 @@ def _build() -> dict[str, Controller]:
 
 
 CONTROLLERS: Mapping[str, Controller] = MappingProxyType(_build())
-"""Every controller by name; those that end in ``-nominal`` are never told M(t) and l(t)."""
+"""Every controller by name; those that end in ``-nominal`` assume constant M and l."""
 
 
 _ESTIMABLE = tuple(name for name in CONTROLLERS if not name.endswith("-nominal"))
 
 ESTIMATED = "-estimated"
-"""Ending of the name of a law that the estimator tells M, l and the state: ``adaptive-estimated``.
-Such laws are not in `CONTROLLERS`, since only sampled mode runs them."""
+"""Ending of the name of a controller that uses the estimator: ``adaptive-estimated``. Such
+controllers are not in `CONTROLLERS`: only sampled mode supports them."""
 
 
 def as_controller(controller: Any) -> Controller:
@@ -186,9 +188,9 @@ def as_controller(controller: Any) -> Controller:
 
 
 def require_stateless(controller: Controller, where: str) -> None:
-    """Raise if a controller keeps memory, of which only sampled mode knows what it is."""
+    """Raise if a controller is stateful, which only sampled mode supports."""
     if controller.stateful:
-        rule = f"keeps memory, which {where} leaves undefined; sampled mode runs it"
+        rule = f"is stateful, which {where} does not support; only sampled mode does"
         raise InvalidValueError(f"controller {controller.name!r}", rule)
 
 
@@ -201,7 +203,7 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     ----------
     name
         A key of `CONTROLLERS`; one that does not end in ``-nominal``, with ``-estimated`` after it,
-        for the same law told by the estimator; or ``module:attribute`` of one's own.
+        for the same controller with the estimator; or ``module:attribute`` of one's own.
     gain_labels
         A key of `GAIN_LABELS`, decision D2.
 
@@ -210,15 +212,15 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     UnknownNameError
         If `name` or `gain_labels` is not known.
     InvalidValueError
-        If there is no such function, or it cannot be a law.
+        If there is no such function, or it is no controller.
     """
     if gain_labels not in GAIN_LABELS:
         raise UnknownNameError.among("gain labels", gain_labels, GAIN_LABELS)
     if ":" in name:
         return load_python_controller(name)
-    if (told := name.removesuffix(ESTIMATED)) != name and told in _ESTIMABLE:
-        law = find_controller(told, gain_labels)
-        return EstimatedController(name=f"{law.name}{ESTIMATED}", law=law)
+    if (base := name.removesuffix(ESTIMATED)) != name and base in _ESTIMABLE:
+        controller = find_controller(base, gain_labels)
+        return EstimatedController(name=f"{controller.name}{ESTIMATED}", controller=controller)
     if name not in CONTROLLERS:
         others = (f"({', '.join(_ESTIMABLE)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))

@@ -1,7 +1,7 @@
-"""Every law as one compiled function: what a loop calls that must not know which law it runs.
+"""Every controller as one compiled function, so that a loop need not know which one it runs.
 
-A law is a `kind` and a `table` of numbers. The kinds are told apart by an integer and not by a
-function that is passed along, which the cache of compiled code could not keep.
+A controller is a `kind` and a `table` of numbers. The kind is an integer, not a function that is
+passed along, which the cache of compiled code could not keep.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.afl import force_given, force_kernel
+from afl_mujoco.control.afl import afl_force, force_kernel
 from afl_mujoco.control.feedback_linearization import linearizing_force
 from afl_mujoco.control.gain_function import scheduled_gain
 
 AFL, LINEAR, PARTIAL = 0, 1, 2
-"""Kinds of law: the paper's (L1)-(L10); state feedback ``F = -k x``; state feedback ``u = -k x``
-through the input map (L1)."""
+"""Kinds of controller: the paper's control law (L1)-(L10); state feedback ``F = -k x``; state
+feedback ``u = -k x`` through the input map (L1)."""
 
 _linearizing_force = linearizing_force
 
 
 class CompiledController(NamedTuple):
-    """A law as the compiled functions of this module take it, in this order.
+    """A controller as the compiled functions of this module take it, in this order.
 
     Attributes
     ----------
     kind
         `AFL`, `LINEAR` or `PARTIAL`.
     table
-        Its numbers, float64, C-contiguous, of three dimensions; what they are, `law_force` says.
+        Its numbers, float64, C-contiguous, of three dimensions, as `compiled_force` describes them.
     masses, lengths
         Nodes M [kg] and l [m] of the table.
     """
@@ -44,14 +44,14 @@ class CompiledController(NamedTuple):
 
 @kernel
 def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
-    """Return the force [N] of the paper's law with the gains of (G1), NaN where it has no value.
+    """Return the force [N] of the control law with the gains of (G1), NaN where it has no value.
 
     Parameters
     ----------
     z, phi, z_dot, phi_dot
         The state.
     assumed
-        (M, m, l, g) as the law takes them to be.
+        Assumed (M, m, l, g).
     w
         Coefficients of the gain function, shape (3, 5).
     """
@@ -124,7 +124,7 @@ def interpolated_gains(table, masses, lengths, cart_mass, half_length):
 
 @kernel
 def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains):
-    """Return the force [N] of state feedback with given gains; NaN of an unknown kind."""
+    """Return the force [N] of state feedback; NaN of an unknown kind."""
     feedback = -(gains[0] * z + gains[1] * phi + gains[2] * z_dot + gains[3] * phi_dot)
     if kind == LINEAR:
         return feedback
@@ -137,8 +137,8 @@ def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains):
 
 
 @kernel
-def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed):
-    """Return the force [N] of a law at one state, or NaN where the law has no value.
+def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed):
+    """Return the force [N] of a controller at one state, or NaN where it has no value.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed):
     z, phi, z_dot, phi_dot
         The state.
     assumed
-        (M, m, l, g) as the law takes them to be.
+        Assumed (M, m, l, g).
     """
     if kind == AFL:
         return scheduled_force(z, phi, z_dot, phi_dot, assumed, table[0])
@@ -162,8 +162,8 @@ def law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed):
 
 
 @kernel
-def given_force(kind, state, law):
-    """Return the force [N] of a law whose gains are looked up already; bits as of `law_force`.
+def force_from_inputs(kind, state, inputs):
+    """Return the force [N] with gains looked up already, equal to `compiled_force` bit for bit.
 
     Parameters
     ----------
@@ -171,19 +171,19 @@ def given_force(kind, state, law):
         `AFL`, `LINEAR` or `PARTIAL`.
     state
         (z, phi, z_dot, phi_dot), shape (4,).
-    law
-        What the law is given: (M, m, l, g) and its gains, three of `AFL`, four of the others.
+    inputs
+        Assumed (M, m, l, g) and the gains, three of `AFL`, four of the others.
     """
     if kind == AFL:
-        return force_given(state, law)
+        return afl_force(state, inputs)
     return _feedback_force(
         kind, state[0], state[1], state[2], state[3],
-        (law[0], law[1], law[2], law[3]), (law[4], law[5], law[6], law[7]),
+        (inputs[0], inputs[1], inputs[2], inputs[3]), (inputs[4], inputs[5], inputs[6], inputs[7]),
     )  # fmt: skip
 
 
 @kernel
-def forces_along(kind, states, law):
+def forces_along(kind, states, inputs):
     """Return the force at each of many states, shape (N,).
 
     Parameters
@@ -192,39 +192,39 @@ def forces_along(kind, states, law):
         `AFL`, `LINEAR` or `PARTIAL`.
     states
         Shape (N, 4).
-    law
-        As of `given_force`, shape (N, 7) or (N, 8).
+    inputs
+        As of `force_from_inputs`, shape (N, 7) or (N, 8).
     """
     forces = np.empty(len(states))
     for i in range(len(states)):
-        forces[i] = given_force(kind, states[i], law[i])
+        forces[i] = force_from_inputs(kind, states[i], inputs[i])
     return forces
 
 
 @kernel
 def inputs_along(kind, table, masses, lengths, assumed):
-    """Return what a law is given at each of many instants: (M, m, l, g) and its gains.
+    """Return the inputs of a controller at each of many instants: assumed (M, m, l, g), gains.
 
     Parameters
     ----------
     kind, table, masses, lengths
-        The law, as of `law_force`.
+        The compiled controller, as of `compiled_force`.
     assumed
-        (M, m, l, g) at each instant, shape (N, 4).
+        Assumed (M, m, l, g) at each instant, shape (N, 4).
     """
     count = 7 if kind == AFL else 8
-    law = np.empty((len(assumed), count))
+    inputs = np.empty((len(assumed), count))
     for i in range(len(assumed)):
         for j in range(4):
-            law[i, j] = assumed[i, j]
+            inputs[i, j] = assumed[i, j]
         cart_mass, half_length = assumed[i, 0], assumed[i, 2]
         if i > 0 and cart_mass == assumed[i - 1, 0] and half_length == assumed[i - 1, 2]:
             for j in range(4, count):  # most schedules stand still most of the time
-                law[i, j] = law[i - 1, j]
+                inputs[i, j] = inputs[i - 1, j]
         elif kind == AFL:
             for j in range(3):
-                law[i, 4 + j] = scheduled_gain(cart_mass, half_length, table[0, j])
+                inputs[i, 4 + j] = scheduled_gain(cart_mass, half_length, table[0, j])
         else:
             gains = interpolated_gains(table, masses, lengths, cart_mass, half_length)
-            law[i, 4], law[i, 5], law[i, 6], law[i, 7] = gains
-    return law
+            inputs[i, 4], inputs[i, 5], inputs[i, 6], inputs[i, 7] = gains
+    return inputs

@@ -10,26 +10,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_controller import (
     CompiledController,
+    compiled_force,
     forces_along,
     inputs_along,
-    law_force,
 )
 from afl_mujoco.errors import ControllerDomainError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
 class Estimator(NamedTuple):
-    """A law whose M, l and state are estimated, as compiled loops take it.
+    """A compiled controller with the estimator of M, l and the state, as compiled loops take them.
 
     Attributes
     ----------
-    law
-        The law.
+    compiled
+        The controller.
     settings
         Of the estimator, `EstimatorSettings.record`.
     """
 
-    law: CompiledController
+    compiled: CompiledController
     settings: Any
 
 
@@ -41,8 +41,8 @@ class Controller(Protocol):
     name
         Name for reports and files.
     belief
-        What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
-        l(t) (decision D7).
+        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t)
+        (decision D7).
     interpreted
         Whether it is called by the interpreter, through `command`, and has no compiled form.
     """
@@ -53,42 +53,42 @@ class Controller(Protocol):
 
     @property
     def compiled(self) -> CompiledController:
-        """The law as compiled loops take it."""
+        """The controller as compiled loops take it."""
         ...
 
     @property
     def estimator(self) -> Estimator | None:
-        """What finds M, l and the state from measured positions, which only sampled mode runs."""
+        """What estimates M, l and the state from measured positions, in sampled mode only."""
         return None
 
     @property
     def stateful(self) -> bool:
         """Whether a call depends on those before it.
 
-        Only sampled mode, which calls once a control period and in order, can run it then.
+        Only sampled mode, which calls once a control period and in order, supports that.
         """
         return False
 
-    def informed(self) -> Controller:
-        """Return the law that is given the true M and l where this one estimates them."""
+    def without_estimator(self) -> Controller:
+        """Return the controller that sees the true M and l where this one estimates them."""
         return self
 
     def relabelled(self) -> Controller:
-        """Return the law in the other reading of the paper's gain columns, if it has one."""
+        """Return the controller in the other reading of the paper's gain columns, if it has one."""
         return self
 
     def start(self) -> Controller:
-        """Return the law as one run uses it, with fresh memory where it keeps any."""
+        """Return the controller for one run, its memory cleared where it has any."""
         return self
 
     def describe(self) -> dict[str, Any]:
-        """Return the law as plain data, for provenance."""
+        """Return the controller as plain data, for provenance."""
         ...
 
     def assumed_parameters(
         self, cart_mass: float, pole_mass: float, half_length: float, gravity: float
     ) -> tuple[float, float, float, float]:
-        """Return what the law takes (M, m, l, g) to be when they are truly as given.
+        """Return the (M, m, l, g) that the controller assumes of a plant.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class Controller(Protocol):
         return b.cart_mass, b.pole_mass, b.half_length, b.gravity
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, from the compiled law.
+        """Return the force [N] at one state, from the compiled controller.
 
         Parameters
         ----------
@@ -110,44 +110,45 @@ class Controller(Protocol):
         truth
             The plant's true parameters now.
         time
-            Time [s]; of consequence only to a law in Python.
+            Time [s]; used only by a Python controller.
 
         Raises
         ------
         ControllerDomainError
-            If the law has no value at the pole angle: that of the paper beyond ``|phi| < pi/2``.
+            If the controller has no force at the pole angle, as the paper's beyond
+            ``|phi| < pi/2``.
         """
         z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
         p = truth
         assumed_parameters = self.assumed_parameters(
             p.cart_mass, p.pole_mass, p.half_length, p.gravity
         )
-        force = float(law_force(*self.compiled, z, phi, z_dot, phi_dot, assumed_parameters))
+        force = float(compiled_force(*self.compiled, z, phi, z_dot, phi_dot, assumed_parameters))
         if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
             raise ControllerDomainError(
                 "pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad"
             )
         return force
 
-    def command(self, time: float, state: ArrayLike, told: NDArray[np.float64]) -> float:
-        """Return the force [N], NaN where the law has none.
+    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
+        """Return the force [N], NaN where the controller has none.
 
         Parameters
         ----------
         time
-            Time [s]; of consequence only to a law in Python.
+            Time [s]; used only by a Python controller.
         state
             (z, phi, z_dot, phi_dot), shape (4,).
-        told
-            (M, m, l, g) as the law takes them to be, shape (4,).
+        assumed
+            Assumed (M, m, l, g), shape (4,).
         """
         x = np.asarray(state, dtype=np.float64).tolist()
-        return float(law_force(*self.compiled, *x, tuple(told.tolist())))
+        return float(compiled_force(*self.compiled, *x, tuple(assumed.tolist())))
 
-    def told(
+    def assumed_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """Return what the law takes (M, m, l, g) to be along a run, shape (..., 4).
+        """Return the assumed (M, m, l, g) along a run, shape (..., 4).
 
         Parameters
         ----------
@@ -157,16 +158,16 @@ class Controller(Protocol):
             True m [kg] and g [m/s^2].
         """
         masses = np.asarray(cart_mass, dtype=np.float64)
-        told = np.empty((*masses.shape, 4))
-        told[...] = self.assumed_parameters(np.nan, pole_mass, np.nan, gravity)
+        assumed = np.empty((*masses.shape, 4))
+        assumed[...] = self.assumed_parameters(np.nan, pole_mass, np.nan, gravity)
         if self.belief is None:
-            told[..., 0], told[..., 2] = masses, half_length
-        return told
+            assumed[..., 0], assumed[..., 2] = masses, half_length
+        return assumed
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """Return what the compiled law is given along a run: (M, m, l, g) and its gains.
+        """Return the inputs of the compiled controller along a run: assumed (M, m, l, g), gains.
 
         Parameters
         ----------
@@ -178,55 +179,55 @@ class Controller(Protocol):
         Returns
         -------
         ndarray
-            Assumed parameters and gains, shape (..., 7) or (..., 8): the paper's law has three
-            gains, state feedback four.
+            Assumed parameters and gains, shape (..., 7) or (..., 8): the paper's controller has
+            three gains, state feedback four.
 
         Raises
         ------
         InvalidValueError
             If a gain breaks its rule.
         """
-        told = self.told(cart_mass, half_length, pole_mass, gravity)
-        law: NDArray[np.float64] = inputs_along(*self.compiled, told.reshape(-1, 4))
-        return law.reshape((*told.shape[:-1], law.shape[1]))
+        assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
+        inputs: NDArray[np.float64] = inputs_along(*self.compiled, assumed.reshape(-1, 4))
+        return inputs.reshape((*assumed.shape[:-1], inputs.shape[1]))
 
     def forces(
         self,
         states: NDArray[np.float64],
-        law: NDArray[np.float64],
+        inputs: NDArray[np.float64],
         times: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the force [N] at each of many states; NaN outside the law's domain.
+        """Return the force [N] at each of many states; NaN outside the controller's domain.
 
         Parameters
         ----------
         states
             Shape (N, 4).
-        law
+        inputs
             From `inputs_along_run`, shape (N, 7) or (N, 8).
         times
-            When [s], shape (N,); of consequence only to a law in Python.
+            Times [s], shape (N,); used only by a Python controller.
         """
         kind = self.compiled.kind
         return np.asarray(
-            forces_along(kind, np.ascontiguousarray(states), np.ascontiguousarray(law))
+            forces_along(kind, np.ascontiguousarray(states), np.ascontiguousarray(inputs))
         )
 
     def saturation_ratio(
-        self, states: NDArray[np.float64], law: NDArray[np.float64]
+        self, states: NDArray[np.float64], inputs: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Return s / Phi at each of many states, or None of a law that has no boundary layer.
+        """Return s / Phi at each of many states, None without a boundary layer.
 
         Parameters
         ----------
         states
             Shape (N, 4).
-        law
+        inputs
             From `inputs_along_run`, shape (N, 7) or (N, 8).
         """
         return None
 
 
 def assumed_as_data(belief: CartPoleParameters | None) -> Any:
-    """Return a belief as plain data, for provenance: ``"true"`` or the parameters."""
+    """Return assumed parameters as plain data, for provenance: ``"true"`` or the parameters."""
     return "true" if belief is None else {k: getattr(belief, k) for k in belief.__slots__}

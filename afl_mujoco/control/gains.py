@@ -1,4 +1,4 @@
-"""Gains of the sliding-mode law, and the paper's constants for them."""
+"""Gains of the sliding-mode controller, and the paper's constants for them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from afl_mujoco.scenario.parameters import require_positive
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gains:
-    """Gains of the sliding-mode law, Eq. (L10).
+    """Gains of the sliding-mode controller, Eq. (L10).
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ from afl_mujoco.simulation.trajectory import (
 )
 
 Derivative = Callable[[float, NDArray[np.float64], Segment], Sequence[float]]
-"""(time, state, segment) -> its rate of change; NaN where the law has no value."""
+"""(time, state, segment) -> its rate of change; NaN where the controller has no value."""
 
 Transition = Callable[[NDArray[np.float64], Segment | None, Segment], NDArray[np.float64]]
 """(state, segment before or None at the start, segment after) -> the state after the breakpoint."""

@@ -27,15 +27,15 @@ from afl_mujoco.simulation.python_controller_rk4 import integrate_python_control
 def solver(
     model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Solver:
-    """Return what integrates the closed loop of MuJoCo's forward dynamics and the law."""
+    """Return what integrates the closed loop of MuJoCo's forward dynamics and the controller."""
     if controller.interpreted:
         return scipy_solver(closed_loop(model, scenario, controller, change))
-    law, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
+    compiled, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
 
     def solve(segment: Segment, *rest: Any) -> Any:
         numbers = segment_numbers(scenario, segment, change)
         return loops.solve(
-            model.addresses, numbers, assumed, law, segment.start, segment.end, *rest
+            model.addresses, numbers, assumed, compiled, segment.start, segment.end, *rest
         )
 
     return compiled_solver(solve)
@@ -69,13 +69,13 @@ def integrate_segment_rk4(
     constants: tuple[float, float],
     acting: tuple[float, float],
     controller: Controller,
-    law: NDArray[np.float64],
+    inputs: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], int]:
-    """March through a segment as `mujoco_loops.integrate_continuous` does, under any law."""
-    course = (at, state, times, cart_mass, half_length, constants, acting)
+    """Integrate a segment as `mujoco_loops.integrate_continuous` does, under any controller."""
+    arguments = (at, state, times, cart_mass, half_length, constants, acting)
     if not controller.interpreted:
         reached: tuple[NDArray[np.float64], int] = loops.integrate_continuous(
-            *course, controller.compiled.kind, law
+            *arguments, controller.compiled.kind, inputs
         )
         return reached
     pole_mass, gravity = constants
@@ -86,7 +86,7 @@ def integrate_segment_rk4(
         return rate
 
     states, _, status = integrate_python_controller(
-        controller, state, times, law, lambda k, x: x, slope
+        controller, state, times, inputs, lambda k, x: x, slope
     )
     return states, status
 
@@ -130,7 +130,7 @@ def momenta(model: CartPoleModel, state: NDArray[np.float64]) -> NDArray[np.floa
 def velocities(
     model: CartPoleModel, state: NDArray[np.float64], momentum: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (z_dot, phi_dot) that have given generalised momenta, the inverse of `momenta`.
+    """Return the (z_dot, phi_dot) of generalised momenta, the inverse of `momenta`.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
-from afl_mujoco.control.compiled_controller import given_force, law_force
+from afl_mujoco.control.compiled_controller import compiled_force, force_from_inputs
 from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.integrator import limit_margin
 from afl_mujoco.simulation.mujoco_model import (
@@ -28,7 +28,7 @@ _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 
 @kernel
 def _derivative(at, state, force, push, pole_mass, half_length, rate):
-    """Return (z_dot, phi_dot, z'', phi'') by MuJoCo; NaN where the law had no value.
+    """Return (z_dot, phi_dot, z'', phi'') by MuJoCo; NaN where the controller has no force.
 
     A rod that stretches at `rate` [m/s] acts on both joints (decision D9).
     """
@@ -56,7 +56,7 @@ def forced_derivative(at, state, true, force, push, rate):
     true
         (M, m, l, g).
     force
-        Of the law [N]; NaN where it has none.
+        Of the controller [N]; NaN where it has none.
     push
         Disturbing force [N].
     rate
@@ -68,15 +68,15 @@ def forced_derivative(at, state, true, force, push, rate):
 
 @register_jitable
 def loop_rates(arguments, time, state, slopes):
-    """Write (z_dot, phi_dot, z'', phi'') under the law, as of `dop853`.
+    """Write (z_dot, phi_dot, z'', phi'') under the controller, as of `dop853`.
 
     `arguments` are `CartPoleModel.addresses`, the numbers of the segment as of
-    `integrator.segment_numbers`, what the law assumes (M, m, l, g) to be, NaN for as they are, and
-    the law as of `CompiledController`.
+    `integrator.segment_numbers`, the assumed (M, m, l, g), NaN for the true ones, and the
+    controller as of `CompiledController`.
     """
-    at, numbers, assumed, law = arguments
+    at, numbers, assumed, compiled = arguments
     start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = numbers
-    kind, table, masses, lengths = law
+    kind, table, masses, lengths = compiled
     true = (
         mass + mass_rate * (time - start), pole_mass, length + length_rate * (time - start),
         gravity,
@@ -84,25 +84,25 @@ def loop_rates(arguments, time, state, slopes):
     if np.isnan(assumed[0]):
         assumed = true
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
+    force = compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
     found = forced_derivative(at, state, true, force, push, rate)
     slopes[0], slopes[1], slopes[2], slopes[3] = found
 
 
 @borrowing_kernel
-def solve(at, numbers, assumed, law, start, end, state, times, options, work, found):
+def solve(at, numbers, assumed, compiled, start, end, state, times, options, work, found):
     """Integrate the compiled loop over a segment, as of `dop853.solve`."""
     return dop853.solve(
-        loop_rates, (at, numbers, assumed, law), limit_margin, start, end, state, times, options,
-        work, found,
+        loop_rates, (at, numbers, assumed, compiled), limit_margin, start, end, state, times,
+        options, work, found,
     )  # fmt: skip
 
 
 @kernel
 def integrate_continuous(
-    at, initial_state, times, cart_mass, half_length, constants, acting, kind, law
+    at, initial_state, times, cart_mass, half_length, constants, acting, kind, inputs
 ):
-    """March through one segment by RK4, law and parameters in every stage.
+    """Integrate one segment by RK4, controller and parameters evaluated in every stage.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ def integrate_continuous(
         (m, g).
     acting
         Disturbing force [N] and acting rate of the half-length [m/s].
-    law
-        What the law is given in each stage, shape (N, 3, 7) or (N, 3, 8).
+    inputs
+        Of the controller in each stage, shape (N, 3, 7) or (N, 3, 8).
 
     Returns
     -------
@@ -146,7 +146,7 @@ def integrate_continuous(
                 write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
                 written = wanted
             state = states[k] + (share[i] * dt) * slopes[i - 1] if i else states[k]
-            force = given_force(kind, state, law[k, stage])
+            force = force_from_inputs(kind, state, inputs[k, stage])
             z1, p1, z2, p2 = _derivative(at, state, force, push, pole_mass, wanted[1], rate)
             slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = z1, p1, z2, p2
         after = states[k] + (dt / 6.0) * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])

@@ -42,7 +42,7 @@ def simulate_mujoco(
     jumps: str = VELOCITIES,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> Trajectory:
-    """Simulate the MuJoCo cart-pole under the law, its parameters changed while it runs.
+    """Simulate the MuJoCo cart-pole under the controller, its parameters changed while it runs.
 
     Parameters
     ----------
@@ -52,10 +52,10 @@ def simulate_mujoco(
         What is commanded; as of `as_controller`.
     mode
         ``"exact"``: MuJoCo's forward dynamics under the integrator of `simulate_ode`;
-        ``"continuous"``: RK4 around MuJoCo's forward dynamics, law and parameters in every stage,
-        steps that end on every breakpoint; ``"sampled"``: as deployed, `mj_step` with the control
-        held for `control_period`, the parameters of the middle of each step, and the scenario's
-        imperfections, which no other mode has.
+        ``"continuous"``: RK4 around MuJoCo's forward dynamics, controller and parameters in every
+        stage, steps that end on every breakpoint; ``"sampled"``: as deployed, `mj_step` with the
+        control held for `control_period`, the parameters of the middle of each step, and the
+        scenario's imperfections, which no other mode has.
     timestep
         Physics step [s]; in exact mode the spacing of the reported instants.
     control_period
@@ -137,9 +137,9 @@ def _continuous(
     settings: dict[str, Any],
 ) -> Trajectory:
     """RK4 around MuJoCo's forward dynamics, everything prescribed in every stage."""
-    march = steps(scenario, settings["timestep"])
-    law = controller.inputs_along_run(
-        march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
+    grid = steps(scenario, settings["timestep"])
+    inputs = controller.inputs_along_run(
+        grid.cart_mass, grid.half_length, scenario.pole_mass, scenario.gravity
     )
     arrive = transition(model, scenario, change)
     state, reached, status = np.array(scenario.initial_state), [], COMPLETED
@@ -147,25 +147,25 @@ def _continuous(
     for segment in scenario.segments:
         state = arrive(state, before, segment)
         before = segment
-        first, last = np.searchsorted(march.times, (segment.start, segment.end))
+        first, last = np.searchsorted(grid.times, (segment.start, segment.end))
         part = slice(first, last)
         states, code = integrate_segment_rk4(
             model.addresses,
             state,
-            march.times[first : last + 1],
-            march.cart_mass[part],
-            march.half_length[part],
+            grid.times[first : last + 1],
+            grid.cart_mass[part],
+            grid.half_length[part],
             (scenario.pole_mass, scenario.gravity),
             (segment.push, segment.half_length[1] if change.stretching else 0.0),
             controller,
-            law[part],
+            inputs[part],
         )
         state, status = states[-1], OUTCOMES[code]
         reached.append(states[:-1])
         if status != COMPLETED:
             break
     all_states = np.concatenate([*reached, state[None]])
-    outcome = Outcome(status, float(march.times[len(all_states) - 1]))
+    outcome = Outcome(status, float(grid.times[len(all_states) - 1]))
     return assemble(
-        scenario, controller, "mujoco continuous", settings, march.times, all_states, outcome
+        scenario, controller, "mujoco continuous", settings, grid.times, all_states, outcome
     )

@@ -1,4 +1,4 @@
-"""The analytic reference: (P3), (P4) under the law, integrated to tight tolerance."""
+"""The analytic reference: (P3), (P4) under the controller, integrated to tight tolerance."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.compiled_controller import law_force
+from afl_mujoco.control.compiled_controller import compiled_force
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
@@ -145,7 +145,7 @@ def solve_ode(
 
 @kernel
 def _write_rates(state, cart_mass, pole_mass, half_length, gravity, push, force, rate, slopes):
-    """Write (z_dot, phi_dot, z'', phi'') under a force of the law, NaN where it has none.
+    """Write (z_dot, phi_dot, z'', phi'') under a force of the controller, NaN where it has none.
 
     The rod stretches at `rate` [m/s], zero where the paper's frozen l is meant.
     """
@@ -162,23 +162,25 @@ def _write_rates(state, cart_mass, pole_mass, half_length, gravity, push, force,
 
 @register_jitable
 def loop_rates(arguments, time, state, slopes):
-    """Write the rates of the loop of plant and compiled law, as of `dop853`."""
-    plant, assumed, law = arguments
+    """Write the rates of the loop of plant and compiled controller, as of `dop853`."""
+    plant, assumed, compiled = arguments
     start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = plant
-    kind, table, masses, lengths = law
+    kind, table, masses, lengths = compiled
     mass, length = mass + mass_rate * (time - start), length + length_rate * (time - start)
     if np.isnan(assumed[0]):
         assumed = (mass, pole_mass, length, gravity)
-    force = law_force(kind, table, masses, lengths, state[0], state[1], state[2], state[3], assumed)
+    force = compiled_force(
+        kind, table, masses, lengths, state[0], state[1], state[2], state[3], assumed
+    )
     _write_rates(state, mass, pole_mass, length, gravity, push, force, rate, slopes)
 
 
 @borrowing_kernel
-def _solve(plant, assumed, law, start, end, state, times, options, work, found):
+def _solve(plant, assumed, compiled, start, end, state, times, options, work, found):
     """Integrate the compiled loop over a segment."""
     return dop853.solve(
-        loop_rates, (plant, assumed, law), limit_margin, start, end, state, times, options, work,
-        found,
+        loop_rates, (plant, assumed, compiled), limit_margin, start, end, state, times, options,
+        work, found,
     )  # fmt: skip
 
 
@@ -186,17 +188,17 @@ def compiled_loop(
     scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Callable[..., tuple[int, float, int]]:
     """Return what solves the closed loop over a segment, as `compiled_solver` takes it."""
-    law, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
+    compiled, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
 
     def solve(segment: Segment, *rest: Any) -> Any:
         plant = segment_numbers(scenario, segment, change)
-        return _solve(plant, assumed, law, segment.start, segment.end, *rest)
+        return _solve(plant, assumed, compiled, segment.start, segment.end, *rest)
 
     return solve
 
 
 def closed_loop(scenario: Scenario, controller: Controller, change: ParameterChange) -> Derivative:
-    """Return the right-hand side of the closed loop of plant and law, called from Python."""
+    """Return the right-hand side of the closed loop of plant and controller, called from Python."""
     pole_mass, gravity = scenario.pole_mass, scenario.gravity
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:

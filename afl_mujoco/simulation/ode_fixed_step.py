@@ -1,7 +1,7 @@
-"""The analytic equations marched by RK4: twins of MuJoCo's continuous and sampled modes.
+"""The analytic equations integrated by RK4: twins of MuJoCo's continuous and sampled modes.
 
 What a deployed controller holds over a step can be switched on one by one: the control, the
-parameters, the disturbances. So the cost of each can be told from that of the others.
+parameters, the disturbances. So the error of each can be separated from that of the others.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.compiled_controller import given_force
+from afl_mujoco.control.compiled_controller import force_from_inputs
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.sampling import Steps, parameters_in, steps, whole_steps
@@ -48,7 +48,8 @@ class Holds:
     Attributes
     ----------
     control_period
-        Over which the force is held [s], a multiple of the timestep; ``None`` to follow the law.
+        Over which the force is held [s], a multiple of the timestep; ``None`` for a force that is
+        evaluated in every stage.
     schedule
         Whether M and l keep, over each timestep, the values of its middle.
     disturbance
@@ -61,7 +62,7 @@ class Holds:
 
 
 def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1e-3) -> Trajectory:
-    """March the closed loop by textbook RK4, steps ending on every breakpoint.
+    """Integrate the closed loop by textbook RK4, steps ending on every breakpoint.
 
     Parameters
     ----------
@@ -77,16 +78,16 @@ def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1
     """
     scenario.require_ideal()
     require_stateless(controller := as_controller(controller), "the ODE")
-    march = steps(scenario, timestep)
-    law = controller.inputs_along_run(
-        march.cart_mass, march.half_length, scenario.pole_mass, scenario.gravity
+    grid = steps(scenario, timestep)
+    inputs = controller.inputs_along_run(
+        grid.cart_mass, grid.half_length, scenario.pole_mass, scenario.gravity
     )
-    plant = _plants(march.cart_mass, march.half_length, scenario)
-    course = (np.array(scenario.initial_state), march.times, plant, march.push, march.impulse)
-    states, _, status = _marched(controller, *course, law, np.empty(0, dtype=np.bool_))
-    outcome = Outcome(OUTCOMES[status], float(march.times[len(states) - 1]))
+    plant = _plants(grid.cart_mass, grid.half_length, scenario)
+    profile = (np.array(scenario.initial_state), grid.times, plant, grid.push, grid.impulse)
+    states, _, status = _run(controller, *profile, inputs, np.empty(0, dtype=np.bool_))
+    outcome = Outcome(OUTCOMES[status], float(grid.times[len(states) - 1]))
     settings = {"timestep": timestep}
-    return assemble(scenario, controller, "ode RK4", settings, march.times, states, outcome)
+    return assemble(scenario, controller, "ode RK4", settings, grid.times, states, outcome)
 
 
 def simulate_ode_held(
@@ -144,18 +145,18 @@ def simulate_ode_held(
         update[start_of[:-1:hold]] = True
     looked_up = update if hold else np.s_[:]  # a held force needs its gains where it is taken
     stages = np.s_[:1] if hold else np.s_[:]
-    law = controller.inputs_along_run(
+    inputs = controller.inputs_along_run(
         fine.cart_mass[looked_up][:, stages],
         fine.half_length[looked_up][:, stages],
         scenario.pole_mass,
         scenario.gravity,
     )
     if hold:
-        law = law[np.cumsum(update) - 1]
+        inputs = inputs[np.cumsum(update) - 1]
     mass, length, push, impulse = _held_inputs(scenario, fine, start_of, timestep, holds)
     plant = _plants(mass, length, scenario)
-    course = (np.array(scenario.initial_state), fine.times, plant, push, impulse)
-    states, forces, status = _marched(controller, *course, law, update)
+    profile = (np.array(scenario.initial_state), fine.times, plant, push, impulse)
+    states, forces, status = _run(controller, *profile, inputs, update)
     outcome = Outcome(OUTCOMES[status], float(fine.times[len(states) - 1]))
     kept = start_of[start_of < len(states)]
     settings = {"timestep": timestep, "control_period": holds.control_period, "substeps": substeps}
@@ -181,48 +182,48 @@ def _held_inputs(
         )
     if holds.disturbance:
         push = np.array([segments[i].push for i in inside])[step_of]
-        struck = np.zeros(len(start_of) - 1)
+        impulses = np.zeros(len(start_of) - 1)
         for segment in segments:  # at the first step that starts at its time or after it
             step = int(np.ceil(segment.start / timestep - 1e-9))
-            struck[min(step, len(struck) - 1)] += segment.impulse
+            impulses[min(step, len(impulses) - 1)] += segment.impulse
         impulse = np.zeros_like(push)
-        impulse[start_of[:-1]] = struck
+        impulse[start_of[:-1]] = impulses
     return mass, length, push, impulse
 
 
 def _plants(
     cart_mass: NDArray[np.float64], half_length: NDArray[np.float64], scenario: Scenario
 ) -> NDArray[np.float64]:
-    """Return (M, m, l, g) for given M and l, shape (..., 4)."""
+    """Return (M, m, l, g) along M and l, shape (..., 4)."""
     plant = np.empty((*cart_mass.shape, 4))
     plant[..., 0], plant[..., 1] = cart_mass, scenario.pole_mass
     plant[..., 2], plant[..., 3] = half_length, scenario.gravity
     return plant
 
 
-def _marched(controller, initial_state, times, plant, push, impulse, law, update):
+def _run(controller, initial_state, times, plant, push, impulse, inputs, update):
     """Return states, forces and status of a run, the force held from each `update` to the next.
 
-    With no `update` the force is that of the law in every stage.
+    With no `update` the controller is evaluated in every stage.
     """
     if not controller.interpreted:
         kind = controller.compiled.kind
-        course = (initial_state, times, plant, push, impulse, kind, law)
-        return _march_held(*course, update) if len(update) else _march_followed(*course)
+        profile = (initial_state, times, plant, push, impulse, kind, inputs)
+        return _run_held(*profile, update) if len(update) else _run_followed(*profile)
     if len(update):
-        return _march_held_by(controller, initial_state, times, plant, push, impulse, law, update)
+        return _run_held_by(controller, initial_state, times, plant, push, impulse, inputs, update)
 
     def slope(k, stage, x, force):
         return _slope(x, force + push[k], plant[k, stage])
 
     def arrive(k, x):
-        return np.array(_struck(tuple(x.tolist()), impulse[k], plant[k, 0]))
+        return np.array(_after_impulse(tuple(x.tolist()), impulse[k], plant[k, 0]))
 
-    return integrate_python_controller(controller, initial_state, times, law, arrive, slope)
+    return integrate_python_controller(controller, initial_state, times, inputs, arrive, slope)
 
 
-def _march_held_by(controller, initial_state, times, plant, push, impulse, law, update):
-    """Return what `_march_held` does, under a Python controller."""
+def _run_held_by(controller, initial_state, times, plant, push, impulse, inputs, update):
+    """Return what `_run_held` does, under a Python controller."""
     ticks = [*np.flatnonzero(update).tolist(), len(push)]
     states, forces = np.empty((len(push) + 1, 4)), np.zeros(len(push) + 1)
     states[0] = initial_state
@@ -231,7 +232,7 @@ def _march_held_by(controller, initial_state, times, plant, push, impulse, law, 
     for first, next_ in pairwise(ticks):
         if status != _RUNNING:
             break
-        force = own.command(times[first], states[first], law[first, 0])
+        force = own.command(times[first], states[first], inputs[first, 0])
         forces[first : next_ + 1] = force
         last, status = _hold(states, times, plant, push, impulse, force, first, next_)
     return states[: last + 1], forces[: last + 1], status
@@ -292,20 +293,20 @@ def rk4_step(state, force, plant, dt):
 
 
 @kernel
-def _law_step(x, dt, plant, push, kind, law):
-    """Return the state after one textbook RK4 step, law and parameters in every stage."""
-    k1 = _slope(x, given_force(kind, x, law[0]) + push, plant[0])
+def _followed_step(x, dt, plant, push, kind, inputs):
+    """Return the state after a textbook RK4 step, controller and parameters in every stage."""
+    k1 = _slope(x, force_from_inputs(kind, x, inputs[0]) + push, plant[0])
     x2 = _moved(x, 0.5 * dt, k1)
-    k2 = _slope(x2, given_force(kind, x2, law[1]) + push, plant[1])
+    k2 = _slope(x2, force_from_inputs(kind, x2, inputs[1]) + push, plant[1])
     x3 = _moved(x, 0.5 * dt, k2)
-    k3 = _slope(x3, given_force(kind, x3, law[1]) + push, plant[1])
+    k3 = _slope(x3, force_from_inputs(kind, x3, inputs[1]) + push, plant[1])
     x4 = _moved(x, dt, k3)
-    k4 = _slope(x4, given_force(kind, x4, law[2]) + push, plant[2])
+    k4 = _slope(x4, force_from_inputs(kind, x4, inputs[2]) + push, plant[2])
     return _combined(x, dt, k1, k2, k3, k4)
 
 
 @kernel
-def _struck(x, impulse, plant):
+def _after_impulse(x, impulse, plant):
     """Return the state after an impulse [N s]: accelerations are linear in the force."""
     if impulse == 0.0:
         return x
@@ -314,8 +315,8 @@ def _struck(x, impulse, plant):
 
 
 @kernel
-def _march_followed(initial_state, times, plant, push, impulse, kind, law):
-    """Return states, forces and status of a run by RK4, the law followed in every stage."""
+def _run_followed(initial_state, times, plant, push, impulse, kind, inputs):
+    """Return states, forces and status of a run by RK4, the controller evaluated in every stage."""
     count = len(push)
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
     states[0] = initial_state
@@ -326,11 +327,11 @@ def _march_followed(initial_state, times, plant, push, impulse, kind, law):
         if status != _RUNNING:
             return states[: k + 1], forces[: k + 1], status
         x = (states[k, 0], states[k, 1], states[k, 2], states[k, 3])
-        force = given_force(kind, x, law[k, 0])
+        force = force_from_inputs(kind, x, inputs[k, 0])
         forces[k] = force
         if not abs(force) < STATE_LIMIT:
             return states[: k + 1], forces[: k + 1], ending_of(x)
-        after = _law_step(x, times[k + 1] - times[k], plant[k], push[k], kind, law[k])
+        after = _followed_step(x, times[k + 1] - times[k], plant[k], push[k], kind, inputs[k])
         if not within_limits(after):
             return states[: k + 1], forces[: k + 1], ending_of(x)
         states[k + 1, 0], states[k + 1, 1], states[k + 1, 2], states[k + 1, 3] = after
@@ -338,8 +339,8 @@ def _march_followed(initial_state, times, plant, push, impulse, kind, law):
 
 
 @kernel
-def _march_held(initial_state, times, plant, push, impulse, kind, law, update):
-    """Return the same with the force taken from the law where `update` says so, else held."""
+def _run_held(initial_state, times, plant, push, impulse, kind, inputs, update):
+    """Return the same with the force updated where `update` says so, else held."""
     count = len(push)
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
     states[0] = initial_state
@@ -347,7 +348,7 @@ def _march_held(initial_state, times, plant, push, impulse, kind, law, update):
     forces[0] = force
     while status == _RUNNING:
         first = last
-        force = given_force(kind, states[first], law[first, 0])
+        force = force_from_inputs(kind, states[first], inputs[first, 0])
         last = first + 1
         while last < count and not update[last]:
             last += 1
@@ -380,6 +381,8 @@ def _arrive(states, k, impulse, plant):
         return _FELL
     if k == len(impulse):
         return _COMPLETED
-    x = _struck((states[k, 0], states[k, 1], states[k, 2], states[k, 3]), impulse[k], plant[k, 0])
+    x = _after_impulse(
+        (states[k, 0], states[k, 1], states[k, 2], states[k, 3]), impulse[k], plant[k, 0]
+    )
     states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x
     return _RUNNING

@@ -1,4 +1,4 @@
-"""RK4 round a law in Python: what the compiled marches do, one call of the law at a time."""
+"""RK4 with a Python controller: what the compiled loops do, one call of it at a time."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
 
 
 def integrate_python_controller(
-    law: Controller,
+    controller: Controller,
     initial_state: Array,
     times: Array,
-    told: Array,
+    assumed: Array,
     arrive: Arrival,
     slope: Slope,
 ) -> tuple[Array, Array, int]:
-    """March by textbook RK4, the law in every stage, until the run ends.
+    """Integrate by textbook RK4, the controller evaluated in every stage, until the run ends.
 
     Parameters
     ----------
@@ -44,9 +44,8 @@ def integrate_python_controller(
         Shape (4,).
     times
         Ends of the steps [s], shape (N + 1,).
-    told
-        (M, m, l, g) as the law takes them to be at the start, the middle and the end of each step,
-        shape (N, 3, 4).
+    assumed
+        Assumed (M, m, l, g) at the start, the middle and the end of each step, shape (N, 3, 4).
 
     Returns
     -------
@@ -65,12 +64,12 @@ def integrate_python_controller(
         if k == count:
             break
         x[:] = arrive(k, x)
-        force = forces[k] = law.command(times[k], x, told[k, 0])
+        force = forces[k] = controller.command(times[k], x, assumed[k, 0])
         dt, slopes = times[k + 1] - times[k], np.full((4, 4), np.nan)
         for i, (stage, share) in enumerate(_STAGES):
             state, acting = x + (share * dt) * slopes[i - 1] if i else x, force
             if i:
-                acting = law.command(times[k] + share * dt, state, told[k, stage])
+                acting = controller.command(times[k] + share * dt, state, assumed[k, stage])
             if not abs(acting) < STATE_LIMIT:
                 return states[: k + 1], forces[: k + 1], ending_of(x)
             slopes[i] = slope(k, stage, state, acting)

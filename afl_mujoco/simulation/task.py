@@ -1,4 +1,4 @@
-"""The cart-pole as a dm_control environment: `load`, the task, and the law as an agent."""
+"""The cart-pole as a dm_control environment: `load`, the task, and the controller as an agent."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ def controller_policy(
     Parameters
     ----------
     control_period
-        That of the environment [s]: a law in Python is told the time, which is no observation.
+        That of the environment [s]: a Python controller gets the time, which is no observation.
     """
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")

@@ -23,10 +23,10 @@ from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.scenario import Scenario
 
 FALL_ANGLE = 0.5 * math.pi - 1e-3
-"""A run ends as fallen when ``|phi|`` reaches this [rad]: the law is singular at pi/2."""
+"""A run ends as fallen when ``|phi|`` reaches this [rad]: the controller is singular at pi/2."""
 
 TIPPED = 1.4
-"""A run that cannot go on fell if ``|phi|`` had reached this [rad], where the law's force soars."""
+"""A run that cannot go on fell if ``|phi|`` had reached this [rad], where the force diverges."""
 
 STATE_LIMIT = 1e6
 """A run ends as diverged when a state or a force [SI] exceeds this, or is not finite."""
@@ -165,7 +165,7 @@ def ending_of(state):
 def controller_inputs(
     scenario: Scenario, controller: Controller, times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what the law is given at each of the `times`, shape (N, 7) or (N, 8).
+    """Return the inputs of the controller at each of the `times`, shape (N, 7) or (N, 8).
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def assemble(
     states
         The states reached, shape (K, 4), K <= N.
     forces
-        Forces [N], shape (K,); by default the law's at each state.
+        Forces [N], shape (K,); by default the controller's at each state.
     """
     reached = times[: len(states)]
     if forces is None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.estimation.estimated_controller import refuse_estimated
+from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
@@ -120,7 +120,7 @@ def require_runnable(
         raise InvalidValueError("workers", "must be at least 1", workers)
     require_distinct("scenario", [s.name for s in scenarios])
     require_distinct("controller", [c.name for c in controllers])
-    refuse_estimated(controllers)
+    require_no_estimator(controllers)
     whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
     for scenario in scenarios:
         scenario.require_ideal()

@@ -22,7 +22,7 @@ EVERY = 0.1
 
 
 def delay_margin(
-    law: Controller, mass: float, length: float, period: float = PERIOD
+    controller: Controller, mass: float, length: float, period: float = PERIOD
 ) -> float | None:
     """Return the delay margin [s] of a linearised loop that holds its force; None without one.
 
@@ -33,7 +33,7 @@ def delay_margin(
     period
         How long the force is held [s].
     """
-    loop = linearize(law, CartPoleParameters(cart_mass=mass, half_length=length))
+    loop = linearize(controller, CartPoleParameters(cart_mass=mass, half_length=length))
     margins = loop_margins(loop, period)
     return None if margins is None or not math.isfinite(margins.delay) else margins.delay
 
@@ -60,14 +60,16 @@ class LeastMargin:
 
 def least_margin(unit: tuple[Controller, tuple[Scenario, ...]]) -> LeastMargin | None:
     """Return the least delay margin over the plants of some scenarios, looked at every `EVERY`."""
-    law, scenarios = unit
+    controller, scenarios = unit
     plants = sorted({plant for scenario in scenarios for plant in _plants_of(scenario)})
     try:
-        margins = [(delay_margin(law, *plant) or 0.0, *plant) for plant in plants]
+        margins = [(delay_margin(controller, *plant) or 0.0, *plant) for plant in plants]
     except InvalidValueError:  # the controller has no linearisation at upright
         return None
     margin, mass, length = min(margins)
-    return LeastMargin(controller=law.name, margin=margin, cart_mass=mass, half_length=length)
+    return LeastMargin(
+        controller=controller.name, margin=margin, cart_mass=mass, half_length=length
+    )
 
 
 def _plants_of(scenario: Scenario) -> set[tuple[float, float]]:

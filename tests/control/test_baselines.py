@@ -112,7 +112,7 @@ def test_no_gains_near_those_of_the_lqr_cost_less(rng):
             assert quadratic_cost(p, near) > least
 
 
-def test_the_lqr_is_weighted_by_what_the_paper_s_law_uses_and_uses_as_much_force():
+def test_the_lqr_is_weighted_by_what_the_paper_s_controller_uses_and_uses_as_much_force():
     nominal, fixed = afl.SCENARIOS["nominal"], CONTROLLERS["fixed"]
     paper = afl.simulate_ode(nominal, fixed)
     peaks = np.abs(paper.state).max(axis=0)
@@ -122,20 +122,20 @@ def test_the_lqr_is_weighted_by_what_the_paper_s_law_uses_and_uses_as_much_force
     assert most == pytest.approx(papers, rel=1e-3)  # by the choice of LARGEST_ACCELERATION
 
 
-def test_the_placed_poles_are_those_of_the_paper_s_law_with_its_fixed_gains():
+def test_the_placed_poles_are_those_of_the_paper_s_controller_with_its_fixed_gains():
     gains = afl.FIXED_GAINS
     for p in PLANTS:
-        slope, step = gains.slope, 1e-5  # the law's own linearisation, by differences
-        law = differences_of_law(p, gains, step)
+        slope, step = gains.slope, 1e-5  # the controller's own linearisation, by differences
+        found = linearised_gains(p, gains, step)
         a, b = upright_model(p)
         fast = 0.75 * 9.81 / p.half_length * gains.switching / gains.boundary_layer
         expected = np.poly([-slope, -slope, -slope, -fast])
-        np.testing.assert_allclose(np.poly(a - np.outer(b, law)), expected, rtol=1e-6)
+        np.testing.assert_allclose(np.poly(a - np.outer(b, found)), expected, rtol=1e-6)
         placed = np.poly(a - np.outer(b, design.placed_gains(p)))
         np.testing.assert_allclose(placed, expected, rtol=1e-9)
 
 
-def differences_of_law(p, gains, step):
+def linearised_gains(p, gains, step):
     steps = step * np.eye(4)
     force = [
         afl.control_force(-d, p, gains) - afl.control_force(d, p, gains) for d in steps
@@ -152,11 +152,11 @@ def fresh():
 
 
 def test_the_shipped_gains_are_those_of_the_design(fresh):
-    shipped = {law.name: law for law in baselines()}
-    assert tuple(shipped) == tuple(fresh["laws"]) == BASELINES
-    for name, law in fresh["laws"].items():
-        table = np.array(law["gains"])
-        assert shipped[name].kind == law["kind"]
+    shipped = {controller.name: controller for controller in baselines()}
+    assert tuple(shipped) == tuple(fresh["controllers"]) == BASELINES
+    for name, entry in fresh["controllers"].items():
+        table = np.array(entry["gains"])
+        assert shipped[name].kind == entry["kind"]
         np.testing.assert_allclose(shipped[name].gains.table, table, rtol=1e-8)  # another LAPACK
         assert shipped[name].gains.masses.tolist() == fresh["cart_masses"]
         assert shipped[name].gains.lengths.tolist() == fresh["half_lengths"]
@@ -168,11 +168,11 @@ def test_the_file_holds_the_tables(fresh):
 
 @pytest.mark.parametrize("name", BASELINES)
 def test_between_the_nodes_the_gains_are_nearly_those_of_the_plant(name, rng):
-    kind, gains, _ = design.LAWS[name]
-    law = CONTROLLERS[name]
+    kind, gains, _ = design.DESIGNS[name]
+    controller = CONTROLLERS[name]
     for mass, length in rng.uniform([0.1, 0.05], [2.0, 1.0], (200, 2)):
         p = afl.CartPoleParameters(cart_mass=mass, half_length=length)
-        found = law.gains.gains(mass, length)
+        found = controller.gains.gains(mass, length)
         np.testing.assert_allclose(found, gains(p), rtol=2e-4)
         model = upright_model(p) if kind == LINEAR else partially_linear_model(length, p.gravity)
         poles = np.linalg.eigvals(model.a - np.outer(model.b, found))
@@ -181,7 +181,13 @@ def test_between_the_nodes_the_gains_are_nearly_those_of_the_plant(name, rng):
 
 @pytest.mark.parametrize(
     "content",
-    [{}, [], {"schema": 2}, {"schema": 1, "laws": {"x": {}}}, {"schema": 1, "laws": 3}],
+    [
+        {},
+        [],
+        {"schema": 2},
+        {"schema": 1, "controllers": {"x": {}}},
+        {"schema": 1, "controllers": 3},
+    ],
     ids=str,
 )
 def test_a_file_that_is_no_table_of_baselines_is_refused(content, monkeypatch):
@@ -202,20 +208,22 @@ def test_the_baselines_are_in_the_catalogue_with_one_reading():
 @pytest.mark.parametrize("name", BASELINES)
 def test_a_belief_stands_in_for_the_truth(name, odd_parameters):
     state = (0.2, -0.5, 0.1, 0.3)
-    law = CONTROLLERS[name]
-    deaf = dataclasses.replace(law, belief=afl.CartPoleParameters())
-    assert deaf.force(state, odd_parameters) == law.force(state, afl.CartPoleParameters())
-    assert deaf.force(state, odd_parameters) != law.force(state, odd_parameters)
+    controller = CONTROLLERS[name]
+    deaf = dataclasses.replace(controller, belief=afl.CartPoleParameters())
+    assert deaf.force(state, odd_parameters) == controller.force(state, afl.CartPoleParameters())
+    assert deaf.force(state, odd_parameters) != controller.force(state, odd_parameters)
     inputs = deaf.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
     np.testing.assert_array_equal(inputs[0], inputs[1])
 
 
-def test_constant_gains_make_a_law_of_one_s_own(odd_parameters):
-    law = StateFeedback(name="mine", kind=LINEAR, gains=GainGrid.constant((-1.0, 40.0, -2.0, 9.0)))
-    assert law.force((0.5, 0.1, 1.0, -1.0), odd_parameters) == -(-0.5 + 4.0 - 2.0 - 9.0)
+def test_constant_gains_make_a_controller_of_one_s_own(odd_parameters):
+    controller = StateFeedback(
+        name="mine", kind=LINEAR, gains=GainGrid.constant((-1.0, 40.0, -2.0, 9.0))
+    )
+    assert controller.force((0.5, 0.1, 1.0, -1.0), odd_parameters) == -(-0.5 + 4.0 - 2.0 - 9.0)
 
 
-def test_what_is_no_law_is_refused():
+def test_what_is_no_controller_is_refused():
     gains = GainGrid.constant((1.0, 2.0, 3.0, 4.0))
     with pytest.raises(InvalidValueError, match=r"^kind must be LINEAR \(1\) or PARTIAL \(2\)"):
         StateFeedback(name="x", kind=0, gains=gains)
@@ -235,7 +243,7 @@ def test_what_is_no_law_is_refused():
 
 
 @pytest.mark.parametrize("name", BASELINES)
-def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_law(name, odd_scenario):
+def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_controller(name, odd_scenario):
     settings = Settings(control_period=1e-3)
     runs = closed_loop_runs(odd_scenario, CONTROLLERS[name], settings)
     checks = closed_loop_checks(odd_scenario, CONTROLLERS[name], runs)
@@ -245,29 +253,32 @@ def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_law(name, odd_sc
 
 @pytest.mark.parametrize("name", BASELINES)
 def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name):
-    scenario, law = afl.SCENARIOS["trapezoid-trapezoid"], CONTROLLERS[name]
-    ode, exact = afl.simulate_ode(scenario, law), afl.simulate_mujoco(scenario, law, "exact")
+    scenario, controller = afl.SCENARIOS["trapezoid-trapezoid"], CONTROLLERS[name]
+    ode, exact = (
+        afl.simulate_ode(scenario, controller),
+        afl.simulate_mujoco(scenario, controller, "exact"),
+    )
     assert np.abs(ode.state - exact.state).max() < 1e-9  # the limit of B1
 
 
 @pytest.mark.parametrize("name", BASELINES)
 def test_the_dm_control_agent_repeats_the_sampled_run_to_the_bit(name, odd_scenario):
-    law = CONTROLLERS[name]
+    controller = CONTROLLERS[name]
     env = afl.load(odd_scenario, force_limit=1e5)
-    policy, step, states = controller_policy(law, odd_scenario), env.reset(), []
+    policy, step, states = controller_policy(controller, odd_scenario), env.reset(), []
     while not step.last():
         states.append([*step.observation["position"], *step.observation["velocity"]])
         step = env.step(policy(step))
-    run = afl.simulate_mujoco(odd_scenario, law, "sampled")
+    run = afl.simulate_mujoco(odd_scenario, controller, "sampled")
     np.testing.assert_array_equal(states, run.state[: len(states)])
 
 
 @pytest.mark.parametrize("name", BASELINES)
-def test_a_law_without_a_boundary_layer_is_never_saturated_nor_not(name, smooth_scenario):
-    law = CONTROLLERS[name]
-    run = afl.simulate_mujoco(smooth_scenario, law, "sampled")
-    assert metrics(smooth_scenario, law, run)["saturated_share"] is None
-    assert metrics(smooth_scenario, law, run)["max_force"] > 0.0
+def test_a_controller_without_a_boundary_layer_is_never_saturated_nor_not(name, smooth_scenario):
+    controller = CONTROLLERS[name]
+    run = afl.simulate_mujoco(smooth_scenario, controller, "sampled")
+    assert metrics(smooth_scenario, controller, run)["saturated_share"] is None
+    assert metrics(smooth_scenario, controller, run)["max_force"] > 0.0
 
 
 @pytest.mark.parametrize("scenario", afl.SCENARIOS)
@@ -278,7 +289,7 @@ def test_every_baseline_balances_from_the_paper_s_start(name, scenario):
     assert np.abs(run.state[-1]).max() < 0.02
 
 
-def test_from_eighty_degrees_the_paper_s_law_balances_and_the_baselines_do_not():
+def test_from_eighty_degrees_the_paper_s_controller_balances_and_the_baselines_do_not():
     steep = dataclasses.replace(
         afl.SCENARIOS["nominal"], initial_state=(0.0, -np.radians(80.0), 0.0, 0.0)
     )

@@ -1,4 +1,4 @@
-"""Gains, the gain function (G1), and what each controller believes."""
+"""Gains, the gain function (G1), and what each controller assumes."""
 
 import math
 
@@ -80,21 +80,21 @@ def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     seen = CONTROLLERS[name].force(state, CartPoleParameters())
     assert controller.force(state, odd_parameters) == seen
     assert CONTROLLERS[name].force(state, odd_parameters) != seen
-    law = controller.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
-    np.testing.assert_array_equal(law[0], law[1])
-    assert law[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
+    inputs = controller.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
+    np.testing.assert_array_equal(inputs[0], inputs[1])
+    assert inputs[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
 
 
 def test_a_true_belief_passes_everything_on(adaptive):
-    law = adaptive.inputs_along_run([[0.5, 2.0]], [[0.2, 1.0]], 0.3, 5.0)
-    assert law.shape == (1, 2, 7)
-    assert law[0, 1, :4].tolist() == [2.0, 0.3, 1.0, 5.0]
+    inputs = adaptive.inputs_along_run([[0.5, 2.0]], [[0.2, 1.0]], 0.3, 5.0)
+    assert inputs.shape == (1, 2, 7)
+    assert inputs[0, 1, :4].tolist() == [2.0, 0.3, 1.0, 5.0]
     gains = adaptive.gain_function.gains(0.5, 0.2)
     expected = [gains.switching, gains.slope, gains.boundary_layer]
-    np.testing.assert_allclose(law[0, 0, 4:], expected, rtol=1e-14)  # two pow functions
+    np.testing.assert_allclose(inputs[0, 0, 4:], expected, rtol=1e-14)  # two pow functions
 
 
-def test_the_scheduled_force_is_the_law_with_the_gain_function_s_gains(
+def test_the_scheduled_force_is_the_control_law_with_the_gain_function_s_gains(
     random_states, odd_parameters, controller
 ):
     p = odd_parameters
@@ -110,14 +110,14 @@ def test_the_scheduled_force_is_the_law_with_the_gain_function_s_gains(
 def test_every_way_to_the_force_gives_the_same_bits(random_states, odd_parameters, controller):
     p = odd_parameters
     count = len(random_states)
-    law = controller.inputs_along_run(
+    inputs = controller.inputs_along_run(
         np.full(count, p.cart_mass), np.full(count, p.half_length), p.pole_mass, p.gravity
     )
     one_by_one = [controller.force(state, p) for state in random_states]
-    np.testing.assert_array_equal(controller.forces(random_states, law), one_by_one)
+    np.testing.assert_array_equal(controller.forces(random_states, inputs), one_by_one)
 
 
-def test_a_controller_has_no_force_outside_the_law_s_domain(adaptive, odd_parameters):
+def test_a_controller_has_no_force_outside_its_domain(adaptive, odd_parameters):
     with pytest.raises(ControllerDomainError, match=r"got 1.6 rad$"):
         adaptive.force((0.0, 1.6, 0.0, 0.0), odd_parameters)
 
@@ -147,8 +147,10 @@ def test_a_gain_function_needs_five_finite_coefficients():
 def test_unknown_names_are_answered_with_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
         find_controller("adaptiv")
-    told = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
-    names = ", ".join(CONTROLLERS) + f", ({told}partial-linearization)-estimated, module:attribute"
+    estimable = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
+    names = (
+        ", ".join(CONTROLLERS) + f", ({estimable}partial-linearization)-estimated, module:attribute"
+    )
     near = "did you mean adaptive or adaptive-retuned?"
     assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'; {near}"
     with pytest.raises(UnknownNameError, match=r"^gain labels must be one of table2, table1, got "):
@@ -156,20 +158,20 @@ def test_unknown_names_are_answered_with_the_valid_ones():
 
 
 @pytest.mark.parametrize("name", [n for n in CONTROLLERS if not n.endswith("-nominal")])
-def test_every_law_has_a_twin_that_the_estimator_tells(name):
+def test_every_controller_has_a_twin_with_the_estimator(name):
     twin = find_controller(f"{name}-estimated")
-    assert (twin.name, twin.law) == (f"{name}-estimated", CONTROLLERS[name])
+    assert (twin.name, twin.controller) == (f"{name}-estimated", CONTROLLERS[name])
     assert twin.name not in CONTROLLERS
 
 
 def test_the_twin_has_the_gains_in_the_reading_that_is_asked_for():
     twin = find_controller("adaptive-estimated", "table1")
     assert twin.name == "adaptive-table1-estimated"
-    assert twin.law.gain_function == find_controller("adaptive", "table1").gain_function
+    assert twin.controller.gain_function == find_controller("adaptive", "table1").gain_function
 
 
 @pytest.mark.parametrize("name", ["adaptive-nominal-estimated", "pid-estimated", "-estimated"])
-def test_a_law_that_is_told_a_nominal_plant_or_is_none_has_no_such_twin(name):
+def test_a_controller_that_assumes_a_nominal_plant_or_is_none_has_no_such_twin(name):
     with pytest.raises(UnknownNameError, match=rf", got '{name}'"):
         find_controller(name)
 
@@ -179,12 +181,12 @@ def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_paramet
 
     p = odd_parameters
     gains = adaptive.gain_function.gains(p.cart_mass, p.half_length)
-    law = adaptive.inputs_along_run(
+    inputs = adaptive.inputs_along_run(
         np.full(200, p.cart_mass), np.full(200, p.half_length), p.pole_mass, p.gravity
     )
     expected = sliding_variable(random_states, p, gains) / gains.boundary_layer
     np.testing.assert_allclose(
-        adaptive.saturation_ratio(random_states, law), expected, rtol=1e-12, atol=1e-12
+        adaptive.saturation_ratio(random_states, inputs), expected, rtol=1e-12, atol=1e-12
     )
 
 

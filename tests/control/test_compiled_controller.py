@@ -1,4 +1,4 @@
-"""Every law as one compiled function: its values, its interpolation, where it has none."""
+"""Every controller as one compiled function: its values, its interpolation, where it has none."""
 
 import math
 
@@ -10,16 +10,16 @@ from afl_mujoco.control.compiled_controller import (
     AFL,
     LINEAR,
     PARTIAL,
+    compiled_force,
+    force_from_inputs,
     forces_along,
-    given_force,
     inputs_along,
     interpolated_gains,
-    law_force,
 )
 from afl_mujoco.errors import ControllerDomainError
 
 MASSES, LENGTHS = np.array([0.2, 0.5, 0.9, 1.0]), np.array([0.1, 0.3, 0.4, 0.8, 1.1])
-BELIEVED = (0.61, 0.083, 0.37, 9.65)
+ASSUMED = (0.61, 0.083, 0.37, 9.65)
 NODE = (0.9, 0.083, 0.4, 9.65)
 KINDS = {"afl": AFL, "linear": LINEAR, "partial": PARTIAL}
 
@@ -35,24 +35,32 @@ def compiled(kind, table):
     return kind, table, MASSES, LENGTHS
 
 
-def test_the_paper_s_law_is_its_numpy_form_with_the_gains_of_g1(random_states, odd_parameters):
+def test_the_paper_s_controller_is_its_numpy_form_with_the_gains_of_g1(
+    random_states, odd_parameters
+):
     p, adaptive = odd_parameters, CONTROLLERS["adaptive"]
     assumed_parameters = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
     plain = control_force(
         random_states, p, adaptive.gain_function.gains(p.cart_mass, p.half_length)
     )
-    mine = [law_force(*adaptive.compiled, *s, assumed_parameters) for s in random_states.tolist()]
+    mine = [
+        compiled_force(*adaptive.compiled, *s, assumed_parameters) for s in random_states.tolist()
+    ]
     np.testing.assert_allclose(mine, plain, rtol=1e-13, atol=1e-10)  # rounding of forces of 1e3 N
 
 
 def test_the_paper_s_table_is_its_gain_function():
-    law = CONTROLLERS["adaptive"].compiled
-    assert (law.kind, law.table.shape) == (AFL, (1, 3, 5))
-    np.testing.assert_array_equal(law.table[0], CONTROLLERS["adaptive"].gain_function.coefficients)
+    controller = CONTROLLERS["adaptive"].compiled
+    assert (controller.kind, controller.table.shape) == (AFL, (1, 3, 5))
+    np.testing.assert_array_equal(
+        controller.table[0], CONTROLLERS["adaptive"].gain_function.coefficients
+    )
 
 
 def test_linear_feedback_is_minus_the_gains_times_the_state(random_states, table):
-    mine = [law_force(LINEAR, table, MASSES, LENGTHS, *s, NODE) for s in random_states.tolist()]
+    mine = [
+        compiled_force(LINEAR, table, MASSES, LENGTHS, *s, NODE) for s in random_states.tolist()
+    ]
     np.testing.assert_allclose(mine, -random_states @ table[2, 2], rtol=1e-12, atol=1e-12)
 
 
@@ -61,8 +69,10 @@ def test_partial_feedback_gives_the_cart_the_acceleration_that_it_asks_for(
 ):
     p = odd_parameters
     assumed_parameters = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-    law = (PARTIAL, table, MASSES, LENGTHS)
-    force = np.array([law_force(*law, *s, assumed_parameters) for s in random_states.tolist()])
+    controller = (PARTIAL, table, MASSES, LENGTHS)
+    force = np.array(
+        [compiled_force(*controller, *s, assumed_parameters) for s in random_states.tolist()]
+    )
     asked = -random_states @ np.array(
         interpolated_gains(table, MASSES, LENGTHS, p.cart_mass, p.half_length)
     )
@@ -75,37 +85,37 @@ def test_partial_feedback_gives_the_cart_the_acceleration_that_it_asks_for(
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_looking_the_gains_up_beforehand_changes_no_bit(kind, random_states, table):
-    law = compiled(kind, table)
+    controller = compiled(kind, table)
     plants = np.linspace((0.1, 1.3), (2.0, 0.02), len(random_states))
     assumed_parameters = np.array([[m, 0.083, x, 9.65] for m, x in plants])
-    inputs = inputs_along(*law, assumed_parameters)
+    inputs = inputs_along(*controller, assumed_parameters)
     assert inputs.shape == (200, 7 if kind == AFL else 8)
     direct = [
-        law_force(*law, *s, tuple(b))
+        compiled_force(*controller, *s, tuple(b))
         for s, b in zip(random_states.tolist(), assumed_parameters, strict=True)
     ]
     np.testing.assert_array_equal(forces_along(kind, random_states, inputs), direct)
-    single = [given_force(kind, s, row) for s, row in zip(random_states, inputs, strict=True)]
+    single = [force_from_inputs(kind, s, row) for s, row in zip(random_states, inputs, strict=True)]
     np.testing.assert_array_equal(single, direct)
 
 
 @pytest.mark.parametrize("phi", [0.5 * math.pi, -1.6, 3.0, math.nan], ids=str)
-def test_only_the_paper_s_law_has_no_value_at_a_pole_that_lies(phi, table):
+def test_only_the_paper_s_controller_has_no_value_at_a_pole_that_lies(phi, table):
     state = (0.1, phi, 0.2, 0.3)
-    assert math.isnan(law_force(*compiled(AFL, table), *state, BELIEVED))
+    assert math.isnan(compiled_force(*compiled(AFL, table), *state, ASSUMED))
     for kind in (LINEAR, PARTIAL):
-        force = law_force(*compiled(kind, table), *state, BELIEVED)
+        force = compiled_force(*compiled(kind, table), *state, ASSUMED)
         assert math.isfinite(force) == math.isfinite(phi)
 
 
-def test_the_paper_s_law_says_so_and_the_baselines_answer(odd_parameters):
+def test_the_paper_s_controller_says_so_and_the_baselines_answer(odd_parameters):
     with pytest.raises(ControllerDomainError, match=r"got 1.6 rad$"):
         CONTROLLERS["fixed"].force((0.0, 1.6, 0.0, 0.0), odd_parameters)
     assert math.isfinite(CONTROLLERS["lqr"].force((0.0, 1.6, 0.0, 0.0), odd_parameters))
 
 
 def test_an_unknown_kind_has_no_value(table):
-    assert math.isnan(law_force(7, table, MASSES, LENGTHS, 0.1, 0.1, 0.1, 0.1, BELIEVED))
+    assert math.isnan(compiled_force(7, table, MASSES, LENGTHS, 0.1, 0.1, 0.1, 0.1, ASSUMED))
 
 
 # Interpolation

@@ -1,4 +1,4 @@
-"""The law (L8)-(L10): formula, symmetry, domain; one value from compiled and NumPy code."""
+"""The control law (L8)-(L10): formula, symmetry, domain; one value from compiled and NumPy code."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 
 from afl_mujoco import Gains, control_force, sliding_variable
 from afl_mujoco.control import feedback_linearization as fl
-from afl_mujoco.control.afl import force_given, force_kernel
+from afl_mujoco.control.afl import afl_force, force_kernel
 from afl_mujoco.control.compiled_controller import AFL, forces_along
 from afl_mujoco.control.sliding_mode import commanded_acceleration, saturation
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
@@ -75,7 +75,7 @@ def test_the_surface_attracts(surface):
     assert rate == pytest.approx(b * 87.0 * np.clip(surface / 63.0, -1, 1), rel=1e-13)
 
 
-def test_the_law_is_odd_under_a_mirror(random_states, odd_parameters):
+def test_the_control_law_is_odd_under_a_mirror(random_states, odd_parameters):
     there = control_force(random_states, odd_parameters, GAINS)
     back = control_force(-random_states, odd_parameters, GAINS)
     np.testing.assert_allclose(back, -there, rtol=1e-12, atol=1e-11)
@@ -86,7 +86,7 @@ def test_upright_at_rest_at_the_origin_needs_no_force(odd_parameters):
 
 
 @pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
-def test_the_law_is_finite_up_to_the_edge_of_its_domain(side, odd_parameters):
+def test_the_control_law_is_finite_up_to_the_edge_of_its_domain(side, odd_parameters):
     gap = 10.0 ** -np.arange(1, 9)
     states = np.zeros((len(gap), 4))
     states[:, 1] = side * (0.5 * math.pi - gap)
@@ -95,7 +95,9 @@ def test_the_law_is_finite_up_to_the_edge_of_its_domain(side, odd_parameters):
 
 @pytest.mark.parametrize("phi", OUTSIDE, ids=str)
 @pytest.mark.parametrize("function", [control_force, sliding_variable])
-def test_outside_its_domain_the_law_is_an_error_that_names_the_angle(function, phi, odd_parameters):
+def test_outside_its_domain_the_control_law_is_an_error_that_names_the_angle(
+    function, phi, odd_parameters
+):
     states = np.array([[0.0, 0.1, 0.0, 0.0], [0.0, phi, 0.0, 0.0]])
     with pytest.raises(ControllerDomainError) as caught:
         function(states, odd_parameters, GAINS)
@@ -108,14 +110,14 @@ def test_compiled_code_answers_nan_outside_the_domain(phi):
     assert math.isnan(force_kernel(0.0, phi, 0.0, 0.0, 1.0, 0.05, 0.5, 9.81, 100.0, 1.0, 100.0))
 
 
-def test_compiled_and_numpy_law_agree(random_states, odd_parameters):
+def test_compiled_and_numpy_forms_agree(random_states, odd_parameters):
     p = odd_parameters
-    law = np.array(
+    inputs = np.array(
         [p.cart_mass, p.pole_mass, p.half_length, p.gravity, *(87.0, 1.7, 63.0)]
     )  # M, m, l, g, K, lambda, Phi
     plain = control_force(random_states, p, GAINS)
-    many = forces_along(AFL, random_states, np.tile(law, (len(random_states), 1)))
-    np.testing.assert_array_equal(many, [force_given(s, law) for s in random_states])
+    many = forces_along(AFL, random_states, np.tile(inputs, (len(random_states), 1)))
+    np.testing.assert_array_equal(many, [afl_force(s, inputs) for s in random_states])
     # another libm and other contractions of the same text
     np.testing.assert_allclose(many, plain, rtol=1e-12, atol=1e-10)
 

@@ -258,11 +258,13 @@ def test_its_errors_are_as_large_as_it_says_and_its_surprises_as_frequent():
 
 
 @pytest.fixture(scope="module")
-def told():
-    """Runs of the ODE under the law that is told M and l, the force held for 1 ms."""
+def run_with_truth():
+    """Runs of the ODE of a controller that sees the true M and l, the force held for 1 ms."""
 
     def run(mass, length, duration=0.6):
-        scenario = afl.Scenario(name="told", cart_mass=mass, half_length=length, duration=duration)
+        scenario = afl.Scenario(
+            name="run_with_truth", cart_mass=mass, half_length=length, duration=duration
+        )
         return afl.simulate_ode_held(scenario, afl.CONTROLLERS["adaptive"], control_period=DT)
 
     return run
@@ -270,8 +272,8 @@ def told():
 
 @pytest.mark.parametrize("mass", [0.1, 0.6, 2.0], ids=str)
 @pytest.mark.parametrize("length", [0.05, 0.3, 1.0], ids=str)
-def test_without_noise_it_finds_any_plant_of_the_box(mass, length, told):
-    run = told(afl.constant(mass), afl.constant(length))
+def test_without_noise_it_finds_any_plant_of_the_box(mass, length, run_with_truth):
+    run = run_with_truth(afl.constant(mass), afl.constant(length))
     settings = EstimatorSettings(position_noise=1e-6, angle_noise=1e-6)
     out, _ = run_estimator(settings, run.state[:, :2], run.force[:-1])
     assert abs(math.log(out[50, 0] / mass)) < 0.01
@@ -279,8 +281,10 @@ def test_without_noise_it_finds_any_plant_of_the_box(mass, length, told):
     np.testing.assert_allclose(out[100:, 2:4], run.state[100:, 2:4], rtol=0, atol=0.01)
 
 
-def test_it_finds_both_again_after_a_step(told, rng):
-    run = told(afl.staircase((0.3,), (0.5, 1.0)), afl.staircase((0.3,), (0.2, 0.5)), duration=1.0)
+def test_it_finds_both_again_after_a_step(run_with_truth, rng):
+    run = run_with_truth(
+        afl.staircase((0.3,), (0.5, 1.0)), afl.staircase((0.3,), (0.2, 0.5)), duration=1.0
+    )
     measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 1e-4]
     settings = EstimatorSettings(angle_noise=1e-4)
     out, _ = run_estimator(settings, measured, run.force[:-1])
@@ -294,8 +298,10 @@ def test_at_rest_and_upright_nothing_moves_an_estimate():
     assert all(np.isfinite(memory[name]).all() for name in ("state", "covariance"))
 
 
-def test_what_it_has_learned_it_keeps_at_rest_to_the_last_bit_whatever_the_noise(told, rng):
-    run = told(afl.constant(0.6), afl.constant(0.3), duration=15.0)
+def test_what_it_has_learned_it_keeps_when_settled_to_the_last_bit_whatever_the_noise(
+    run_with_truth, rng
+):
+    run = run_with_truth(afl.constant(0.6), afl.constant(0.3), duration=15.0)
     measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 5e-4]
     out, _ = run_estimator(EstimatorSettings(), measured, run.force[:-1])
     assert len(np.unique(out[10_000:, :2], axis=0)) == 1
@@ -352,11 +358,13 @@ def test_an_update_allocates_nothing(rng):
 
 @pytest.mark.parametrize("name", ["adaptive", "adaptive-retuned"])
 def test_the_gains_are_positive_for_whatever_may_be_believed(name):
-    settings, law = EstimatorSettings(), afl.CONTROLLERS[name]
+    settings, controller = EstimatorSettings(), afl.CONTROLLERS[name]
     mass, length = np.meshgrid(
         np.linspace(*settings.cart_mass_range, 50), np.linspace(*settings.half_length_range, 50)
     )
-    law.inputs_along_run(mass, length, settings.pole_mass, settings.gravity)  # raises otherwise
+    controller.inputs_along_run(
+        mass, length, settings.pole_mass, settings.gravity
+    )  # raises otherwise
 
 
 # The settings

@@ -1,4 +1,4 @@
-"""A law of one's own: loaded by name, run, and answered in one line when it misbehaves."""
+"""A controller of one's own: loaded by name, run, and answered in one line when it misbehaves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
 
-TOLD = np.array([1.0, 0.05, 0.5, 9.81])
+ASSUMED = np.array([1.0, 0.05, 0.5, 9.81])
 STATE = np.array([0.1, -0.2, 0.3, 0.4])
 
 
@@ -31,7 +31,7 @@ def paper(time, state, belief):
     return afl.control_force(state, belief, afl.FIXED_GAINS)
 
 
-def law(function, **settings):
+def controller_of(function, **settings):
     return PythonController(name="mine", function=function, **settings)
 
 
@@ -48,30 +48,32 @@ def module(tmp_path, monkeypatch):
     return write
 
 
-# What a law is given, and what it may return
+# What a controller is given, and what it may return
 
 
-def test_a_law_is_given_time_state_and_what_it_is_told_of_the_plant():
+def test_a_controller_gets_time_state_and_assumed_parameters():
     seen = []
-    own = law(lambda time, state, belief: seen.append((time, state.tolist(), belief)) or 7.5)
-    assert own.command(1.25, STATE, TOLD) == 7.5
+    own = controller_of(
+        lambda time, state, belief: seen.append((time, state.tolist(), belief)) or 7.5
+    )
+    assert own.command(1.25, STATE, ASSUMED) == 7.5
     assert seen == [(1.25, STATE.tolist(), afl.CartPoleParameters())]
 
 
-def test_a_law_that_writes_into_its_state_changes_nothing():
+def test_a_controller_that_writes_into_its_state_changes_nothing():
     def vandal(time, state, belief):
         state[:] = 0.0
         return 1.0
 
     mine = STATE.copy()
-    law(vandal).command(0.0, mine, TOLD)
+    controller_of(vandal).command(0.0, mine, ASSUMED)
     np.testing.assert_array_equal(mine, STATE)
 
 
 def test_a_belief_stands_in_for_the_truth(odd_parameters):
-    own = law(lambda time, state, belief: belief.cart_mass, belief=odd_parameters)
+    own = controller_of(lambda time, state, belief: belief.cart_mass, belief=odd_parameters)
     assert own.force(STATE, afl.CartPoleParameters()) == odd_parameters.cart_mass
-    assert law(own.function).force(STATE, afl.CartPoleParameters()) == 1.0
+    assert controller_of(own.function).force(STATE, afl.CartPoleParameters()) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -80,7 +82,7 @@ def test_a_belief_stands_in_for_the_truth(odd_parameters):
     ids=["int", "float", "numpy", "0-d", "1-d", "list"],
 )
 def test_one_number_in_any_shape_is_a_force(value):
-    assert law(lambda *_: value).command(0.0, STATE, TOLD) == 3.0
+    assert controller_of(lambda *_: value).command(0.0, STATE, ASSUMED) == 3.0
 
 
 @pytest.mark.parametrize(
@@ -99,57 +101,57 @@ def test_one_number_in_any_shape_is_a_force(value):
 )
 def test_what_is_no_number_is_answered_in_one_line(value, said):
     with pytest.raises(ControllerError) as caught:
-        law(lambda *_: value).command(0.5, STATE, TOLD)
+        controller_of(lambda *_: value).command(0.5, STATE, ASSUMED)
     expected = f"controller 'mine' must return one number at t = 0.5 s, got {said}"
     assert str(caught.value) == expected
 
 
-def test_what_a_law_raises_is_answered_in_one_line():
+def test_what_a_controller_raises_is_answered_in_one_line():
     def broken(time, state, belief):
         return 1 / 0
 
     with pytest.raises(ControllerError) as caught:
-        law(broken).command(2.0, STATE, TOLD)
+        controller_of(broken).command(2.0, STATE, ASSUMED)
     expected = "controller 'mine' raised ZeroDivisionError at t = 2 s: division by zero"
     assert str(caught.value) == expected
 
 
-def test_a_law_that_fails_where_the_pole_lies_has_no_force_there():
+def test_a_controller_that_fails_where_the_pole_lies_has_no_force_there():
     def fallible(time, state, belief):
         raise ValueError("too steep")
 
-    assert math.isnan(law(fallible).command(0.0, (0.0, 1.6, 0.0, 0.0), TOLD))
-    assert math.isnan(law(paper).command(0.0, (0.0, 1.6, 0.0, 0.0), TOLD))
+    assert math.isnan(controller_of(fallible).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
+    assert math.isnan(controller_of(paper).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
 
 
 def forever(time, state, belief):
     while True:
         try:
             clock.sleep(0.001)
-        except Exception:  # a law that swallows whatever it can
+        except Exception:  # a controller that swallows whatever it can
             pass
 
 
-def test_a_law_that_does_not_return_is_stopped():
+def test_a_controller_that_does_not_return_is_stopped():
     start = clock.perf_counter()
     with pytest.raises(
         ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
     ):
-        law(forever, call_limit=0.05).command(0.0, STATE, TOLD)
+        controller_of(forever, call_limit=0.05).command(0.0, STATE, ASSUMED)
     assert clock.perf_counter() - start < 5.0
 
 
-def test_a_law_that_catches_what_stops_it_and_answers_late_is_told_so():
+def test_a_controller_that_catches_what_stops_it_and_answers_late_is_reported():
     def stubborn(time, state, belief):
         try:
             clock.sleep(10.0)
-        except:  # noqa: E722 (as laws are written)
+        except:  # noqa: E722 (as controllers are written)
             return 1.0
 
     with pytest.raises(
         ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
     ):
-        law(stubborn, call_limit=0.05).command(0.0, STATE, TOLD)
+        controller_of(stubborn, call_limit=0.05).command(0.0, STATE, ASSUMED)
 
 
 def test_an_alarm_of_the_program_s_own_goes_on():
@@ -157,8 +159,8 @@ def test_an_alarm_of_the_program_s_own_goes_on():
     before = signal.signal(signal.SIGALRM, lambda number, frame: rang.append(number))
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.2)
-        law = PythonController(name="quick", function=lambda time, state, belief: 1.0)
-        assert law.force(np.zeros(4), afl.CartPoleParameters()) == 1.0
+        controller = PythonController(name="quick", function=lambda time, state, belief: 1.0)
+        assert controller.force(np.zeros(4), afl.CartPoleParameters()) == 1.0
         assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.2
         clock.sleep(0.3)
     finally:
@@ -167,22 +169,24 @@ def test_an_alarm_of_the_program_s_own_goes_on():
     assert rang == [signal.SIGALRM]
 
 
-def test_a_law_that_ends_the_program_is_answered_in_one_line():
+def test_a_controller_that_ends_the_program_is_answered_in_one_line():
     def leaving(time, state, belief):
         raise SystemExit("enough")
 
     with pytest.raises(
         ControllerError, match=r"^controller 'mine' raised SystemExit at t = 0 s: enough$"
     ):
-        law(leaving).command(0.0, STATE, TOLD)
+        controller_of(leaving).command(0.0, STATE, ASSUMED)
 
 
-def test_a_law_that_is_slow_in_another_thread_is_told_so_afterwards():
+def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
     answers = []
 
     def call():
         try:
-            law(lambda *_: clock.sleep(0.05) or 1.0, call_limit=0.01).command(0.0, STATE, TOLD)
+            controller_of(lambda *_: clock.sleep(0.05) or 1.0, call_limit=0.01).command(
+                0.0, STATE, ASSUMED
+            )
         except ControllerError as error:
             answers.append(str(error))
 
@@ -195,9 +199,9 @@ def test_a_law_that_is_slow_in_another_thread_is_told_so_afterwards():
 @pytest.mark.parametrize(
     "function", [lambda time, state: 0.0, lambda: 0.0, 3.0], ids=["two", "none", "number"]
 )
-def test_what_cannot_be_called_as_a_law_is_refused_before_a_run(function):
+def test_what_cannot_be_called_as_a_controller_is_refused_before_a_run(function):
     with pytest.raises(InvalidValueError, match=r"^controller 'mine' must (take|be callable)"):
-        law(function)
+        controller_of(function)
 
 
 # In the simulators
@@ -216,9 +220,9 @@ SIMULATORS = {
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 @pytest.mark.parametrize("gains", ["fixed", "fixed-nominal"])
-def test_the_paper_s_law_in_python_is_the_compiled_one(odd_scenario, simulate, gains):
+def test_the_paper_s_controller_in_python_is_the_compiled_one(odd_scenario, simulate, gains):
     compiled = CONTROLLERS[gains]
-    own = law(paper, belief=compiled.belief)
+    own = controller_of(paper, belief=compiled.belief)
     run, reference = (simulate(odd_scenario, controller) for controller in (own, compiled))
     assert run.outcome == reference.outcome
     np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
@@ -226,46 +230,46 @@ def test_the_paper_s_law_in_python_is_the_compiled_one(odd_scenario, simulate, g
     assert metrics(odd_scenario, own, run)["saturated_share"] is None
 
 
-def test_what_a_jump_of_the_rod_does_is_the_same_under_a_law_in_python(odd_scenario):
+def test_what_a_jump_of_the_rod_does_is_the_same_under_a_controller_in_python(odd_scenario):
     settings = {"dynamics": "stretching-rod", "jumps": "momenta"}
     run, reference = (
         afl.simulate_mujoco(odd_scenario, controller, "continuous", **settings)
-        for controller in (law(paper), CONTROLLERS["fixed"])
+        for controller in (controller_of(paper), CONTROLLERS["fixed"])
     )
     np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
-def test_a_law_is_told_the_time(smooth_scenario, simulate):
-    run = simulate(smooth_scenario, law(lambda time, state, belief: 3.0 * time))
+def test_a_controller_gets_the_time(smooth_scenario, simulate):
+    run = simulate(smooth_scenario, controller_of(lambda time, state, belief: 3.0 * time))
     period = run.provenance["settings"].get("control_period")
-    told = run.time if period is None else period * np.floor(run.time / period + 1e-9)
-    np.testing.assert_allclose(run.force[:-1], 3.0 * told[:-1], atol=1e-9)
+    seen_at = run.time if period is None else period * np.floor(run.time / period + 1e-9)
+    np.testing.assert_allclose(run.force[:-1], 3.0 * seen_at[:-1], atol=1e-9)
 
 
-def test_a_law_is_told_the_time_within_a_step(smooth_scenario):
+def test_a_controller_gets_the_time_within_a_step(smooth_scenario):
     """Of a force linear in time the two ODEs agree as no scheme of a lower order would."""
-    own = law(lambda time, state, belief: 8.0 * time - 2.0)
+    own = controller_of(lambda time, state, belief: 8.0 * time - 2.0)
     scenario = replace(smooth_scenario, duration=0.2)
     run, reference = afl.simulate_ode_rk4(scenario, own), afl.simulate_ode(scenario, own)
     np.testing.assert_allclose(run.state, reference.state, atol=1e-9)
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
-def test_a_law_without_a_force_ends_the_run_as_diverged(smooth_scenario, simulate):
-    run = simulate(smooth_scenario, law(lambda time, *_: math.nan if time > 0.3 else 0.0))
+def test_a_controller_without_a_force_ends_the_run_as_diverged(smooth_scenario, simulate):
+    run = simulate(smooth_scenario, controller_of(lambda time, *_: math.nan if time > 0.3 else 0.0))
     assert run.outcome.kind == "diverged"
     assert run.outcome.time == pytest.approx(0.3, abs=0.02)
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
-def test_a_law_that_does_nothing_lets_the_pole_fall(smooth_scenario, simulate):
-    assert simulate(smooth_scenario, law(lambda *_: 0.0)).outcome.kind == "fell"
+def test_a_controller_that_does_nothing_lets_the_pole_fall(smooth_scenario, simulate):
+    assert simulate(smooth_scenario, controller_of(lambda *_: 0.0)).outcome.kind == "fell"
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_law_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
-    own = law(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
+def test_a_controller_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
+    own = controller_of(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
     with pytest.raises(
         ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
     ):
@@ -275,22 +279,23 @@ def test_a_law_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, thread
 # Loading
 
 
-def test_a_law_is_found_by_module_and_function_in_the_working_directory(module):
+def test_a_controller_is_found_by_module_and_function_in_the_working_directory(module):
     module(
-        "laws_of_mine", "class Set:\n    @staticmethod\n    def push(t, x, b): return -2.0 * x[1]\n"
+        "module_of_mine",
+        "class Set:\n    @staticmethod\n    def push(t, x, b): return -2.0 * x[1]\n",
     )
-    own = find_controller("laws_of_mine:Set.push")
-    assert own.name == "laws_of_mine.Set.push"
+    own = find_controller("module_of_mine:Set.push")
+    assert own.name == "module_of_mine.Set.push"
     assert own.force((0.0, 0.25, 0.0, 0.0), afl.CartPoleParameters()) == -0.5
     described = json.loads(json.dumps(own.describe()))
-    assert described["law"] == "laws_of_mine.Set.push"
+    assert described["function"] == "module_of_mine.Set.push"
     assert len(described["source"]) == 32
 
 
-def test_a_loaded_law_reaches_a_worker_by_its_name(module):
-    module("shared_law", "def push(time, state, belief):\n    return time\n")
-    twin = pickle.loads(pickle.dumps(load_python_controller("shared_law:push")))
-    assert twin.command(0.75, STATE, TOLD) == 0.75
+def test_a_loaded_controller_reaches_a_worker_by_its_name(module):
+    module("shared_module", "def push(time, state, belief):\n    return time\n")
+    twin = pickle.loads(pickle.dumps(load_python_controller("shared_module:push")))
+    assert twin.command(0.75, STATE, ASSUMED) == 0.75
 
 
 @pytest.mark.parametrize(
@@ -321,23 +326,23 @@ def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module)
 
 def test_a_user_s_file_does_not_hide_an_installed_module(module):
     module("json", "def loads(*_): raise RuntimeError\n")
-    module("own_law", "import json\nassert json.loads('3') == 3\ndef f(t, x, b): return 0.0\n")
-    assert find_controller("own_law:f").command(0.0, STATE, TOLD) == 0.0
+    module("own_module", "import json\nassert json.loads('3') == 3\ndef f(t, x, b): return 0.0\n")
+    assert find_controller("own_module:f").command(0.0, STATE, ASSUMED) == 0.0
 
 
-def test_the_command_simulates_a_law_of_one_s_own(module, tmp_path, capsys):
+def test_the_command_simulates_a_controller_of_one_s_own(module, tmp_path, capsys):
     module(
         "mine_cli",
         "from afl_mujoco import FIXED_GAINS, control_force\n"
-        "def law(time, state, belief):\n"
+        "def controller(time, state, belief):\n"
         "    return control_force(state, belief, FIXED_GAINS)\n"
         "def broken(time, state, belief):\n"
         "    raise OSError('no such sensor')\n",
     )
     (tmp_path / "short.toml").write_text("duration = 0.5\n")
     arguments = ["simulate", "short.toml", "--simulator", "ode", "--out", "out", "--controller"]
-    assert main([*arguments, "mine_cli:law"]) == 0
-    assert (tmp_path / "out" / "short-mine_cli.law-ode.npz").exists()
+    assert main([*arguments, "mine_cli:controller"]) == 0
+    assert (tmp_path / "out" / "short-mine_cli.controller-ode.npz").exists()
     assert main([*arguments, "mine_cli:broken"]) == 2
     error = capsys.readouterr().err
     assert error == (
@@ -385,11 +390,11 @@ def test_memory_is_fresh_in_every_run(smooth_scenario, given):
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 def test_memory_is_refused_where_it_is_undefined(smooth_scenario, simulate):
-    own = law(Integrating)
+    own = controller_of(Integrating)
     try:
         simulate(smooth_scenario, own)
     except InvalidValueError as error:
-        assert str(error).startswith("controller 'mine' keeps memory, which ")
+        assert str(error).startswith("controller 'mine' is stateful, which ")
     else:
         assert simulate in (SIMULATORS["sampled"], SIMULATORS["held"])
 
@@ -404,8 +409,8 @@ def test_a_class_is_loaded_by_name_and_made_anew_in_a_worker(module):
     own = pickle.loads(pickle.dumps(find_controller("stateful_mine:Mine")))
     assert own.stateful
     for _ in range(2):
-        assert own.start().command(0.0, STATE, TOLD) == 1.0
-    assert own.describe()["law"] == "stateful_mine.Mine"
+        assert own.start().command(0.0, STATE, ASSUMED) == 1.0
+    assert own.describe()["function"] == "stateful_mine.Mine"
 
 
 @pytest.mark.parametrize(
@@ -419,4 +424,4 @@ def test_a_class_is_loaded_by_name_and_made_anew_in_a_worker(module):
 )
 def test_what_makes_no_controller_is_refused_in_one_line(given, said):
     with pytest.raises(InvalidValueError, match=rf"^controller 'mine' {said}"):
-        law(given)
+        controller_of(given)

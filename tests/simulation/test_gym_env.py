@@ -171,15 +171,15 @@ def test_an_episode_has_the_bits_of_the_dm_control_environment(
 
 
 @needs_gymnasium
-def test_the_paper_s_law_as_an_agent_repeats_its_sampled_run_bit_for_bit() -> None:
-    scenario, law = afl.SCENARIOS["step-trapezoid"], afl.CONTROLLERS["adaptive"]
-    run = afl.simulate_mujoco(scenario, law, "sampled", control_period=CONTROL_PERIOD)
+def test_the_paper_s_controller_as_an_agent_repeats_its_sampled_run_bit_for_bit() -> None:
+    scenario, controller = afl.SCENARIOS["step-trapezoid"], afl.CONTROLLERS["adaptive"]
+    run = afl.simulate_mujoco(scenario, controller, "sampled", control_period=CONTROL_PERIOD)
     environment = CartPoleEnv(scenario)
     seen, states, truncated = environment.reset()[0], [], False
     while not truncated:
         states.append(seen[:4])
         plant = afl.CartPoleParameters(cart_mass=seen[4], half_length=seen[5])
-        action = np.array([law.force(seen[:4], plant)]) / FORCE_LIMIT
+        action = np.array([controller.force(seen[:4], plant)]) / FORCE_LIMIT
         seen, _, terminated, truncated, _ = environment.step(action)
         assert not terminated
     np.testing.assert_array_equal([*states, seen[:4]], run.state[:: round(CONTROL_PERIOD / 1e-3)])

@@ -169,10 +169,10 @@ def test_the_other_integrators_are_of_order_one(integrator, smooth_scenario, ada
 @pytest.mark.parametrize("mode", MODES)
 def test_a_fall_ends_alike_on_both_sides_and_writes_no_log(mode, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    believer = CONTROLLERS["fixed-nominal"]
-    reference = simulate_ode(TIPPING, believer)
+    nominal = CONTROLLERS["fixed-nominal"]
+    reference = simulate_ode(TIPPING, nominal)
     with at_most(30):
-        run = simulate_mujoco(TIPPING, believer, mode=mode)
+        run = simulate_mujoco(TIPPING, nominal, mode=mode)
     assert np.isfinite(run.state).all()
     assert run.time[-1] <= run.outcome.time
     assert list(tmp_path.iterdir()) == []  # no MUJOCO_LOG.TXT

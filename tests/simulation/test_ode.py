@@ -16,7 +16,7 @@ TIPPING = Scenario(
     pole_mass=3.0,
     duration=2.0,
 )
-"""So far from nominal that a law which believes in the nominal plant lets the pole fall."""
+"""So far from nominal that a controller that assumes the nominal plant lets the pole fall."""
 
 
 def test_two_methods_agree(odd_scenario, controller):
@@ -46,7 +46,7 @@ def test_upright_at_rest_at_the_origin_stays(name, odd_scenario):
     assert not run.force.any()
 
 
-def test_the_law_brings_the_odd_plant_back(smooth_scenario, controller):
+def test_the_controller_brings_the_odd_plant_back(smooth_scenario, controller):
     run = simulate_ode(replace(smooth_scenario, duration=20.0), controller, sample_period=0.1)
     assert str(run.outcome) == "completed"
     assert np.abs(run.state[-1]).max() < 1e-2 * np.abs(run.state[0]).max()

@@ -82,11 +82,13 @@ def _compare(scenario, controller, hold, integrator) -> None:
 @pytest.mark.parametrize("hold", [1, 10])
 @pytest.mark.parametrize("name", ["fixed", "adaptive"])
 @pytest.mark.parametrize("case", CASES)
-def test_the_law_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(case, name, hold, integrator):
+def test_the_controller_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(
+    case, name, hold, integrator
+):
     _compare(CASES[case], afl.CONTROLLERS[name], hold, integrator)
 
 
-def test_the_law_that_believes_the_nominal_plant_repeats_its_rollout_too():
+def test_the_controller_that_assumes_the_nominal_plant_repeats_its_rollout_too():
     _compare(CASES["jumps"], afl.CONTROLLERS["adaptive-nominal"], 1, "implicitfast")
 
 
@@ -94,20 +96,20 @@ def test_a_run_of_the_paper_is_repeated_to_its_end_at_20_s():
     _compare(afl.SCENARIOS["trapezoid-step-impulse"], afl.CONTROLLERS["adaptive"], 10, "RK4")
 
 
-def test_a_law_in_python_is_told_the_time():
-    law = PythonController(
+def test_a_controller_in_python_gets_the_time():
+    controller = PythonController(
         name="clock", function=lambda time, state, belief: 5.0 * np.sin(20.0 * time)
     )
     scenario = _short("step-step", 0.3, initial_state=(0.0, 0.1, 0.0, 0.0))
     settings = {"timestep": TIMESTEP, "control_period": 10 * TIMESTEP}
-    reference = afl.simulate_mujoco(scenario, law, mode="sampled", **settings)
+    reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
     environment = afl.load(scenario, **settings)
-    policy = controller_policy(law, scenario, control_period=10 * TIMESTEP)
+    policy = controller_policy(controller, scenario, control_period=10 * TIMESTEP)
     for _ in range(2):  # the second episode begins at 0 again
         states = _states(environment, policy)
         np.testing.assert_array_equal(states, reference.state[::10])
     with pytest.raises(InvalidValueError, match=r"^control_period must be given for 'clock'$"):
-        controller_policy(law, scenario)
+        controller_policy(controller, scenario)
 
 
 def test_a_second_episode_repeats_the_first():
@@ -315,7 +317,7 @@ def test_a_scenario_file_loads_like_a_name(tmp_path):
     assert afl.load(tmp_path / "mine.toml").physics.scenario == CASES["pulse"]
 
 
-def test_without_observed_parameters_the_law_says_what_it_misses():
+def test_without_observed_parameters_the_controller_says_what_it_misses():
     environment = afl.load(observe_parameters=False)
     policy = controller_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS["nominal"])
     step = environment.reset()

@@ -166,7 +166,7 @@ CASES = {
     ],
     "montecarlo": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
-        (["--controllers", "nowhere:law"], "controller 'nowhere:law' must be in a module"),
+        (["--controllers", "nowhere:force"], "controller 'nowhere:force' must be in a module"),
         (["--samples", "0"], "samples must be at least 1, got 0"),
         (["--seed", "-1"], "seed must lie in 0 to 2**63 - 1, got -1"),
         (["--generations", "0"], "generations must be at least 1, got 0"),

@@ -17,7 +17,7 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.studies.linearization import Loop, linearize
 from afl_mujoco.studies.loop_margins import held_plant, loop_margins
 
-LAWS = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
+NAMES = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
 NOMINAL = afl.CartPoleParameters()
 LIGHT_AND_SHORT = afl.CartPoleParameters(cart_mass=0.1, half_length=0.05)
 
@@ -123,7 +123,7 @@ def delayed_radius(loop, period, periods):
     return np.abs(np.linalg.eigvals(late)).max()
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("plant", [NOMINAL, LIGHT_AND_SHORT], ids=["nominal", "light"])
 def test_a_held_loop_bears_delays_of_whole_periods_up_to_its_margin(name, plant):
     loop, period = linearize(CONTROLLERS[name], plant), 1e-3
@@ -132,7 +132,7 @@ def test_a_held_loop_bears_delays_of_whole_periods_up_to_its_margin(name, plant)
     assert delayed_radius(loop, period, whole + 1) > 1.0
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", NAMES)
 def test_bisection_on_a_simulated_delay_finds_the_delay_margin(name):
     """March x' = A x - B K x(t - delay) in steps of a 50th of the delay."""
     loop, steps = linearize(CONTROLLERS[name], NOMINAL), 50
@@ -156,12 +156,12 @@ def test_bisection_on_a_simulated_delay_finds_the_delay_margin(name):
 
 def tilts(name, plant, delay, period=1e-3, duration=12.0):
     """Largest tilt in the last second of MuJoCo's run, of a microradian at the start."""
-    law, model = CONTROLLERS[name], CartPoleModel(plant, timestep=period)
+    controller, model = CONTROLLERS[name], CartPoleModel(plant, timestep=period)
     m, d = model.mj_model, model.mj_data
     d.qpos[1] = 1e-6
     waiting, seen = [0.0] * delay, []
     for _ in range(round(duration / period)):
-        waiting.append(law.force([*d.qpos, *d.qvel], plant))
+        waiting.append(controller.force([*d.qpos, *d.qvel], plant))
         d.ctrl[0] = waiting.pop(0)
         mujoco.mj_step(m, d)
         seen.append(abs(d.qpos[1]))
@@ -187,7 +187,7 @@ def test_the_linearised_plant_is_the_closed_form(odd_parameters):
         np.testing.assert_allclose(loop.b, model.b, atol=1e-8 * np.abs(model.b).max())
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_two_steps_agree_to_the_square_of_the_longer(name, odd_parameters):
     assert linearize(CONTROLLERS[name], odd_parameters).disagreement < 1e-7
 
@@ -198,13 +198,13 @@ def test_linear_feedback_is_its_own_linearisation():
 
 
 @pytest.mark.parametrize("name", ["pole-placement", "partial-linearization"])
-def test_the_placed_poles_make_the_loop_of_the_paper_s_law(name):
+def test_the_placed_poles_make_the_loop_of_the_paper_s_controller(name):
     for plant in (NOMINAL, LIGHT_AND_SHORT):
         paper, placed = (linearize(CONTROLLERS[n], plant).k for n in ("fixed", name))
         np.testing.assert_allclose(placed, paper, rtol=1e-6)
 
 
-def test_a_law_with_a_kink_at_upright_is_refused():
+def test_a_controller_with_a_kink_at_upright_is_refused():
     gains = afl.Gains(switching=100.0, slope=1.3, boundary_layer=1e-4)  # thinner than a step
     sharp = AFLController(name="sharp", gain_function=afl.GainFunction.constant(gains))
     with pytest.raises(InvalidValueError) as caught:
@@ -232,12 +232,12 @@ def test_a_kink_that_central_differences_do_not_see_is_refused(kink):
         (lambda time, state, belief: math.nan if state[1] else 0.0, "must have finite slopes"),
     ],
 )
-def test_a_law_without_an_equilibrium_or_a_slope_at_upright_is_refused(function, rule):
+def test_a_controller_without_an_equilibrium_or_a_slope_at_upright_is_refused(function, rule):
     with pytest.raises(InvalidValueError, match=rule):
         linearize(PythonController(name="lame", function=function), NOMINAL)
 
 
-def test_a_law_that_bends_smoothly_at_upright_has_its_slope():
+def test_a_controller_that_bends_smoothly_at_upright_has_its_slope():
     def function(time, state, belief):
         return float(-100.0 * state[1] + 500.0 * state[1] ** 2 - 7.0 * state[2])
 

@@ -1,1 +1,1 @@
-"""What the paper's law is measured against: LQR, pole placement, partial linearisation."""
+"""Baselines for the paper's controller: LQR, pole placement, partial linearisation."""

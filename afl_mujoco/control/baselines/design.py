@@ -36,22 +36,23 @@ HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
 
 LARGEST_STATE = (7.60, 1.05, 8.13, 2.84)
 """Bryson's rule: each state is weighted by the inverse square of this [m, rad, m/s, rad/s]: the
-peaks of the paper's own law, fixed gains, on the nominal plant from -60 degrees."""
+peaks of the paper's own controller, fixed gains, on the nominal plant from -60 degrees."""
 
 LARGEST_ACCELERATION = 41.76
 """The force is weighted by the inverse square of this times M + m/4 [m/s^2]: so chosen that the LQR
-asks for the same largest force on the nominal plant from -60 degrees as the paper's law, 96.1 N."""
+asks for the same largest force on the nominal plant from -60 degrees as the paper's controller,
+96.1 N."""
 
 DIGITS = 10
 """Significant digits that are kept of a gain: the rest is the linear algebra library's."""
 
 
 def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
-    """Return the poles that the paper's law with its fixed gains has at upright [1/s].
+    """Return the poles that the paper's controller with its fixed gains has at upright [1/s].
 
     There its linearisation is exact: ``xi1`` obeys ``(d/dt + lambda)^3 xi1 = s`` and, within the
-    boundary layer, ``s' = -3 g K / (4 l Phi) s``. So pole placement with these is the paper's law
-    without what is nonlinear in it.
+    boundary layer, ``s' = -3 g K / (4 l Phi) s``. So pole placement with these is the paper's
+    controller without what is nonlinear in it.
 
     Parameters
     ----------
@@ -85,9 +86,13 @@ def outer_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
     return pole_placing_gains(model, paper_poles(p.half_length, p.gravity))
 
 
-_POLES = "-lambda three times, -3 g K / (4 l Phi): those of the paper's law with its fixed gains"
+_POLES = (
+    "-lambda three times, -3 g K / (4 l Phi): those of the paper's controller with its fixed gains"
+)
 
-LAWS: dict[str, tuple[int, Callable[[CartPoleParameters], NDArray[np.float64]], dict[str, Any]]] = {
+DESIGNS: dict[
+    str, tuple[int, Callable[[CartPoleParameters], NDArray[np.float64]], dict[str, Any]]
+] = {
     "lqr": (
         LINEAR,
         lqr_gains,
@@ -104,15 +109,15 @@ LAWS: dict[str, tuple[int, Callable[[CartPoleParameters], NDArray[np.float64]], 
         {"method": "pole placement behind the input map (L1)", "poles": _POLES},
     ),
 }
-"""The baselines by name: kind of law, its gains for a plant, and how they are found."""
+"""The baselines by name: kind of controller, its gains for a plant, and how they are found."""
 
 
 def tables() -> dict[str, Any]:
     """Return the gains of every baseline on the grid, as the package ships them."""
-    laws = {}
-    for name, (kind, gains, design) in LAWS.items():
+    controllers = {}
+    for name, (kind, gains, design) in DESIGNS.items():
         table = [[_rounded(gains(_plant(m, x))) for x in HALF_LENGTHS] for m in CART_MASSES]
-        laws[name] = {"kind": kind, "design": design, "gains": table}
+        controllers[name] = {"kind": kind, "design": design, "gains": table}
     return {
         "schema": SCHEMA,
         "provenance": {
@@ -126,7 +131,7 @@ def tables() -> dict[str, Any]:
         },
         "cart_masses": list(CART_MASSES),
         "half_lengths": list(HALF_LENGTHS),
-        "laws": laws,
+        "controllers": controllers,
     }
 
 
@@ -144,14 +149,14 @@ def as_text(content: dict[str, Any]) -> str:
     """Return the tables as JSON, the gains of a cart mass a line."""
     lines = {
         f"@{name}-{i}@": row
-        for name, law in content["laws"].items()
-        for i, row in enumerate(law["gains"])
+        for name, entry in content["controllers"].items()
+        for i, row in enumerate(entry["gains"])
     }
     marked = {
-        name: {**law, "gains": [f"@{name}-{i}@" for i in range(len(law["gains"]))]}
-        for name, law in content["laws"].items()
+        name: {**entry, "gains": [f"@{name}-{i}@" for i in range(len(entry["gains"]))]}
+        for name, entry in content["controllers"].items()
     }
-    text = json.dumps({**content, "laws": marked}, indent=1)
+    text = json.dumps({**content, "controllers": marked}, indent=1)
     for mark, row in lines.items():
         text = text.replace(f'"{mark}"', json.dumps(row))
     return f"{text}\n"

@@ -62,7 +62,7 @@ class GainGrid:
         ----------
         gains
             Of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2, m/(rad s^2), 1/s,
-            m/(rad s)] of a law through (L1).
+            m/(rad s)] of state feedback through (L1).
         """
         k = tuple(gains) if isinstance(gains, Iterable) else (gains,)
         if len(k) != GAIN_COUNT:

@@ -27,7 +27,7 @@ SCHEMA = 1
 class StateFeedback(Controller):
     """A linear feedback of the state, with its gains and the parameters it assumes.
 
-    It has a force at every state, also where the paper's law has none.
+    It has a force at every state, also where the paper's controller has none.
 
     Attributes
     ----------
@@ -39,8 +39,8 @@ class StateFeedback(Controller):
     gains
         By the assumed M and l.
     belief
-        What the law takes the plant to be, whatever it is; ``None`` lets it see the true M(t) and
-        l(t) (decision D7).
+        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t)
+        (decision D7).
     design
         How the gains were found, as plain data.
     """
@@ -64,18 +64,18 @@ class StateFeedback(Controller):
 
     @property
     def compiled(self) -> CompiledController:
-        """The law as compiled loops take it; copies, for those are compiled for writable arrays."""
+        """The controller as compiled loops take it: copies, since these need writable arrays."""
         grid = self.gains
         return CompiledController(
             self.kind, grid.table.copy(), grid.masses.copy(), grid.lengths.copy()
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the law as plain data, for provenance; its table by a hash."""
+        """Return the controller as plain data, for provenance; its table by a hash."""
         table = hashlib.blake2b(self.gains.table.tobytes(), digest_size=8).hexdigest()
         return {
             "name": self.name,
-            "law": FORMULAS[self.kind],
+            "formula": FORMULAS[self.kind],
             "design": dict(self.design),
             "table": table,
             "belief": assumed_as_data(self.belief),
@@ -91,11 +91,11 @@ def baselines() -> list[StateFeedback]:
         return [
             StateFeedback(
                 name=name,
-                kind=law["kind"],
-                gains=GainGrid(content["cart_masses"], content["half_lengths"], law["gains"]),
-                design=law["design"],
+                kind=entry["kind"],
+                gains=GainGrid(content["cart_masses"], content["half_lengths"], entry["gains"]),
+                design=entry["design"],
             )
-            for name, law in content["laws"].items()
+            for name, entry in content["controllers"].items()
         ]
     except (KeyError, TypeError, AttributeError, InvalidValueError) as error:
         raise FileError("baselines.json", f"is not a table of baselines: {error}") from None

@@ -1,4 +1,4 @@
-"""A law that is told M, l and the state by the estimator instead of by the truth."""
+"""A controller that takes M, l and the state from the estimator instead of the true ones."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedController(Controller):
-    """A law and the estimator that tells it M and l and filters its state; sampled mode runs it.
+    """A controller with the estimator of its M, l and state; only sampled mode supports it.
 
     Attributes
     ----------
     name
         Name for reports and files.
-    law
-        The law.
+    controller
+        The compiled controller that uses the estimates.
     settings
         Of the estimator.
     belief
-        None: what the controller assumes changes along the run.
+        None: the assumed parameters change along the run.
     """
 
     name: str
-    law: Controller
+    controller: Controller
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     belief: CartPoleParameters | None = field(default=None, init=False)
 
@@ -41,46 +41,47 @@ class EstimatedController(Controller):
         """Validate the kind of every field."""
         require_type("controller name", self.name, str)
         require_type("settings", self.settings, EstimatorSettings)
-        thing = f"law of controller {self.name!r}"
-        kinds = type(self.law).__mro__
+        thing = f"controller inside {self.name!r}"
+        kinds = type(self.controller).__mro__
         if Controller not in kinds or EstimatedController in kinds or PythonController in kinds:
-            raise InvalidValueError(thing, "must be a compiled law", repr(self.law))
-        if self.law.belief is not None:
-            raise InvalidValueError(thing, "must have no belief of its own", self.law.name)
+            raise InvalidValueError(thing, "must be a compiled one", repr(self.controller))
+        if self.controller.belief is not None:
+            rule = "must not assume constant parameters"
+            raise InvalidValueError(thing, rule, self.controller.name)
 
     @property
     def compiled(self) -> CompiledController:
-        """What a loop without the estimator must not run."""
-        rule = "is told by an estimator, which only sampled mode simulates"
+        """Raises, since a loop without the estimator cannot run it."""
+        rule = "uses the estimator; only sampled mode supports it"
         raise InvalidValueError(f"controller {self.name!r}", rule)
 
     @property
     def estimator(self) -> Estimator:
-        """Law and settings as compiled loops take them."""
-        return Estimator(self.law.compiled, self.settings.record)
+        """Controller and settings as compiled loops take them."""
+        return Estimator(self.controller.compiled, self.settings.record)
 
-    def informed(self) -> Controller:
-        """Return the law, which is given the true M and l without its estimator."""
-        return self.law
+    def without_estimator(self) -> Controller:
+        """Return the controller inside, which sees the true M and l."""
+        return self.controller
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[Any]:
-        """Return what the controller would be given if M and l were known."""
-        return self.law.inputs_along_run(cart_mass, half_length, pole_mass, gravity)
+        """Return the inputs that the controller would have if M and l were known."""
+        return self.controller.inputs_along_run(cart_mass, half_length, pole_mass, gravity)
 
     def describe(self) -> dict[str, Any]:
-        """Return law and estimator as plain data, for provenance."""
+        """Return controller and estimator as plain data, for provenance."""
         return {
             "name": self.name,
-            "law": self.law.describe(),
+            "controller": self.controller.describe(),
             "estimator": asdict(self.settings),
             "belief": "estimated",
         }
 
 
-def refuse_estimated(laws: Iterable[Controller]) -> None:
-    """Raise if a law is told by an estimator, before anything is run that cannot run it."""
-    for law in laws:
-        if law.estimator is not None:
-            _ = law.compiled
+def require_no_estimator(controllers: Iterable[Controller]) -> None:
+    """Raise if a controller uses the estimator, before anything is run that does not support it."""
+    for controller in controllers:
+        if controller.estimator is not None:
+            _ = controller.compiled

@@ -1,4 +1,4 @@
-"""The estimator of M and l: an extended Kalman filter that forgets no more than it learns.
+"""The estimator of M and l: an extended Kalman filter that is frozen where nothing excites it.
 
 Compiled, on a record that the caller holds, one for each run. `start` it with the
 first measurement, then `update` it once in each control period with the measurement at its end and
@@ -55,7 +55,7 @@ def filtered_state(filter_):
 
 @kernel
 def start(filter_, settings, z, phi):
-    """Begin with the first measurement and return the initial beliefs of M [kg] and l [m].
+    """Begin with the first measurement and return the initial estimates of M [kg] and l [m].
 
     Parameters
     ----------

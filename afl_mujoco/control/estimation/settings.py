@@ -34,7 +34,7 @@ _RANGES = ("cart_mass_range", "half_length_range")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorSettings:
-    """What the estimator knows of the rig, and how much it trusts what.
+    """What the estimator assumes of the hardware, and how accurate each assumption is.
 
     Attributes
     ----------
@@ -44,19 +44,19 @@ class EstimatorSettings:
     acceleration_noise
         Intensity of the white acceleration of the cart that the model does not know, from forces
         that nobody measures [m/s^2/sqrt(Hz)]. More makes M robust against friction, and at rest
-        more biased: the law acts on the noise that the filter lets through.
+        more biased: the controller reacts to the noise that passes the filter.
     cart_mass_accuracy, half_length_accuracy
-        Relative accuracy of M and l that an excited estimate never claims to surpass [1]: what it
-        learns beyond that it forgets again, so that it stays able to learn.
+        Least relative standard deviation of M and l while the motion is excited [1]: it keeps the
+        filter able to follow a change.
     least_cart_acceleration, least_pole_acceleration
-        Excitation: an estimate of M or l that is as accurate as it claims is frozen while the
-        moving mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a rig at rest is
-        the noise of its own sensors, and nothing true is learned from that.
+        Excitation: an estimate of M or l that has reached that accuracy is frozen while the moving
+        mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a settled cart-pole is
+        the noise of its own sensors, from which nothing is learned.
     excitation_memory
         Memory of that moving mean [s].
     initial_cart_mass, initial_half_length
         What is assumed before the first measurement [kg, m]. A light cart makes the first force
-        gentle: a belief too light costs milliseconds, one too heavy can cost the run.
+        gentle: an estimate too light costs milliseconds, one too heavy can cost the run.
     cart_mass_spread, half_length_spread
         Standard deviation of the logarithms of M and l before the first measurement [1].
     speed_spread, rate_spread
@@ -68,8 +68,8 @@ class EstimatorSettings:
         m [kg] and g [m/s^2], which are known.
     force_sensed
         Whether the drive reports the force that it exerts, as one does that measures its current.
-        Otherwise the estimator is told what was commanded, cut off at the force limit, and knows
-        nothing of a delay, a slew rate or a lag of the drive.
+        Otherwise the estimator gets what was commanded, cut off at the force limit, which leaves
+        out a delay, a slew rate or a lag of the drive.
 
     Raises
     ------

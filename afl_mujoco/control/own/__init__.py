@@ -1,1 +1,1 @@
-"""Bring your own law: a Python function of time, state and belief, loaded by name and guarded."""
+"""Your own controller: a Python function of time, state and belief, loaded by name and guarded."""

@@ -1,4 +1,4 @@
-"""Loading a law by the name of its module and function."""
+"""Loading a controller by the name of its module and function."""
 
 from __future__ import annotations
 

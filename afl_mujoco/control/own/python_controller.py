@@ -1,4 +1,4 @@
-"""A control law written in Python, guarded: what goes wrong in it is said in one line."""
+"""A controller written in Python, guarded: each of its errors is reported in one line."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValu
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive, require_type
 
 Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
-"""(time [s], state, what the law takes the plant to be) -> force [N]."""
+"""(time [s], state, assumed parameters of the plant) -> force [N]."""
 
 CALL_LIMIT = 1.0
-"""How long one call of a law may take [s]."""
+"""How long one call of a controller may take [s]."""
 
 
 class ControllerError(AflMujocoError):
-    """A law in Python that raised, took too long, or returned what is no force."""
+    """A Python controller that raised, took too long, or returned what is no force."""
 
 
 class _Overrun(BaseException):
-    """Interrupts a call that takes too long; no ``except Exception`` of the law's swallows it."""
+    """Interrupts a call that takes too long; ``except Exception`` in the call does not catch it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ class PythonController(Controller):
         ``reset()``, called before each run. NaN, or a `ControllerDomainError`, says that it has no
         force there, and ends the run.
     belief
-        What it takes the plant to be, whatever it is; ``None`` gives it M(t) and l(t).
+        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t).
     call_limit
         How long one call may take [s].
     spec
@@ -82,7 +82,7 @@ class PythonController(Controller):
         return _makes_controllers(self.function) or callable(getattr(self.function, "reset", None))
 
     def start(self) -> PythonController:
-        """Return the controller as one run uses it: made anew or reset, if it keeps any memory."""
+        """Return the controller for one run: made anew or reset, if it is stateful."""
         return replace(self, function=self._fresh()) if self.stateful else self
 
     def _fresh(self) -> Function:
@@ -101,12 +101,12 @@ class PythonController(Controller):
 
     @property
     def compiled(self) -> CompiledController:
-        """What a law in Python does not have."""
+        """Raises, since a Python controller has no compiled form."""
         rule = "is written in Python, which this simulator does not run"
         raise InvalidValueError(f"controller {self.name!r}", rule)
 
-    def command(self, time: float, state: ArrayLike, told: NDArray[np.float64]) -> float:
-        """Return the force [N], NaN where the law has none.
+    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
+        """Return the force [N], NaN where the controller has none.
 
         Parameters
         ----------
@@ -114,10 +114,10 @@ class PythonController(Controller):
             Time [s].
         state
             (z, phi, z_dot, phi_dot), shape (4,).
-        told
-            (M, m, l, g) as the law takes them to be, shape (4,).
+        assumed
+            Assumed (M, m, l, g), shape (4,).
         """
-        mass, pole_mass, length, gravity = (float(x) for x in told)
+        mass, pole_mass, length, gravity = (float(x) for x in assumed)
         belief = CartPoleParameters(
             cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
         )
@@ -138,7 +138,7 @@ class PythonController(Controller):
         return self._number(value, time)
 
     def _number(self, value: Any, time: float) -> float:
-        """Return what the law returned as a float."""
+        """Return what the controller returned as a float."""
         try:
             array = np.asarray(value)
         except (TypeError, ValueError):
@@ -152,34 +152,34 @@ class PythonController(Controller):
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
         """Return the force [N] at one state, NaN where it has none; as of `Controller.force`."""
         p = truth
-        told = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        return self.command(time, state, np.array(told))
+        assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+        return self.command(time, state, np.array(assumed))
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """Return what the law is told along a run: (M, m, l, g), shape (..., 4)."""
-        return self.told(cart_mass, half_length, pole_mass, gravity)
+        """Return the inputs along a run: the assumed (M, m, l, g), shape (..., 4)."""
+        return self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
 
     def forces(
         self,
         states: NDArray[np.float64],
-        law: NDArray[np.float64],
+        inputs: NDArray[np.float64],
         times: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the force [N] at each of many states; NaN where the law has none.
+        """Return the force [N] at each of many states; NaN where the controller has none.
 
         Parameters
         ----------
         states
             Shape (N, 4).
-        law
+        inputs
             From `inputs_along_run`, shape (N, 4).
         times
             When [s], shape (N,); at 0 by default.
         """
         clock_times = np.zeros(len(states)) if times is None else times
-        rows = zip(clock_times.tolist(), states, law, strict=True)
+        rows = zip(clock_times.tolist(), states, inputs, strict=True)
         return np.array([self.command(*row) for row in rows])
 
     def __reduce__(self) -> Any:
@@ -188,18 +188,18 @@ class PythonController(Controller):
         return _restored, (self.name, function, self.belief, self.call_limit, self.spec)
 
     def describe(self) -> dict[str, Any]:
-        """Return the law as plain data, for provenance: its name and a hash of its file."""
+        """Return the controller as plain data, for provenance: its name and a hash of its file."""
         function = self.function
         named = function if hasattr(function, "__qualname__") else type(function)
         return {
             "name": self.name,
-            "law": f"{named.__module__}.{named.__qualname__}",
+            "function": f"{named.__module__}.{named.__qualname__}",
             "source": _source_hash(named),
             "belief": assumed_as_data(self.belief),
         }
 
 
-_ARGUMENTS = (0.0, np.zeros(4), None)  # as many as a law's function takes
+_ARGUMENTS = (0.0, np.zeros(4), None)  # as many as a controller's function takes
 
 
 def _takes(function: Any, arguments: tuple[Any, ...]) -> bool:
@@ -236,7 +236,7 @@ def _makes_controllers(function: Any) -> bool:
 
 
 def require_controller_function(name: str, function: object) -> None:
-    """Raise unless a law's function can be called with time, state and belief."""
+    """Raise unless a controller's function can be called with time, state and belief."""
     if not callable(function):
         raise InvalidValueError(f"controller {name!r}", "must be callable", repr(function))
     try:
@@ -283,7 +283,7 @@ def _limited(seconds: float) -> Iterator[None]:
         if left > 0.0:  # an alarm of the program's own goes on
             remaining = max(left - (clock.perf_counter() - start), 1e-6)
             signal.setitimer(signal.ITIMER_REAL, remaining, interval)
-    if rang:  # and the law has caught what interrupted it
+    if rang:  # and the user's function has caught what interrupted it
         raise _Overrun
 
 

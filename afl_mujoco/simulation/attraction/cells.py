@@ -40,10 +40,11 @@ FOUND = ("outcome", "time", "peak_z", "peak_force")
 class Settling:
     """When a rollout counts as settled: every state within its band for a stretch of time.
 
-    The bands are a box about upright in the whole state space. From each of its corners every law
-    of the package converges on every plant of the paper's grid: where the state is within, the rest
-    is decided. By default the stretch is as long as the fastest cart within the bands takes from
-    one end of its position band to the other: what merely passes through does not count.
+    The bands are a box about upright in the whole state space. From each of its corners every
+    controller of the package converges on every plant of the paper's grid, so that a state within
+    it decides the outcome. By default the stretch is as long as the fastest cart within the bands
+    takes from one end of its position band to the other: a cart that only passes through does not
+    count.
 
     Attributes
     ----------
@@ -187,7 +188,7 @@ class AttractionMap:
     cells
         What was simulated.
     controller, simulator
-        Name of the law; ``"ode"`` or ``"mujoco"``.
+        Name of the controller; ``"ode"`` or ``"mujoco"``.
     outcome
         Index into `OUTCOMES`, shape (rows, columns), uint8.
     time

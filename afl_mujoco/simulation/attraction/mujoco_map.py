@@ -85,25 +85,25 @@ def map_in_mujoco(
         ),
     )
     sensors, actuator = sensors_of(IDEAL, timestep), actuator_of(IDEAL, timestep, plan.steps)
-    kind = controller.compiled.kind  # raises if the law is no compiled one
+    kind = controller.compiled.kind  # raises if the controller is not compiled
     masses, lengths = cells.plants.T
-    law = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
+    inputs = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
     profiles = np.zeros((len(cells.starts), 1), PROFILE)
     profiles["cart_mass"][:, 0], profiles["half_length"][:, 0] = cells.plants.T
     found = np.empty((len(cells.starts), len(FOUND)))
 
-    def march_on(model: CartPoleModel) -> Task:
+    def task_on(model: CartPoleModel) -> Task:
         run = new_run()
 
-        def march(part: slice) -> None:
+        def run_part(part: slice) -> None:
             _run_cells(
                 model.addresses, plan, run, no_commands(actuator), sensors, actuator, kind,
-                cells.starts[part], law[part], profiles[part], found[part],
+                cells.starts[part], inputs[part], profiles[part], found[part],
             )  # fmt: skip
 
-        return march
+        return run_part
 
-    share(len(found), [march_on(model) for model in models], progress)
+    share(len(found), [task_on(model) for model in models], progress)
     settings = settling.describe() | {"timestep": timestep, "integrator": integrator}
     return AttractionMap.of(cells, controller.name, "mujoco", settings, found)
 
@@ -115,18 +115,18 @@ def _without_unused(spec: mujoco.MjSpec) -> None:
 
 
 @kernel
-def _run_cells(at, plan, run, pending, sensors, actuator, kind, starts, laws, profiles, found):
+def _run_cells(at, plan, run, pending, sensors, actuator, kind, starts, inputs, profiles, found):
     """Run the rollouts of cells one after the other and write what is found of each.
 
     Parameters
     ----------
     at, plan, run, pending, sensors, actuator, kind
-        As of `loop.run_to_end`; nothing of the hardware but the hold of the force departs from the
-        ideal, so that none of its memory outlasts a run.
+        As of `loop.run_to_end`; the hardware is ideal but for the hold of the force, so that it
+        carries nothing over from one run to the next.
     starts
         Initial states, shape (N, 4).
-    laws
-        What the law is given on each plant, shape (N, 7) or (N, 8).
+    inputs
+        Of the controller on each plant, shape (N, 7) or (N, 8).
     profiles
         The plants, shape (N, 1).
     found
@@ -138,7 +138,7 @@ def _run_cells(at, plan, run, pending, sensors, actuator, kind, starts, laws, pr
         run.peak_z, run.max_force = 0.0, 0.0
         run_to_end(
             at, plan, profiles[i], run, pending, nothing, starts[i], sensors, actuator, kind,
-            laws[i : i + 1],
+            inputs[i : i + 1],
         )  # fmt: skip
         if run.status == ENDED_SETTLED:
             found[i, 0] = SETTLED

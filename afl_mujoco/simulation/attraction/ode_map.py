@@ -1,4 +1,4 @@
-"""The map of attraction by the paper's equations (P3), (P4), the law followed in time.
+"""The map of attraction by the paper's equations (P3), (P4), the force continuous in time.
 
 Each rollout is integrated by the steps of the reference (`dop853`), to a looser tolerance, until
 it has settled or fallen; the tests hold the maps to `simulate_ode`.
@@ -12,7 +12,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.compiled_controller import given_force
+from afl_mujoco.control.compiled_controller import force_from_inputs
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.threads import Task, require_threads, share
@@ -65,20 +65,20 @@ def map_by_ode(
     settling = Settling() if settling is None else settling
     if not 1e-12 <= tolerance <= 1e-2:
         raise InvalidValueError("tolerance", "must lie within 1e-12 and 1e-2", tolerance)
-    kind = controller.compiled.kind  # raises if the law is no compiled one
+    kind = controller.compiled.kind  # raises if the controller is not compiled
     masses, lengths = cells.plants.T
-    law = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
+    inputs = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
     rules = (settling.dwell, settling.horizon, tolerance, cells.pole_mass, cells.gravity)
     bands = np.array(settling.bands)
     found = np.empty((len(cells.starts), len(FOUND)))
 
-    def march(part: slice) -> None:
+    def run_part(part: slice) -> None:
         integrate_cells(
-            kind, cells.starts[part], law[part], cells.plants[part], bands, rules, found[part]
+            kind, cells.starts[part], inputs[part], cells.plants[part], bands, rules, found[part]
         )
 
-    marches: list[Task] = [march] * require_threads(threads)
-    share(len(found), marches, progress)
+    tasks: list[Task] = [run_part] * require_threads(threads)
+    share(len(found), tasks, progress)
     settings = settling.describe() | {
         "method": "DOP853",
         "tolerance": tolerance,
@@ -89,15 +89,15 @@ def map_by_ode(
 
 @register_jitable
 def _force(arguments, state):
-    """Return the force of the law [N], NaN beyond `STATE_LIMIT`."""
-    kind, law, _ = arguments
-    force = given_force(kind, state, law)
+    """Return the force of the controller [N], NaN beyond `STATE_LIMIT`."""
+    kind, inputs, _ = arguments
+    force = force_from_inputs(kind, state, inputs)
     return force if abs(force) < STATE_LIMIT else np.nan
 
 
 @register_jitable
 def _rates(arguments, time, state, slopes):
-    """Write (z_dot, phi_dot, z'', phi'') under the law, as of `dop853`."""
+    """Write (z_dot, phi_dot, z'', phi'') under the controller, as of `dop853`."""
     plant = arguments[2]
     phi, phi_dot, force = state[1], state[3], _force(arguments, state)
     slopes[0], slopes[1] = state[2], phi_dot
@@ -106,10 +106,10 @@ def _rates(arguments, time, state, slopes):
 
 
 @kernel
-def _march(kind, start, law, plant, bands, rules, found):
-    """March one rollout to its end and write what is found."""
+def _rollout(kind, start, inputs, plant, bands, rules, found):
+    """Integrate one rollout to its end and write what is found."""
     dwell, horizon, tolerance = rules
-    arguments = (kind, law, plant)
+    arguments = (kind, inputs, plant)
     state, after, slopes = start.copy(), np.empty(4), np.empty((dop853.ROWS, 4))
     time, step, since, outcome = 0.0, FIRST_STEP, -1.0, UNDECIDED
     _rates(arguments, time, state, slopes[0])
@@ -148,15 +148,15 @@ def _march(kind, start, law, plant, bands, rules, found):
 
 
 @kernel
-def integrate_cells(kind, starts, laws, plants, bands, rules, found):
-    """March rollouts one after the other.
+def integrate_cells(kind, starts, inputs, plants, bands, rules, found):
+    """Integrate rollouts one after the other.
 
     Parameters
     ----------
     starts
         Initial states, shape (N, 4).
-    laws
-        What the law is given on each plant, shape (N, 7) or (N, 8).
+    inputs
+        Of the controller on each plant, shape (N, 7) or (N, 8).
     plants
         (M, l), shape (N, 2).
     bands
@@ -169,4 +169,4 @@ def integrate_cells(kind, starts, laws, plants, bands, rules, found):
     dwell, horizon, tolerance, pole_mass, gravity = rules
     for i in range(len(starts)):
         plant = (plants[i, 0], pole_mass, plants[i, 1], gravity)
-        _march(kind, starts[i], laws[i], plant, bands, (dwell, horizon, tolerance), found[i])
+        _rollout(kind, starts[i], inputs[i], plant, bands, (dwell, horizon, tolerance), found[i])

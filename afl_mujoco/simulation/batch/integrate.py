@@ -1,8 +1,8 @@
 """Thousands of closed loops at once: the terms of the objective (O1) on constant plants, ideal ODE.
 
-Each lane of a compiled block marches one loop with step-size control of its own, so that what a
-loop gives does not depend on its neighbours; a lane that has ended takes the next loop. A step is
-RK4 with an embedded estimate of order 3, and ends where the law enters or leaves its boundary
+Each lane of a compiled block integrates one loop with step-size control of its own, so that its
+result does not depend on its neighbours; a lane that has ended takes the next loop. A step is
+RK4 with an embedded estimate of order 3, and ends where the state enters or leaves the boundary
 layer. Once the pole is nearly upright on the sliding surface the rest is known in closed form.
 """
 

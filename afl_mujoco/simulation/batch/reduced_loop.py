@@ -1,9 +1,9 @@
 """The closed loop on a constant plant without transcendental functions; its end in closed form.
 
-By (L1) the law makes ``z'' = u`` and ``phi'' = 3/(4l) (g sin + u cos)``, so that M enters the force
-alone. With ``tau = tan(phi)`` and ``sigma = ln((1 + sin)/cos)`` integrated beside z, one square
-root and one division are left. The lanes march this form; `control.feedback_linearization` holds
-the equations as the paper writes them, and the tests hold the two together.
+By (L1) the closed loop has ``z'' = u`` and ``phi'' = 3/(4l) (g sin + u cos)``, so that M enters the
+force alone. With ``tau = tan(phi)`` and ``sigma = ln((1 + sin)/cos)`` integrated beside z, one
+square root and one division are left. The batch integrates this form; the equations as the paper
+writes them are in `control.feedback_linearization`, and tests compare the two.
 """
 
 from __future__ import annotations

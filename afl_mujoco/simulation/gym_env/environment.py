@@ -21,11 +21,11 @@ require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence has been said in one line)
 
 FORCE_LIMIT = 128.0
-"""Force [N] of an action of 1: above the 98 N that the paper's law asks for, and a power of two, so
-that a force divided by it and multiplied again is the same to the last bit."""
+"""Force [N] of an action of 1: above the 98 N that the paper's controller asks for, and a power of
+two, so that a force divided by it and multiplied again is the same to the last bit."""
 
 CONTROL_PERIOD = 0.02
-"""How long an action is held [s]; the paper's law balances every scenario with it."""
+"""How long an action is held [s]; the paper's controller balances every scenario with it."""
 
 RENDER_MODE = "rgb_array"
 OPTIONS = ("initial_state",)

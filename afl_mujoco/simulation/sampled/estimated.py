@@ -1,4 +1,4 @@
-"""A run of a law that the estimator tells the plant, with what it assumed along the way."""
+"""A run of a controller with the estimator, and the estimates along the way."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class EstimatedRun:
 
 def simulate_estimated(
     scenario: Scenario,
-    law: EstimatedController,
+    controller: EstimatedController,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -46,12 +46,12 @@ def simulate_estimated(
     estimates = np.full((int(scenario.duration / period) + 2, 2), np.nan)
     run = simulate_sampled(
         scenario,
-        law,
+        controller,
         timestep=timestep,
         control_period=control_period,
         integrator=integrator,
         estimates=estimates,
     )
-    told = estimates[~np.isnan(estimates[:, 0])]
-    time = np.asarray(np.arange(len(told)) * period, dtype=np.float64)
-    return EstimatedRun(run=run, time=time, cart_mass=told[:, 0], half_length=told[:, 1])
+    assumed = estimates[~np.isnan(estimates[:, 0])]
+    time = np.asarray(np.arange(len(assumed)) * period, dtype=np.float64)
+    return EstimatedRun(run=run, time=time, cart_mass=assumed[:, 0], half_length=assumed[:, 1])

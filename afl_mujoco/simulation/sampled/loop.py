@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from afl_mujoco.compiled import borrowing_kernel, load, store
-from afl_mujoco.control.compiled_controller import given_force, law_force
+from afl_mujoco.control.compiled_controller import compiled_force, force_from_inputs
 from afl_mujoco.control.estimation.estimator import filtered_state
 from afl_mujoco.control.estimation.estimator import start as begin_estimate
 from afl_mujoco.control.estimation.estimator import update as update_estimate
@@ -84,7 +84,7 @@ class Plan(NamedTuple):
     pole_mass, gravity
         m [kg] and g [m/s^2].
     rail
-        The cart's travel to either side [m].
+        Largest displacement of the cart to either side [m].
     criterion
         When it ends early.
     """
@@ -233,14 +233,14 @@ def run_to_end(
     sensors
         A `Sensors`.
     kind, inputs
-        Of the controller, as of `CompiledController`, and what it is given at each tick, as of
+        Of the controller, as of `CompiledController`, and its inputs at each tick, as of
         `Controller.inputs_along_run`; the last row stays in force.
     """
     start(at, plan, profile, run, record, initial_state)
     tick = 0
     while run.status == RUNNING:
         measured = sense(at, sensors, run, tick)
-        command = given_force(kind, measured, inputs[min(tick, len(inputs) - 1)])
+        command = force_from_inputs(kind, measured, inputs[min(tick, len(inputs) - 1)])
         advance(at, plan, actuator, profile, run, pending, record, command)
         tick += 1
 
@@ -256,7 +256,7 @@ def run_estimating(
     initial_state,
     sensors,
     actuator,
-    law,
+    compiled,
     filter_,
     settings,
     estimates,
@@ -269,12 +269,12 @@ def run_estimating(
         As of `run_to_end`; the estimator gets the measured positions, and the force that was
         commanded over each control period, cut off at the limit; if its settings say that the drive
         reports the force, the mean of what it exerted.
-    law
+    compiled
         A `CompiledController`.
     estimates
         Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
     """
-    kind, table, masses, lengths = law
+    kind, table, masses, lengths = compiled
     start(at, plan, profile, run, record, initial_state)
     tick = 0
     while run.status == RUNNING:
@@ -288,6 +288,6 @@ def run_estimating(
         if tick < len(estimates):
             estimates[tick, 0], estimates[tick, 1] = mass, length
         assumed = (mass, settings.pole_mass, length, settings.gravity)
-        command = law_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
+        command = compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
         advance(at, plan, actuator, profile, run, pending, record, command)
         tick += 1

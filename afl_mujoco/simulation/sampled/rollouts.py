@@ -1,4 +1,4 @@
-"""Many runs of a rig on several threads: how each ended and a few figures, not the whole run."""
+"""Many sampled runs on several threads: how each ended and a few figures, not the whole run."""
 
 from __future__ import annotations
 
@@ -75,14 +75,14 @@ class Rollouts:
 
 def run_rollouts(
     scenarios: Sequence[Scenario],
-    law: Any,
+    controller: Any,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
     integrator: str = "RK4",
     threads: int = 1,
 ) -> Rollouts:
-    """Run one law on many scenarios, each as `simulate_mujoco` does in sampled mode.
+    """Run one controller on many scenarios, each as `simulate_mujoco` does in sampled mode.
 
     A run depends on its scenario alone, its seed included: it is the same to the last bit among
     others, on any number of threads, and in `simulate_mujoco` with the same settings.
@@ -91,13 +91,13 @@ def run_rollouts(
     ----------
     scenarios
         What happens, and what departs from the ideal.
-    law
+    controller
         What is commanded; as of `as_controller`.
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     threads
         How many run at a time; each has its own model. One runs in the thread of the caller, as a
-        law in Python does: there it can be stopped if it hangs.
+        Python controller does: there it can be stopped if it hangs.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def run_rollouts(
         If a setting breaks its rule.
     """
     require_threads(threads)
-    law = as_controller(law)
+    controller = as_controller(controller)
     count = len(scenarios)
     status = np.zeros(count, dtype=np.int64)
     figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:]}
@@ -118,24 +118,26 @@ def run_rollouts(
 
     def run(model: CartPoleModel, i: int) -> None:
         model.set_imperfections(scenarios[i].imperfections, scenarios[i].parameters_at(0.0))
-        done, _ = perform(model, prepare(scenarios[i], law, **settings), law, record=False)
+        done, _ = perform(
+            model, prepare(scenarios[i], controller, **settings), controller, record=False
+        )
         status[i] = done["status"]
         for name, value in _figures(done, timestep).items():
             figures[name][i] = value
 
-    def march_on(model: CartPoleModel) -> Task:
-        def march(part: slice) -> None:
+    def task_on(model: CartPoleModel) -> Task:
+        def run_part(part: slice) -> None:
             for i in range(part.start, part.stop):
                 run(model, i)
 
-        return march
+        return run_part
 
-    alone = law.interpreted  # threads gain it nothing; here one that hangs is stopped
+    alone = controller.interpreted  # threads do not speed it up; here one that hangs is stopped
     models = [
         CartPoleModel(NOMINAL, timestep=timestep, integrator=integrator)
         for _ in range(1 if alone else min(threads, max(count, 1)))
     ]
-    share(count, [march_on(model) for model in models], part=1)
+    share(count, [task_on(model) for model in models], part=1)
     return Rollouts(status=status, **figures)
 
 

@@ -40,7 +40,7 @@ class PreparedRun:
     profile, initial_state
         What happens to the plant, as of `loop.start`.
     inputs
-        What the controller is given at each control tick, as of `loop.run_to_end`.
+        Of the controller at each control tick, as of `loop.run_to_end`.
     """
 
     plan: loop.Plan
@@ -71,7 +71,7 @@ def control_period_of(scenario: Scenario, given: float | None, timestep: float) 
 
 def prepare(
     scenario: Scenario,
-    law: Controller,
+    controller: Controller,
     *,
     timestep: float,
     control_period: float | None = None,
@@ -97,7 +97,7 @@ def prepare(
     late = r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0
     known_at = ticks * hold * timestep - late
     mass_error, length_error = r.mass_error, r.length_error
-    if law.estimator is not None:  # what it assumes is its own
+    if controller.estimator is not None:  # its assumed parameters are the estimates
         mass_error = length_error = 0.0
     return PreparedRun(
         plan=loop.Plan(
@@ -112,7 +112,7 @@ def prepare(
         actuator=actuator_of(r, timestep, count),
         profile=input_profile(s, timestep, changing, count),
         initial_state=np.array(s.initial_state),
-        inputs=law.inputs_along_run(
+        inputs=controller.inputs_along_run(
             s.cart_mass(known_at) * (1.0 + mass_error),
             s.half_length(known_at) * (1.0 + length_error),
             s.pole_mass,
@@ -147,7 +147,7 @@ def _grid(count: int) -> NDArray[np.float64]:
 def perform(
     model: CartPoleModel,
     prepared: PreparedRun,
-    law: Controller,
+    controller: Controller,
     *,
     record: bool,
     estimates: NDArray[np.float64] | None = None,
@@ -174,14 +174,14 @@ def perform(
     rows = np.empty((plan.steps + 1 if record else 0, 5))
     plant = (at, plan, prepared.profile, run)
     devices = (prepared.initial_state, prepared.sensors, actuator)
-    if (estimator := law.estimator) is not None:
+    if (estimator := controller.estimator) is not None:
         kept = np.empty((0, 2)) if estimates is None else estimates
-        filter_ = (estimator.law, new_filter(), estimator.settings, kept)
+        filter_ = (estimator.compiled, new_filter(), estimator.settings, kept)
         loop.run_estimating(*plant, pending, rows, *devices, *filter_)
-    elif not law.interpreted:
-        loop.run_to_end(*plant, pending, rows, *devices, law.compiled.kind, prepared.inputs)
+    elif not controller.interpreted:
+        loop.run_to_end(*plant, pending, rows, *devices, controller.compiled.kind, prepared.inputs)
     else:
-        own, tick = law.start(), 0
+        own, tick = controller.start(), 0
         loop.start(*plant, rows, prepared.initial_state)
         while run["status"] == RUNNING:
             measured = sense(at, prepared.sensors, run, tick)
@@ -195,7 +195,7 @@ def perform(
 
 def simulate_sampled(
     scenario: Scenario,
-    law: Controller,
+    controller: Controller,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -210,7 +210,7 @@ def simulate_sampled(
     model
         The model to use instead of a fresh one, its timestep and integrator as given here.
     """
-    prepared = prepare(scenario, law, timestep=timestep, control_period=control_period)
+    prepared = prepare(scenario, controller, timestep=timestep, control_period=control_period)
     if model is None:
         model = CartPoleModel(
             scenario.parameters_at(0.0),
@@ -218,7 +218,7 @@ def simulate_sampled(
             integrator=integrator,
             imperfections=scenario.imperfections,
         )
-    run, rows = perform(model, prepared, law, record=True, estimates=estimates)
+    run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
     count = int(run["step"])
     times = _grid(prepared.plan.steps + 1) * timestep
     settings = {
@@ -228,7 +228,7 @@ def simulate_sampled(
     }
     return assemble(
         scenario,
-        law,
+        controller,
         "mujoco sampled",
         settings,
         times,

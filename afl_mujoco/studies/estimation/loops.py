@@ -92,19 +92,19 @@ class Runs:
     estimated: EstimatedRun
 
 
-def require_study(controller: str, cases: Sequence[str], seeds: int) -> EstimatedController:
+def require_study(name: str, cases: Sequence[str], seeds: int) -> EstimatedController:
     """Return the controller with the estimator, or raise before anything is run."""
     if seeds < 1:
         raise InvalidValueError("seeds", "must be at least 1", seeds)
-    law = find_controller(controller)
-    if law.estimator is not None or law.interpreted or law.belief is not None:
+    controller = find_controller(name)
+    if controller.estimator is not None or controller.interpreted or controller.belief is not None:
         rule = "must be a compiled controller that takes M and l: the study estimates them"
-        raise InvalidValueError(f"controller {controller!r}", rule)
-    for name in cases:
-        if name not in SCENARIOS:
-            raise UnknownNameError.among("scenario", name, SCENARIOS)
+        raise InvalidValueError(f"controller {name!r}", rule)
+    for case in cases:
+        if case not in SCENARIOS:
+            raise UnknownNameError.among("scenario", case, SCENARIOS)
     require_distinct("scenario", cases)
-    return EstimatedController(name=f"{controller}{SUFFIX}", law=law)
+    return EstimatedController(name=f"{name}{SUFFIX}", controller=controller)
 
 
 class Unit(NamedTuple):
@@ -126,11 +126,11 @@ def run_case(unit: Unit) -> Runs:
     ]
     runs = [simulate_estimated(one, estimating) for one in noisy]
     quiet = simulate_estimated(scenario, estimating).run
-    oracle = simulate_mujoco(scenario, estimating.law, "sampled")
-    jittery = [simulate_mujoco(one, estimating.law, "sampled") for one in noisy]
+    oracle = simulate_mujoco(scenario, estimating.controller, "sampled")
+    jittery = [simulate_mujoco(one, estimating.controller, "sampled") for one in noisy]
     loops = [
-        _loop(TRUE, scenario, estimating.law, [oracle]),
-        _loop(TRUE, noisy[0], estimating.law, jittery),
+        _loop(TRUE, scenario, estimating.controller, [oracle]),
+        _loop(TRUE, noisy[0], estimating.controller, jittery),
         _loop(ESTIMATED, scenario, estimating, [quiet]),
         _loop(ESTIMATED, noisy[0], estimating, [found.run for found in runs]),
     ]
@@ -155,9 +155,11 @@ def _scales() -> ObjectiveScales:
     return nominal_scales(1e-3)
 
 
-def _loop(parameters: str, scenario: Scenario, law: Controller, runs: Sequence[Trajectory]) -> Loop:
+def _loop(
+    parameters: str, scenario: Scenario, controller: Controller, runs: Sequence[Trajectory]
+) -> Loop:
     """Return what some runs of one loop cost."""
-    each = [with_objective(metrics(scenario, law, run), _scales()) for run in runs]
+    each = [with_objective(metrics(scenario, controller, run), _scales()) for run in runs]
     known = {name: [x for one in each if (x := one[name]) is not None] for name in METRICS}
     whole = all(len(values) == len(runs) for values in known.values())
     return Loop(

@@ -109,7 +109,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
         integrator=deployment.integrator,
     )
     h, period = deployment.timestep, deployment.control_period
-    informed = controller.informed()
+    informed = controller.without_estimator()
     if informed.stateful:  # which has no continuous form
         ideal = simulate_ode_held(scenario, informed, timestep=h, control_period=period)
     else:

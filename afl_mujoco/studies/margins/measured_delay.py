@@ -117,7 +117,7 @@ def compare_delays(
     workers
         Processes to share the work among; the result does not depend on it.
     """
-    units = [(law, *plant, control_period) for law in controllers for plant in plants]
+    units = [(controller, *plant, control_period) for controller in controllers for plant in plants]
     done = itertools.count(1)
     with open_executor(workers) as executor:
         return compute_all(compare_delay, units, executor, lambda i: progress(next(done)))
@@ -131,19 +131,21 @@ def compare_delay(unit: tuple[Controller, float, float, float]) -> DelayComparis
     unit
         The controller, M [kg], l [m] and how long the force is held [s].
     """
-    law, mass, length, period = unit
-    margin = delay_margin(law, mass, length, period)
+    controller, mass, length, period = unit
+    margin = delay_margin(controller, mass, length, period)
     return DelayComparison(
-        controller=law.name,
+        controller=controller.name,
         cart_mass=mass,
         half_length=length,
         margin=margin,
-        measured=measured_delay(law, mass, length, DELAY if margin is None else margin, period),
+        measured=measured_delay(
+            controller, mass, length, DELAY if margin is None else margin, period
+        ),
     )
 
 
 def measured_delay(
-    law: Controller, mass: float, length: float, about: float, period: float = TIMESTEP
+    controller: Controller, mass: float, length: float, about: float, period: float = TIMESTEP
 ) -> float | None:
     """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
 
@@ -157,14 +159,16 @@ def measured_delay(
         How long the force is held [s].
     """
     scan = scan_levels(about / 5.0, about * 5.0, 7)
-    found = find_threshold(lambda x: motion_decays(law, mass, length, x, period), scan, TOLERANCE)
+    found = find_threshold(
+        lambda x: motion_decays(controller, mass, length, x, period), scan, TOLERANCE
+    )
     if found.bound != BRACKETED or found.holds_at is None or found.fails_at is None:
         return None
     return math.sqrt(found.holds_at * found.fails_at)
 
 
 def motion_decays(
-    law: Controller, mass: float, length: float, delay: float, period: float = TIMESTEP
+    controller: Controller, mass: float, length: float, delay: float, period: float = TIMESTEP
 ) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
 
@@ -186,7 +190,7 @@ def motion_decays(
         initial_state=(0.0, START, 0.0, 0.0),
         imperfections=Imperfections(delay=delay),
     )
-    run = simulate_sampled(scenario, law, timestep=period / steps, control_period=period)
+    run = simulate_sampled(scenario, controller, timestep=period / steps, control_period=period)
     if run.outcome.kind != COMPLETED:
         return False
     peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])

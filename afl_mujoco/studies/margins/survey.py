@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.estimation.estimated_controller import refuse_estimated
+from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
@@ -61,7 +61,7 @@ def require(
 
     Each controller is linearised once: one that is not smooth is found here.
     """
-    refuse_estimated(controllers)
+    require_no_estimator(controllers)
     period = require_positive("control_period", control_period)
     masses = tuple(require_positive("cart_masses", x) for x in cart_masses)
     lengths = tuple(require_positive("half_lengths", x) for x in half_lengths)
@@ -98,8 +98,12 @@ def survey_margins(
     workers
         Processes to share the work among; the result does not depend on it.
     """
-    laws, masses, lengths, period = require(controllers, cart_masses, half_lengths, control_period)
-    units: list[Unit] = [(law, mass, lengths, period) for law in laws for mass in masses]
+    controllers, masses, lengths, period = require(
+        controllers, cart_masses, half_lengths, control_period
+    )
+    units: list[Unit] = [
+        (controller, mass, lengths, period) for controller in controllers for mass in masses
+    ]
     done = itertools.count(1)
     progress("linearising", 0, len(units))
 
@@ -108,8 +112,11 @@ def survey_margins(
 
     with open_executor(min(workers, len(units))) as executor:
         rows = compute_all(margins_of_row, units, executor, advance)
-    shape = (len(laws), len(masses), len(lengths), 2, len(METRICS))
-    tables = {law.name: table for law, table in zip(laws, np.reshape(rows, shape), strict=True)}
+    shape = (len(controllers), len(masses), len(lengths), 2, len(METRICS))
+    tables = {
+        controller.name: table
+        for controller, table in zip(controllers, np.reshape(rows, shape), strict=True)
+    }
     return Result(
         control_period=period,
         cart_masses=masses,

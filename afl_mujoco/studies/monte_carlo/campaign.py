@@ -30,7 +30,7 @@ class SampleUnit(NamedTuple):
 
     Attributes
     ----------
-    law
+    controller
         The controller.
     space
         Where the samples are drawn from.
@@ -42,7 +42,7 @@ class SampleUnit(NamedTuple):
         How to run them.
     """
 
-    law: Controller
+    controller: Controller
     space: SampleSpace
     seed: int
     indices: range
@@ -95,7 +95,7 @@ class Campaign:
 
 
 def run_campaign(
-    laws: Sequence[Controller],
+    controllers: Sequence[Controller],
     space: SampleSpace,
     *,
     samples: int,
@@ -105,9 +105,13 @@ def run_campaign(
     progress: Callable[[int], None] = lambda runs: None,
 ) -> Campaign:
     """Run every controller on the same samples; who computes does not change a bit."""
-    require_campaign(laws, space, samples=samples, seed=seed, settings=settings)
+    require_campaign(controllers, space, samples=samples, seed=seed, settings=settings)
     chunks = [range(i, min(i + CHUNK, samples)) for i in range(0, samples, CHUNK)]
-    units = [SampleUnit(law, space, seed, chunk, settings) for law in laws for chunk in chunks]
+    units = [
+        SampleUnit(controller, space, seed, chunk, settings)
+        for controller in controllers
+        for chunk in chunks
+    ]
     done = 0
 
     def advance(index: int) -> None:
@@ -116,23 +120,28 @@ def run_campaign(
         progress(done)
 
     found = compute_all(run_samples, units, executor, advance)
-    trials: dict[str, list[Trial]] = {law.name: [] for law in laws}
+    trials: dict[str, list[Trial]] = {controller.name: [] for controller in controllers}
     for unit, some in zip(units, found, strict=True):
-        trials[unit.law.name] += some
+        trials[unit.controller.name] += some
     return Campaign(space=space, seed=seed, settings=settings, trials=trials)
 
 
 def run_samples(unit: SampleUnit) -> list[Trial]:
     """Run a controller on some samples."""
     scenarios = [sample_scenario(unit.space, i, unit.seed) for i in unit.indices]
-    return run_trials(scenarios, unit.law, unit.settings)
+    return run_trials(scenarios, unit.controller, unit.settings)
 
 
 def require_campaign(
-    laws: Sequence[Controller], space: SampleSpace, *, samples: int, seed: int, settings: Settings
+    controllers: Sequence[Controller],
+    space: SampleSpace,
+    *,
+    samples: int,
+    seed: int,
+    settings: Settings,
 ) -> None:
     """Raise at what would break a campaign, before it begins."""
-    require_distinct("controller", [law.name for law in laws])
+    require_distinct("controller", [controller.name for controller in controllers])
     if samples < 1:
         raise InvalidValueError("samples", "must be at least 1", samples)
     if not 0 <= seed <= LARGEST_SEED:
@@ -143,6 +152,6 @@ def require_campaign(
         whole_steps(thing, getattr(space, thing), "timestep", settings.timestep)
     masses, lengths = (np.linspace(*bounds, 21) for bounds in (space.cart_mass, space.half_length))
     plants = np.meshgrid(masses, lengths)
-    for law in laws:
-        if not law.interpreted:  # raises if a gain is not positive
-            law.inputs_along_run(plants[0], plants[1], *space.constants)
+    for controller in controllers:
+        if not controller.interpreted:  # raises if a gain is not positive
+            controller.inputs_along_run(plants[0], plants[1], *space.constants)

@@ -108,13 +108,13 @@ def run(
     from afl_mujoco.studies.monte_carlo.space import SampleSpace
     from afl_mujoco.studies.monte_carlo.worst_case import Found, most_runs, search_worst
 
-    laws, samples, settings, budget = request_of(configuration)
-    total = samples * len(laws)
+    controllers, samples, settings, budget = request_of(configuration)
+    total = samples * len(controllers)
     found: list[Found] = []
     with open_executor(workers, cluster) as executor:
         progress("sampling", 0, total)
         campaign = run_campaign(
-            laws,
+            controllers,
             SampleSpace(),
             samples=samples,
             seed=configuration.seed,
@@ -122,15 +122,17 @@ def run(
             executor=executor,
             progress=lambda done: progress("sampling", done, total),
         )
-        for law in laws if configuration.worst_case else []:
+        for controller in controllers if configuration.worst_case else []:
             found += search_worst(
-                law,
+                controller,
                 campaign,
                 budget=budget,
                 executor=executor,
-                progress=partial(_search_progress, progress, law.name, most_runs(budget)),
+                progress=partial(_search_progress, progress, controller.name, most_runs(budget)),
             )
-    asked = dict(zip((law.name for law in laws), configuration.controllers, strict=True))
+    asked = dict(
+        zip((controller.name for controller in controllers), configuration.controllers, strict=True)
+    )
     return result_of(campaign, found, keep=configuration.keep, asked=asked)
 
 

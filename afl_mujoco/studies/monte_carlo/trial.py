@@ -90,18 +90,20 @@ class Settings(NamedTuple):
     timestep: float = 1e-3
 
 
-def run_trials(scenarios: Sequence[Scenario], law: Controller, settings: Settings) -> list[Trial]:
+def run_trials(
+    scenarios: Sequence[Scenario], controller: Controller, settings: Settings
+) -> list[Trial]:
     """Run a controller on scenarios; one in Python that breaks down fails that run and no other.
 
     Each run is, to the last bit, that of `simulate_mujoco` in sampled mode.
     """
     options = settings._asdict()
-    if not law.interpreted:
-        return trials_of(run_rollouts(scenarios, law, **options))
+    if not controller.interpreted:
+        return trials_of(run_rollouts(scenarios, controller, **options))
     trials = []
     for scenario in scenarios:
         try:
-            trials += trials_of(run_rollouts([scenario], law, **options))
+            trials += trials_of(run_rollouts([scenario], controller, **options))
         except ControllerError as error:
             trials.append(Trial(outcome=CONTROLLER_FAILED, message=str(error)))
     return trials

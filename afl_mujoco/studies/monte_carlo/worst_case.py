@@ -47,12 +47,12 @@ class PointUnit(NamedTuple):
 
     Attributes
     ----------
-    law, space, seed, points, noise, settings
+    controller, space, seed, points, noise, settings
         The controller, the cube, the campaign's seed, points of the cube, the index of the sample
         whose noise they have, and how to run them.
     """
 
-    law: Controller
+    controller: Controller
     space: SampleSpace
     seed: int
     points: Sequence[Point]
@@ -93,7 +93,7 @@ class Found:
 
 
 def search_worst(
-    law: Controller,
+    controller: Controller,
     campaign: Campaign,
     *,
     budget: Budget,
@@ -112,7 +112,7 @@ def search_worst(
     def search(question: str, start: Start) -> tuple[Start, Found]:
         def costs(points: list[Point]) -> list[float]:
             nonlocal spent
-            found = _trials_at(points, start.noise, law, campaign, executor)
+            found = _trials_at(points, start.noise, controller, campaign, executor)
             spent += len(points)
             progress(spent)
             return [
@@ -121,19 +121,19 @@ def search_worst(
             ]
 
         point, tried = minimise(costs, start.point, STEP[question], rng, budget)
-        trial = _trials_at([point], start.noise, law, campaign, executor)[0]
+        trial = _trials_at([point], start.noise, controller, campaign, executor)[0]
         end = Start(point, start.noise)
-        return end, _found(question, law, campaign, end, trial, tried)
+        return end, _found(question, controller, campaign, end, trial, tried)
 
     def distance(start: Start) -> float:
         return distance_of(campaign.space, start.point)
 
-    trials = campaign.trials[law.name]
+    trials = campaign.trials[controller.name]
     if not any(trial.survived for trial in trials):
         return []
     severities = [trial.severity(campaign.space.duration) for trial in trials]
     end, hardest = search(HARDEST, _sample(campaign, int(np.argmax(severities))))
-    known = [_sample(campaign, i) for i in campaign.failures(law.name)]
+    known = [_sample(campaign, i) for i in campaign.failures(controller.name)]
     known += [] if hardest.trial.survived else [end]
     return [hardest, search(NEAREST, min(known, key=distance))[1]] if known else [hardest]
 
@@ -157,11 +157,11 @@ def _sample(campaign: Campaign, index: int) -> Start:
 
 
 def _trials_at(
-    points: list[Point], noise: int, law: Controller, campaign: Campaign, executor: Executor
+    points: list[Point], noise: int, controller: Controller, campaign: Campaign, executor: Executor
 ) -> list[Trial]:
     """Run a controller at points of the cube, shared among workers."""
     pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
-    units = [PointUnit(law, campaign.space, campaign.seed, piece, noise, campaign.settings)
+    units = [PointUnit(controller, campaign.space, campaign.seed, piece, noise, campaign.settings)
              for piece in pieces]  # fmt: skip
     return [trial for some in compute_all(run_points, units, executor) for trial in some]
 
@@ -178,7 +178,7 @@ def _cost(question: str, space: SampleSpace, point: Point, trial: Trial) -> floa
 def run_points(unit: PointUnit) -> list[Trial]:
     """Run a controller at points of the cube."""
     rigs = [unit.space.scenario_of(point, unit.noise, unit.seed) for point in unit.points]
-    return run_trials(rigs, unit.law, unit.settings)
+    return run_trials(rigs, unit.controller, unit.settings)
 
 
 def distance_of(space: SampleSpace, point: Point) -> float:
@@ -187,14 +187,14 @@ def distance_of(space: SampleSpace, point: Point) -> float:
 
 
 def _found(
-    question: str, law: Controller, campaign: Campaign, end: Start, trial: Trial, tried: int
+    question: str, controller: Controller, campaign: Campaign, end: Start, trial: Trial, tried: int
 ) -> Found:
     """Put a result together."""
     space, point = campaign.space, end.point
     away = dict(zip(space.coordinates, (point - space.reference).tolist(), strict=True))
     return Found(
         question=question,
-        controller=law.name,
+        controller=controller.name,
         point=point,
         noise=end.noise,
         trial=trial,

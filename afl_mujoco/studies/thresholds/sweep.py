@@ -82,14 +82,14 @@ Unit = tuple[str, Controller, Settings]
 
 def sweep(unit: Unit) -> Sweep:
     """Return the thresholds of one controller under one imperfection, with some settings."""
-    name, law, settings = unit
+    name, controller, settings = unit
     imperfection = find_imperfection(name)
 
     @functools.cache
     def at(level: float) -> Verdict:
         chance = seeds(imperfection.seeded, settings)
         real = [imperfections_at(imperfection, level, seed) for seed in chance]
-        return judge(level, real, imperfection.timestep, law, settings)
+        return judge(level, real, imperfection.timestep, controller, settings)
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
         scan = scan_levels(imperfection.benign, imperfection.harsh, settings.scan)
@@ -98,7 +98,7 @@ def sweep(unit: Unit) -> Sweep:
     survives = threshold(lambda level: at(level).survives, settings.scan)
     return Sweep(
         imperfection=imperfection.name,
-        controller=law.name,
+        controller=controller.name,
         reference=at(imperfection.reference),
         survives=survives,
         settles=threshold(lambda level: at(level).settles),
@@ -111,13 +111,13 @@ def sweep_combined(unit: tuple[Controller, Settings]) -> tuple[Verdict, ...]:
 
     The n-th has the first n of them; its level is n.
     """
-    law, settings = unit
+    controller, settings = unit
     found = []
     for count in range(1, len(added()) + 1):
         present = added()[:count]
         chance = seeds(any(one.seeded for one in present), settings)
         real = [combined(1.0, present, seed) for seed in chance]
-        found.append(judge(float(count), real, TIMESTEP, law, settings))
+        found.append(judge(float(count), real, TIMESTEP, controller, settings))
     return tuple(found)
 
 
@@ -135,7 +135,7 @@ def judge(
     level: float,
     real: Sequence[Imperfections],
     timestep: float,
-    law: Controller,
+    controller: Controller,
     settings: Settings,
 ) -> Verdict:
     """Return the verdict on a controller in every scenario, each with every one of `real`.
@@ -147,7 +147,9 @@ def judge(
     """
     scenarios = [replace(s, imperfections=r) for s in settings.scenarios for r in real]
     try:
-        runs = run_rollouts(scenarios, law, timestep=timestep, integrator=settings.integrator)
+        runs = run_rollouts(
+            scenarios, controller, timestep=timestep, integrator=settings.integrator
+        )
     except (ControllerError, GainError) as error:
         return _refused(level, str(error))
     failures = [_failure(runs, i) for i in range(len(runs))]
@@ -225,7 +227,7 @@ def require(
 ) -> tuple[str, ...]:
     """Return the names of the imperfections, or raise at what breaks a rule."""
     names = names_of(imperfections)
-    require_distinct("controller", [law.name for law in controllers])
+    require_distinct("controller", [controller.name for controller in controllers])
     require_distinct("scenario", [scenario.name for scenario in settings.scenarios])
     require_distinct("imperfection", names)
     for name, count, least in (("seeds", settings.seeds, 1), ("scan", settings.scan, 2)):
@@ -254,7 +256,7 @@ def find_thresholds(
 ) -> Result:
     """Find the thresholds of some controllers."""
     names = require(controllers, settings, imperfections)
-    units = [(name, law, settings) for name in names for law in controllers]
+    units = [(name, controller, settings) for name in names for controller in controllers]
     done, total = itertools.count(1), len(units) + len(controllers)
     progress("sweeping", 0, total)
 
@@ -263,10 +265,14 @@ def find_thresholds(
 
     with open_executor(workers, cluster) as executor:
         sweeps = compute_all(sweep, units, executor, advance)
-        each = [(law, settings) for law in controllers]
+        each = [(controller, settings) for controller in controllers]
         verdicts = compute_all(sweep_combined, each, executor, advance)
-        linear = [law for law in controllers if law.estimator is None and not law.interpreted]
-        plants = [(law, settings.scenarios) for law in linear if DELAY in names]
+        linear = [
+            controller
+            for controller in controllers
+            if controller.estimator is None and not controller.interpreted
+        ]
+        plants = [(controller, settings.scenarios) for controller in linear if DELAY in names]
         margins = compute_all(least_margin, plants, executor)
     return Result(
         settings=result.Settings(
@@ -277,10 +283,10 @@ def find_thresholds(
             integrator=settings.integrator,
             timestep=TIMESTEP,
         ),
-        controllers=tuple(law.name for law in controllers),
+        controllers=tuple(controller.name for controller in controllers),
         imperfections=tuple(find_imperfection(name) for name in names),
         sweeps=tuple(sweeps),
         added=tuple(one.name for one in added()),
-        combined={law.name: v for law, v in zip(controllers, verdicts, strict=True)},
+        combined={controller.name: v for controller, v in zip(controllers, verdicts, strict=True)},
         delay_margins=tuple(margin for margin in margins if margin is not None),
     )

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import afl_mujoco as afl
-from afl_mujoco.control.compiled_controller import law_force
+from afl_mujoco.control.compiled_controller import compiled_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.execution.threads import PART, share
 from afl_mujoco.simulation.attraction.cells import (
@@ -76,8 +76,8 @@ def settled_at(time: NDArray[np.float64], state: NDArray[np.float64]) -> float:
 def some_of(cells: Cells, found: AttractionMap, seed: int) -> list[int]:
     """Five cells that settled, three that fell, two undecided: as far as there are.
 
-    An undecided pole of the map over states stays so near the horizontal, where the law is stiff,
-    that the reference integrator takes a minute for it.
+    An undecided pole of the map over states stays so near the horizontal, where the controller is
+    stiff, that the reference integrator takes a minute for it.
     """
     rng, chosen = np.random.default_rng(seed), []
     undecided = 2 if cells.plane == PLANTS else 0
@@ -98,11 +98,11 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "cells"), CASES)
 def test_the_map_by_the_equations_is_that_of_the_reference_integrator(name, cells) -> None:
-    law = afl.CONTROLLERS[name]
-    found = map_by_ode(cells, law)
+    controller = afl.CONTROLLERS[name]
+    found = map_by_ode(cells, controller)
     for k in some_of(cells, found, seed=1):
         outcome, time, peak_z, peak_force = (getattr(found, key).ravel()[k] for key in FOUND)
-        run = afl.simulate_ode(scenario_of(cells, k), law)
+        run = afl.simulate_ode(scenario_of(cells, k), controller)
         reference = settled_at(run.time, run.state)
         if outcome == SETTLED:
             assert run.outcome.kind == "completed"
@@ -122,8 +122,8 @@ def test_the_map_by_the_equations_is_that_of_the_reference_integrator(name, cell
 
 @pytest.mark.parametrize(("name", "cells"), CASES)
 def test_the_map_in_mujoco_has_the_bits_of_the_sampled_run(name, cells) -> None:
-    law = afl.CONTROLLERS[name]
-    chosen = some_of(cells, map_by_ode(cells, law), seed=2)
+    controller = afl.CONTROLLERS[name]
+    chosen = some_of(cells, map_by_ode(cells, controller), seed=2)
     few = dataclasses.replace(
         cells,
         columns=np.arange(len(chosen), dtype=float),
@@ -131,9 +131,9 @@ def test_the_map_in_mujoco_has_the_bits_of_the_sampled_run(name, cells) -> None:
         starts=cells.starts[chosen],
         plants=cells.plants[chosen],
     )
-    found = map_in_mujoco(few, law)
+    found = map_in_mujoco(few, controller)
     for k in range(len(chosen)):
-        run = afl.simulate_mujoco(scenario_of(few, k), law, "sampled", timestep=TIMESTEP)
+        run = afl.simulate_mujoco(scenario_of(few, k), controller, "sampled", timestep=TIMESTEP)
         end = min(settled_at(run.time, run.state), run.outcome.time)
         fell = run.outcome.kind != "completed"
         settled = end < run.outcome.time
@@ -180,9 +180,9 @@ def test_two_threads_give_the_same_bits_and_every_cell_is_counted(side: str) -> 
 
 @pytest.mark.parametrize("side", MAPS)
 def test_to_end_early_changes_no_outcome(side: str) -> None:
-    cells, law = states(7 if side == "MuJoCo" else 31), afl.CONTROLLERS["adaptive"]
-    early = MAPS[side](cells, law, threads=2)
-    whole = MAPS[side](cells, law, settling=Settling(dwell=SETTLING.horizon), threads=2)
+    cells, controller = states(7 if side == "MuJoCo" else 31), afl.CONTROLLERS["adaptive"]
+    early = MAPS[side](cells, controller, threads=2)
+    whole = MAPS[side](cells, controller, settling=Settling(dwell=SETTLING.horizon), threads=2)
     fell = whole.outcome == FALLEN
     assert 0 < fell.sum() < fell.size / 2
     np.testing.assert_array_equal(early.outcome == FALLEN, fell)
@@ -199,7 +199,9 @@ def test_to_end_early_changes_no_outcome(side: str) -> None:
 
 
 @pytest.mark.parametrize("name", afl.CONTROLLERS)
-def test_from_every_corner_of_the_bands_every_law_converges_on_every_plant(name: str) -> None:
+def test_from_every_corner_of_the_bands_every_controller_converges_on_every_plant(
+    name: str,
+) -> None:
     signs = [s for s in itertools.product((1.0, -1.0), repeat=4) if s[0] > 0.0]  # the rest mirror
     for corner in signs:
         start = tuple(s * band for s, band in zip(corner, SETTLING.bands, strict=True))
@@ -222,11 +224,13 @@ def test_a_thousandth_of_the_tolerance_moves_no_cell(name: str) -> None:
 
 def test_a_force_of_the_wrong_sign_lets_every_pole_fall() -> None:
     cells = states(9, plant=(1.0, 0.5))
-    law = afl.CONTROLLERS["lqr"]
-    gains = afl.GainGrid.constant(-law.gains.gains(1.0, 0.5))
-    wrong = afl.StateFeedback(name="wrong", kind=law.kind, gains=gains)
+    controller = afl.CONTROLLERS["lqr"]
+    gains = afl.GainGrid.constant(-controller.gains.gains(1.0, 0.5))
+    wrong = afl.StateFeedback(name="wrong", kind=controller.kind, gains=gains)
     start = (0.0, 0.1, 0.0, 0.0)
-    force = [law_force(*x.compiled, *start, (1.0, 0.05, 0.5, 9.81)) for x in (law, wrong)]
+    force = [
+        compiled_force(*x.compiled, *start, (1.0, 0.05, 0.5, 9.81)) for x in (controller, wrong)
+    ]
     assert force[0] == pytest.approx(-force[1])
     for march in MAPS.values():
         outcome = march(cells, wrong).outcome
@@ -243,13 +247,13 @@ def test_a_start_beyond_the_fall_has_fallen_at_once() -> None:
 
 
 def test_the_hold_is_what_lets_the_smallest_plant_fall_that_believes_itself_nominal() -> None:
-    cells, law = plant_cells([0.1], [0.05]), afl.CONTROLLERS["adaptive-nominal"]
-    assert map_by_ode(cells, law).outcome[0, 0] == SETTLED
-    found = map_in_mujoco(cells, law)
+    cells, controller = plant_cells([0.1], [0.05]), afl.CONTROLLERS["adaptive-nominal"]
+    assert map_by_ode(cells, controller).outcome[0, 0] == SETTLED
+    found = map_in_mujoco(cells, controller)
     assert found.outcome[0, 0] != SETTLED
-    held = afl.simulate_ode_held(scenario_of(cells, 0), law, timestep=TIMESTEP)
+    held = afl.simulate_ode_held(scenario_of(cells, 0), controller, timestep=TIMESTEP)
     assert settled_at(held.time, held.state) == math.inf
-    finer = map_in_mujoco(cells, law, timestep=5e-4)
+    finer = map_in_mujoco(cells, controller, timestep=5e-4)
     assert finer.outcome[0, 0] == SETTLED
 
 

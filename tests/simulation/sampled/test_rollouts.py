@@ -162,7 +162,7 @@ def test_to_be_within_the_bands_at_the_last_instant_is_not_to_have_settled(adapt
     assert found.settling_time[1] == settled
 
 
-def test_a_law_in_python_runs_as_well(scenarios, adaptive):
+def test_a_controller_in_python_runs_as_well(scenarios, adaptive):
     def function(time, state, belief):
         return adaptive.force(state, belief)
 

@@ -56,9 +56,9 @@ def same(one, other):
     )
 
 
-def in_python(law):
+def in_python(controller):
     def function(time, state, belief):
-        return law.force(state, belief)
+        return controller.force(state, belief)
 
     return PythonController(
         name="mine", function=function, call_limit=60.0
@@ -68,7 +68,7 @@ def in_python(law):
 # Ideal, it is a plain loop of `mujoco.mj_step`
 
 
-def plain_loop(scenario, law, hold, integrator):
+def plain_loop(scenario, controller, hold, integrator):
     """States and forces of the ideal loop, written with nothing but MuJoCo's own functions."""
     model = CartPoleModel(scenario.parameters_at(0.0), timestep=1e-3, integrator=integrator)
     m, d = model.mj_model, model.mj_data
@@ -84,7 +84,7 @@ def plain_loop(scenario, law, hold, integrator):
                 d.qvel[:] += strike(model.addresses, *d.qpos, *d.qvel, impulse)
         state = [*d.qpos, *d.qvel]
         if k < count and k % hold == 0:
-            force = law.force(state, scenario.parameters_at(k * 1e-3))
+            force = controller.force(state, scenario.parameters_at(k * 1e-3))
         rows[k] = *state, force
         if k < count:
             d.ctrl[0], d.qfrc_applied[0] = force, scenario.push_at(middle)
@@ -98,9 +98,12 @@ def plain_loop(scenario, law, hold, integrator):
 def test_ideal_the_loop_is_a_plain_loop_of_mj_step_bit_for_bit(
     odd_scenario, name, hold, integrator
 ):
-    law, settings = CONTROLLERS[name], {"integrator": integrator, "control_period": hold * 1e-3}
-    run = simulate_mujoco(odd_scenario, law, "sampled", **settings)
-    rows = plain_loop(odd_scenario, law, hold, integrator)
+    controller, settings = (
+        CONTROLLERS[name],
+        {"integrator": integrator, "control_period": hold * 1e-3},
+    )
+    run = simulate_mujoco(odd_scenario, controller, "sampled", **settings)
+    rows = plain_loop(odd_scenario, controller, hold, integrator)
     np.testing.assert_array_equal(run.state, rows[:, :4])
     np.testing.assert_array_equal(run.force, rows[:, 4])
 
@@ -123,10 +126,10 @@ BEYOND = piecewise_linear((-0.3, 1.4), (0.6, 1.1))
 )
 @pytest.mark.parametrize("name", ["fixed-nominal", "adaptive"])
 def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, name, changes):
-    scenario, law = replace(odd_scenario, **changes), CONTROLLERS[name]
-    run = simulate_mujoco(scenario, law, "sampled")
+    scenario, controller = replace(odd_scenario, **changes), CONTROLLERS[name]
+    run = simulate_mujoco(scenario, controller, "sampled")
     try:
-        rows = plain_loop(scenario, law, 1, "RK4")
+        rows = plain_loop(scenario, controller, 1, "RK4")
     except ControllerDomainError:  # where the pole has fallen
         assert run.outcome.kind == "fell"
         return
@@ -135,11 +138,11 @@ def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, nam
     assert (run.outcome.kind == "completed") == (count == len(rows))
 
 
-# A law in Python
+# A controller in Python
 
 
 @pytest.mark.parametrize("imperfections", [IDEAL, REAL], ids=["ideal", "real"])
-def test_a_law_in_python_gives_the_bits_of_the_compiled_one(
+def test_a_controller_in_python_gives_the_bits_of_the_compiled_one(
     odd_scenario, controller, imperfections
 ):
     scenario = replace(odd_scenario, imperfections=imperfections)
@@ -148,37 +151,37 @@ def test_a_law_in_python_gives_the_bits_of_the_compiled_one(
     assert compiled.outcome.kind == "completed"
 
 
-def test_a_law_in_python_is_told_time_state_and_belief(odd_scenario, odd_parameters):
-    told = []
+def test_a_controller_in_python_gets_time_state_and_belief(odd_scenario, odd_parameters):
+    seen = []
 
     def function(time, state, belief):
-        told.append((time, state.tolist(), belief))
+        seen.append((time, state.tolist(), belief))
         return 0.5
 
-    law = PythonController(name="watcher", function=function)
+    controller = PythonController(name="watcher", function=function)
     period = {"control_period": 0.005}
-    run = simulate_mujoco(replace(odd_scenario, duration=0.6), law, "sampled", **period)
-    times = [0.005 * k for k in range(len(told))]
-    assert [entry[0] for entry in told] == pytest.approx(times, abs=1e-12)
-    assert [entry[1] for entry in told] == run.state[:-1:5].tolist()
-    truth = [odd_scenario.parameters_at(0.001 * 5 * k) for k in range(len(told))]
-    assert [entry[2] for entry in told] == truth
+    run = simulate_mujoco(replace(odd_scenario, duration=0.6), controller, "sampled", **period)
+    times = [0.005 * k for k in range(len(seen))]
+    assert [entry[0] for entry in seen] == pytest.approx(times, abs=1e-12)
+    assert [entry[1] for entry in seen] == run.state[:-1:5].tolist()
+    truth = [odd_scenario.parameters_at(0.001 * 5 * k) for k in range(len(seen))]
+    assert [entry[2] for entry in seen] == truth
     assert (run.force == 0.5).all()
-    told.clear()
-    fixed = replace(law, belief=odd_parameters)
+    seen.clear()
+    fixed = replace(controller, belief=odd_parameters)
     simulate_mujoco(replace(odd_scenario, duration=0.6), fixed, "sampled", **period)
-    assert {entry[2] for entry in told} == {odd_parameters}
+    assert {entry[2] for entry in seen} == {odd_parameters}
 
 
-def test_a_law_in_python_without_a_force_ends_the_run(smooth_scenario):
+def test_a_controller_in_python_without_a_force_ends_the_run(smooth_scenario):
     def gives_up(time, state, belief):
         if time > 0.1:
             raise ControllerDomainError("phi", "is beyond me")
         return 0.0
 
     for function in (gives_up, lambda t, x, b: math.nan if t > 0.1 else 0.0):
-        law = PythonController(name="weak", function=function)
-        run = simulate_mujoco(smooth_scenario, law, "sampled")
+        controller = PythonController(name="weak", function=function)
+        run = simulate_mujoco(smooth_scenario, controller, "sampled")
         assert str(run.outcome) == "diverged at t = 0.101 s"
 
 
@@ -229,7 +232,7 @@ def test_the_lag_is_mujoco_s_own_filter_as_the_step_shrinks(smooth_scenario, ada
     assert 1.8 <= np.polyfit(np.log((2e-3, 1e-3, 5e-4)), np.log(errors), 1)[0] <= 2.2
 
 
-def _filtered_by_mujoco(scenario, law, lag, control_period, h):
+def _filtered_by_mujoco(scenario, controller, lag, control_period, h):
     def edit(spec):
         actuator = spec.actuator("force")
         actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER
@@ -241,13 +244,13 @@ def _filtered_by_mujoco(scenario, law, lag, control_period, h):
     data.qpos[:], data.qvel[:] = scenario.initial_state[:2], scenario.initial_state[2:]
     for k in range(round(scenario.duration / h)):
         if k % round(control_period / h) == 0:
-            data.ctrl[0] = law.force(states[-1], plant)
+            data.ctrl[0] = controller.force(states[-1], plant)
         mujoco.mj_step(model.mj_model, data)
         states.append([*data.qpos, *data.qvel])
     return states
 
 
-def test_the_law_gets_what_the_sensors_say(smooth_scenario):
+def test_the_controller_gets_what_the_sensors_say(smooth_scenario):
     real = Imperfections(encoder_step_z=0.02, encoder_step_phi=0.05, noise_z_dot=0.1, seed=3)
     seen = []
 
@@ -255,8 +258,8 @@ def test_the_law_gets_what_the_sensors_say(smooth_scenario):
         seen.append(state)
         return 0.0
 
-    law = PythonController(name="watcher", function=function)
-    run = simulate_mujoco(replace(smooth_scenario, imperfections=real), law, "sampled")
+    controller = PythonController(name="watcher", function=function)
+    run = simulate_mujoco(replace(smooth_scenario, imperfections=real), controller, "sampled")
     difference = np.array(seen) - run.state[: len(seen)]
     assert 0.009 < np.abs(difference[:, 0]).max() <= 0.01 + 1e-12
     assert 0.02 < np.abs(difference[:, 1]).max() <= 0.025 + 1e-12
@@ -264,7 +267,7 @@ def test_the_law_gets_what_the_sensors_say(smooth_scenario):
     assert not difference[:, 3].any()
 
 
-def test_the_law_is_told_late_and_wrong():
+def test_assumed_parameters_can_be_late_and_wrong():
     scenario = Scenario(
         name="late",
         cart_mass=staircase((0.05,), (1.0, 2.0)),
@@ -272,19 +275,19 @@ def test_the_law_is_told_late_and_wrong():
         duration=0.2,
         imperfections=Imperfections(parameter_delay=0.03, mass_error=0.1, length_error=-0.2),
     )
-    told = []
+    seen = []
 
     def function(time, state, belief):
-        told.append(belief)
+        seen.append(belief)
         return 0.0
 
     simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
-    believed_mass = [b.cart_mass for b in told]
-    assert believed_mass == pytest.approx([1.1] * 80 + [2.2] * 120)  # the jump at 0.05 + 0.03 s
+    assumed_mass = [b.cart_mass for b in seen]
+    assert assumed_mass == pytest.approx([1.1] * 80 + [2.2] * 120)  # the jump at 0.05 + 0.03 s
     late = np.clip(0.001 * np.arange(200) - 0.03, 0.0, 0.1)
-    lengths = [b.half_length for b in told]
+    lengths = [b.half_length for b in seen]
     np.testing.assert_allclose(lengths, 0.8 * (0.4 + late), rtol=1e-9)
-    assert {(b.pole_mass, b.gravity) for b in told} == {(0.05, 9.81)}
+    assert {(b.pole_mass, b.gravity) for b in seen} == {(0.05, 9.81)}
 
 
 def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
@@ -300,10 +303,10 @@ def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
 @pytest.mark.parametrize("late", [10, 20, 40, 70], ids=lambda ticks: f"{ticks} ms")
 def test_a_late_jump_is_told_on_its_tick_however_the_times_round(late):
     jumps = (10, 20, 40, 50, 70, 140, 170, 200)  # [ms]; minus the delay, some round to just before
-    told = []
+    seen = []
 
     def function(time, state, belief):
-        told.append(belief.cart_mass)
+        seen.append(belief.cart_mass)
         return 0.0
 
     scenario = Scenario(
@@ -313,10 +316,10 @@ def test_a_late_jump_is_told_on_its_tick_however_the_times_round(late):
         imperfections=Imperfections(parameter_delay=1e-3 * late),
     )
     simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
-    assert (np.flatnonzero(np.diff(told)) + 1 - late).tolist() == list(jumps)
+    assert (np.flatnonzero(np.diff(seen)) + 1 - late).tolist() == list(jumps)
 
 
-def test_a_law_with_its_own_belief_is_not_told_anything(odd_scenario):
+def test_constant_assumed_parameters_stay_constant(odd_scenario):
     wrong = Imperfections(mass_error=0.5, length_error=-0.4, parameter_delay=0.1)
     nominal = CONTROLLERS["fixed-nominal"]
     real = simulate_mujoco(replace(odd_scenario, imperfections=wrong), nominal, "sampled")

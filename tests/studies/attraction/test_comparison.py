@@ -77,7 +77,7 @@ def test_the_transitions_count_every_pair_of_outcomes() -> None:
     assert found.ode_to_mujoco["settled"] == {"settled": 1, "fallen": 1, "undecided": 0}
 
 
-def test_maps_of_other_cells_or_another_law_are_not_compared() -> None:
+def test_maps_of_other_cells_or_another_controller_are_not_compared() -> None:
     with pytest.raises(InvalidValueError, match=r"^starts of the cells must be those of both"):
         Comparison(drawn("ode", ".."), drawn("mujoco", "..."))
     with pytest.raises(InvalidValueError, match=r"^controller must be 'lqr' in both maps, got 'f"):
@@ -86,12 +86,12 @@ def test_maps_of_other_cells_or_another_law_are_not_compared() -> None:
 
 def test_a_rod_of_twice_the_length_disagrees_inside_where_the_sound_engine_does_not() -> None:
     cells = state_cells(axis("a", -1.55, 1.55, 15), axis("r", -10.0, 10.0, 15))
-    law = afl.CONTROLLERS["lqr"]
-    ode = map_by_ode(cells, law)
-    sound = Comparison(ode, map_in_mujoco(cells, law, threads=2))
+    controller = afl.CONTROLLERS["lqr"]
+    ode = map_by_ode(cells, controller)
+    sound = Comparison(ode, map_in_mujoco(cells, controller, threads=2))
     assert (sound.disagreement() != AGREE).sum() <= 2
     longer = dataclasses.replace(cells, plants=cells.plants * [1.0, 2.0])
-    planted = dataclasses.replace(map_in_mujoco(longer, law, threads=2), cells=cells)
+    planted = dataclasses.replace(map_in_mujoco(longer, controller, threads=2), cells=cells)
     faulty = Comparison(ode, planted)
     assert (faulty.disagreement() == INSIDE).sum() > 10
     assert (faulty.disagreement() == ON_BORDER).sum() > 40
@@ -99,8 +99,8 @@ def test_a_rod_of_twice_the_length_disagrees_inside_where_the_sound_engine_does_
 
 @pytest.fixture
 def small() -> Comparison:
-    cells, law = plant_cells([0.3, 1.0], [0.1, 0.2, 0.5]), afl.CONTROLLERS["adaptive"]
-    return Comparison(map_by_ode(cells, law), map_in_mujoco(cells, law))
+    cells, controller = plant_cells([0.3, 1.0], [0.1, 0.2, 0.5]), afl.CONTROLLERS["adaptive"]
+    return Comparison(map_by_ode(cells, controller), map_in_mujoco(cells, controller))
 
 
 def test_what_is_saved_comes_back(small: Comparison, tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ GRID = {"cart_masses": (0.1, 1.0), "half_lengths": (0.05, 0.5)}
 
 @pytest.fixture(scope="module")
 def survey() -> Result:
-    laws = [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")]
-    return survey_margins(laws, **GRID)
+    controllers = [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")]
+    return survey_margins(controllers, **GRID)
 
 
 def test_a_survey_holds_the_margins_of_each_plant(survey: Result) -> None:
@@ -56,8 +56,8 @@ def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: Result) -> None
 
 
 def test_two_workers_find_the_same_margins(survey: Result) -> None:
-    laws = [CONTROLLERS[name] for name in survey.margins]
-    assert survey_margins(laws, **GRID, workers=2) == survey
+    controllers = [CONTROLLERS[name] for name in survey.margins]
+    assert survey_margins(controllers, **GRID, workers=2) == survey
 
 
 def test_a_survey_names_what_it_does_not_hold(survey: Result) -> None:

@@ -1,4 +1,4 @@
-"""A campaign: the same bits whoever computes, every failure replayed, laws that break down."""
+"""A campaign: the same bits on any worker, every failure replayed, controllers that break down."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ SHORT = SampleSpace(
 """Rigs on which both fall, and soon."""
 
 
-def run(laws=(ADAPTIVE, LQR), *, samples=30, workers=1, seed=1, space=SHORT) -> Campaign:
+def run(controllers=(ADAPTIVE, LQR), *, samples=30, workers=1, seed=1, space=SHORT) -> Campaign:
     with open_executor(workers) as executor:
         return run_campaign(
-            laws, space, samples=samples, seed=seed, settings=Settings(), executor=executor
+            controllers, space, samples=samples, seed=seed, settings=Settings(), executor=executor
         )
 
 
@@ -60,23 +60,25 @@ def test_the_chunks_change_no_bit(thirty: Campaign, monkeypatch: pytest.MonkeyPa
 
 
 def test_sample_i_is_the_same_whatever_their_number_and_the_company(thirty: Campaign) -> None:
-    few = run(laws=[LQR], samples=12)
+    few = run(controllers=[LQR], samples=12)
     assert same(few.trials["lqr"], thirty.trials["lqr"][:12])
 
 
 def test_another_seed_is_another_campaign(thirty: Campaign) -> None:
-    assert not same(run(laws=[LQR], samples=5, seed=2).trials["lqr"], thirty.trials["lqr"][:5])
+    assert not same(
+        run(controllers=[LQR], samples=5, seed=2).trials["lqr"], thirty.trials["lqr"][:5]
+    )
 
 
 def test_every_failure_replays_from_its_file_to_the_same_bits(thirty: Campaign, tmp_path) -> None:
     result = result_of(thirty, [])
     write(result, tmp_path)
-    for law, rates in zip((ADAPTIVE, LQR), result.controllers, strict=True):
-        assert [failure.index for failure in rates.failures] == thirty.failures(law.name)
+    for controller, rates in zip((ADAPTIVE, LQR), result.controllers, strict=True):
+        assert [failure.index for failure in rates.failures] == thirty.failures(controller.name)
         for failure in rates.failures:
-            trial = thirty.trials[law.name][failure.index]
+            trial = thirty.trials[controller.name][failure.index]
             rig = load_scenario(tmp_path / failure.file)
-            alone = afl.simulate_mujoco(rig, law, "sampled")
+            alone = afl.simulate_mujoco(rig, controller, "sampled")
             assert (alone.outcome.kind, alone.outcome.time) == (trial.outcome, trial.end_time)
             z, phi = np.abs(alone.state[:, :2]).max(axis=0)
             assert (z, phi) == (trial.peak_z, trial.peak_phi)
@@ -111,7 +113,7 @@ def test_a_run_that_settles_is_told_from_one_that_stays_up() -> None:
     assert found.survival("lqr").count == found.settling("lqr").count == 3
 
 
-# Laws that break down
+# Controllers that break down
 
 
 def raises(t, state, belief):
@@ -144,13 +146,13 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_law_that_breaks_down_fails_its_runs_and_says_how(name: str) -> None:
+def test_a_controller_that_breaks_down_fails_its_runs_and_says_how(name: str) -> None:
     function, message = BROKEN[name]
-    law = PythonController(
+    controller = PythonController(
         name=name, function=function, call_limit=5.0 if name == "raises" else 0.05
     )
     started = time.perf_counter()
-    found = run([law, LQR], samples=4)
+    found = run([controller, LQR], samples=4)
     assert time.perf_counter() - started < 60.0
     failed = [trial for trial in found.trials[name] if trial.outcome == CONTROLLER_FAILED]
     assert failed
@@ -166,25 +168,25 @@ def test_a_law_that_breaks_down_fails_its_runs_and_says_how(name: str) -> None:
     assert lqr.failures_by_outcome[CONTROLLER_FAILED] == 0
     with pytest.raises(ControllerError):
         first = found.failures(name)[0]
-        afl.simulate_mujoco(module.sample_scenario(SHORT, first, 1), law, "sampled")
+        afl.simulate_mujoco(module.sample_scenario(SHORT, first, 1), controller, "sampled")
 
 
-def test_a_law_without_a_force_ends_the_run_as_a_failure() -> None:
-    law = PythonController(name="nan", function=not_a_number)
-    found = run([law], samples=3)
+def test_a_controller_without_a_force_ends_the_run_as_a_failure() -> None:
+    controller = PythonController(name="nan", function=not_a_number)
+    found = run([controller], samples=3)
     assert {trial.outcome for trial in found.trials["nan"]} == {"diverged"}
     assert found.survival("nan").count == found.settling("nan").count == 0
     assert found.failures("nan") == [0, 1, 2]
 
 
-def test_a_law_of_a_users_module_goes_to_the_workers(tmp_path, monkeypatch) -> None:
+def test_a_controller_of_a_users_module_goes_to_the_workers(tmp_path, monkeypatch) -> None:
     (tmp_path / "mine_for_montecarlo.py").write_text(
-        "def law(t, state, belief):\n    return 1 / 0\n"
+        "def controller(t, state, belief):\n    return 1 / 0\n"
     )
     monkeypatch.chdir(tmp_path)
-    law = load_python_controller("mine_for_montecarlo:law")
+    controller = load_python_controller("mine_for_montecarlo:controller")
     try:
-        trials = run([law], samples=2, workers=2).trials[law.name]
+        trials = run([controller], samples=2, workers=2).trials[controller.name]
     finally:
         sys.modules.pop("mine_for_montecarlo")
     assert [trial.outcome for trial in trials] == [CONTROLLER_FAILED] * 2
@@ -214,11 +216,11 @@ def test_severity_is_what_its_words_say() -> None:
     [
         ({"samples": 0}, "samples must be at least 1, got 0"),
         ({"seed": -1}, "seed must lie in 0 to 2**63 - 1, got -1"),
-        ({"laws": []}, "controllers must be at least one, got 0"),
-        ({"laws": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
+        ({"controllers": []}, "controllers must be at least one, got 0"),
+        ({"controllers": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
         ({"space": SampleSpace(control_period=1.5e-3)},
          "timestep 0.001 s must divide control_period 0.0015 s"),
-        ({"laws": [ADAPTIVE], "space": SampleSpace(half_length=(1e-3, 1.0))},
+        ({"controllers": [ADAPTIVE], "space": SampleSpace(half_length=(1e-3, 1.0))},
          "switching of the gain function at M = 0.1 kg, l = 0.001 m must be positive, got -"),
     ],
     ids=str,

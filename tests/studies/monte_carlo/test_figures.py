@@ -33,7 +33,7 @@ def campaign(**trials: list[Trial]) -> Campaign:
 
 @pytest.fixture(scope="module")
 def rubbed() -> Campaign:
-    """One law that falls where dry friction is above 0.7 N, one that never does."""
+    """One controller that falls where dry friction is above 0.7 N, one that never does."""
     rigs = [sample_scenario(SPACE, i, 1) for i in range(SAMPLES)]
     stuck = [DOWN if rig.imperfections.rail_friction > 0.7 else UP for rig in rigs]
     return campaign(adaptive=stuck, lqr=[UP] * SAMPLES)
@@ -43,7 +43,7 @@ def figures(found: Campaign) -> dict[str, Figure]:
     return {one.name: one for one in figures_of(sections(result_of(found, [])))}
 
 
-def test_what_makes_a_law_fail_is_the_first_feature_named(rubbed: Campaign) -> None:
+def test_what_makes_a_controller_fail_is_the_first_feature_named(rubbed: Campaign) -> None:
     failed = [np.array([t is DOWN for t in found]) for found in rubbed.trials.values()]
     assert most_separating(features_of(SPACE, SAMPLES, 1), failed, 3)[0] == "dry friction [N]"
     assert (
@@ -90,13 +90,20 @@ def test_nothing_is_said_of_failures_where_there_are_none() -> None:
 
 
 def test_every_controller_has_its_own_colour() -> None:
-    names = ["adaptive", "fixed", "lqr", "pole-placement", "partial-linearization", "mine.law"]
+    names = [
+        "adaptive",
+        "fixed",
+        "lqr",
+        "pole-placement",
+        "partial-linearization",
+        "mine.controller",
+    ]
     assert len(set(colours_of(names).values())) == len(names)
 
 
 def printed(found: Campaign, worst: list[Found]) -> str:
     stream = StringIO()
-    result = result_of(found, worst, asked={"adaptive": "my:law"})
+    result = result_of(found, worst, asked={"adaptive": "my:controller"})
     print_sections(sections(result), Path("out"), Console(file=stream, width=170))
     return stream.getvalue()
 
@@ -117,7 +124,7 @@ def test_the_tables_say_rates_pairs_and_worst_cases(rubbed: Campaign) -> None:
     assert "rail_friction 0.40, z −0.01" in text
     replay = "afl-mujoco simulate out/montecarlo/adaptive/failure-"
     (line,) = (line for line in text.splitlines() if replay in line)
-    assert line.endswith(".toml --controller my:law")
+    assert line.endswith(".toml --controller my:controller")
 
 
 def test_the_findings_say_rates_with_intervals_and_the_comparison(rubbed: Campaign) -> None:

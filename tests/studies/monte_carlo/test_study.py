@@ -88,18 +88,25 @@ def test_one_worker_gives_the_same_bytes_as_two(folder: Path) -> None:
 
 def test_a_controller_that_breaks_down_is_an_outcome_with_its_message(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
-        "def law(t, state, belief):\n    raise OSError('unplugged')\n"
+        "def controller(t, state, belief):\n    raise OSError('unplugged')\n"
     )
-    laws = ["--controllers", "mine:law", "lqr"]
+    controllers = ["--controllers", "mine:controller", "lqr"]
     result = run(
-        "montecarlo", *laws, "--samples", "3", "--out", "out", "--no-worst-case", cwd=tmp_path
+        "montecarlo",
+        *controllers,
+        "--samples",
+        "3",
+        "--out",
+        "out",
+        "--no-worst-case",
+        cwd=tmp_path,
     )
     assert result.returncode == 0, result.stderr
     content = study(tmp_path)
-    assert "mine:law lqr --samples 3 --no-worst-case" in result.stdout
+    assert "mine:controller lqr --samples 3 --no-worst-case" in result.stdout
     broken = content["controllers"][0]
     assert broken["failures_by_outcome"] == {"fell": 0, "diverged": 0, "controller failed": 3}
-    said = "controller 'mine.law' raised OSError at t = 0 s: unplugged"
+    said = "controller 'mine.controller' raised OSError at t = 0 s: unplugged"
     assert [failure["message"] for failure in broken["failures"]] == [said] * 3
     assert content["worst_cases"] == []
     assert said in " ".join(result.stdout.split())

@@ -153,10 +153,10 @@ def test_two_processes_give_the_same_bits(twenty: Campaign) -> None:
 
 
 def test_progress_ends_at_the_runs_that_it_took(twenty: Campaign) -> None:
-    told: list[int] = []
-    found = search(twenty, progress=told.append)
-    assert told == sorted(told)
-    assert told[-1] == sum(one.runs for one in found) <= most_runs(BUDGET)
+    reported: list[int] = []
+    found = search(twenty, progress=reported.append)
+    assert reported == sorted(reported)
+    assert reported[-1] == sum(one.runs for one in found) <= most_runs(BUDGET)
 
 
 def test_there_is_no_nearest_failure_where_nothing_fails() -> None:
@@ -169,7 +169,7 @@ def test_there_is_no_nearest_failure_where_nothing_fails() -> None:
     assert hardest.trial.survived
 
 
-def test_a_law_that_survives_nothing_needs_no_search(twenty: Campaign) -> None:
+def test_a_controller_that_survives_nothing_needs_no_search(twenty: Campaign) -> None:
     lost = Campaign(
         space=SHORT,
         seed=1,

@@ -112,8 +112,8 @@ def test_the_documentation_has_the_reference_levels_of_the_code() -> None:
     assert sorted(chain(*said)) == sorted([*NAMES, COMBINED.name])
     for names, text in said.items():
         if names != (COMBINED.name,):
-            told = text.replace("2π/4096", f"{2.0 * math.pi / 4096.0:.2g}")
-            assert told == ", ".join(dict.fromkeys(chain(*map(reference_texts, names))))
+            shown = text.replace("2π/4096", f"{2.0 * math.pi / 4096.0:.2g}")
+            assert shown == ", ".join(dict.fromkeys(chain(*map(reference_texts, names))))
 
 
 def reference_texts(name: str) -> list[str]:

@@ -10,7 +10,7 @@ from program import interrupt, run
 
 pytestmark = pytest.mark.slow
 
-LAW = """\
+CONTROLLER = """\
 def push(time, state, belief):
     return 20.0 * state[1] + 4.0 * state[3]
 """
@@ -19,12 +19,12 @@ def push(time, state, belief):
 def test_it_writes_numbers_figures_and_a_table_and_a_controller_of_ones_own_is_studied(
     tmp_path: Path,
 ) -> None:
-    (tmp_path / "law.py").write_text(LAW)
+    (tmp_path / "controller.py").write_text(CONTROLLER)
     (tmp_path / "short.toml").write_text(
         'name = "short"\nduration = 0.5\ninitial_state = [0.0, 0.02, 0.0, 0.0]\n'
     )
     result = run(
-        "thresholds", "short.toml", "--controllers", "lqr", "law:push",
+        "thresholds", "short.toml", "--controllers", "lqr", "controller:push",
         "--imperfections", "force-limit", "rail", "--seeds", "1", "--scan", "3",
         "--tolerance", "0.5", "--out", "out", cwd=tmp_path,
     )  # fmt: skip
@@ -32,10 +32,10 @@ def test_it_writes_numbers_figures_and_a_table_and_a_controller_of_ones_own_is_s
     assert "From where each controller no longer survives short" in result.stdout
     assert "afl-mujoco report --robustness out puts it into a report" in result.stdout
     content = json.loads((tmp_path / "out" / "thresholds.json").read_text())
-    assert content["result"]["controllers"] == ["lqr", "law.push"]
+    assert content["result"]["controllers"] == ["lqr", "controller.push"]
     assert [r["name"] for r in content["result"]["imperfections"]] == ["force-limit", "rail"]
     assert content["command"].startswith(
-        "afl-mujoco thresholds short.toml --controllers lqr law:push"
+        "afl-mujoco thresholds short.toml --controllers lqr controller:push"
     )
     assert "--tolerance 0.5" in content["command"] and "--out" not in content["command"]
     written = {path.name for path in (tmp_path / "out").iterdir()}

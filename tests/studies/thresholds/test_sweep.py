@@ -1,4 +1,4 @@
-"""The sweeps against runs made another way: peaks, single simulations, laws made to fail."""
+"""The sweeps against runs made another way: peaks, single simulations, controllers made to fail."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ SETTINGS = Settings(scenarios=(CASE,), seeds=2, scan=5, tolerance=0.05)
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 
 
-def simulated(law, **options: float) -> afl.Trajectory:
+def simulated(controller, **options: float) -> afl.Trajectory:
     return afl.simulate_mujoco(
-        replace(CASE, imperfections=Imperfections(**options)), law, "sampled"
+        replace(CASE, imperfections=Imperfections(**options)), controller, "sampled"
     )
 
 
@@ -102,9 +102,9 @@ def test_a_controller_that_computes_no_force_fails_and_says_so():
             raise RuntimeError("too heavy")
         return LQR.force(state, belief)
 
-    law = PythonController(name="broken", function=broken)
+    controller = PythonController(name="broken", function=broken)
     short = replace(SETTINGS, scenarios=(replace(CASE, duration=2.0),), scan=3, tolerance=0.5)
-    found = sweep(("mass-over", law, short))
+    found = sweep(("mass-over", controller, short))
     assert found.failure.failure == REFUSED
     assert found.survives.bound == BRACKETED
     assert found.reference.survives
