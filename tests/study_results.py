@@ -9,7 +9,7 @@ import numpy as np
 from page_case import NASTY
 
 from afl_mujoco.document.blocks import Section
-from afl_mujoco.simulation.attraction.cells import AttractionMap, Settling, state_cells
+from afl_mujoco.simulation.attraction.grid import AttractionMap, Settling, state_grid
 from afl_mujoco.studies.attraction import result as attraction_result
 from afl_mujoco.studies.attraction.comparison import Comparison
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER, Threshold
@@ -211,15 +211,15 @@ def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
 
 
 def attraction() -> attraction_result.Result:
-    """Return one pair of maps, of three rows and five columns, that differ in one cell."""
-    cells = state_cells(np.linspace(-1.0, 1.0, 5), np.linspace(-2.0, 2.0, 3))
+    """Return one pair of maps, of three rows and five columns, that differ in one grid point."""
+    grid = state_grid(np.linspace(-1.0, 1.0, 5), np.linspace(-2.0, 2.0, 3))
     outcome = np.array([[0, 1, 2, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 0]], dtype=np.uint8)
     other = outcome.copy()
     other[1, 4] = 0
     times = np.full(outcome.shape, 3.2)
     maps = (
         AttractionMap(
-            cells=cells, controller="lqr", simulator=simulator, outcome=found,
+            grid=grid, controller="lqr", simulator=simulator, outcome=found,
             settings=Settling().describe() | {"timestep": 2e-3},
             time=times, peak_z=times, peak_force=times,
         )

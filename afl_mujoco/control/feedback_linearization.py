@@ -24,7 +24,7 @@ def linearizing_force(u, phi, phi_dot, cart_mass, pole_mass, half_length, gravit
 def xi1(z, phi, half_length):
     """Return the output coordinate xi1 [m], Eq. (L2), its ln((1 + sin)/cos) as arcsinh(tan).
 
-    The two are equal; the second is odd to the last bit and loses none of them near -pi/2.
+    The two are equal; the second is odd to the last bit and has no cancellation near -pi/2.
     """
     return z - 4.0 / 3.0 * half_length * np.arcsinh(np.sin(phi) / np.cos(phi))
 

@@ -1,1 +1,1 @@
-"""What is asked: parameters, schedules, disturbances, scenarios. Data only, frozen, in SI units."""
+"""Parameters, schedules, disturbances, scenarios. Data only, frozen, in SI units."""

@@ -33,11 +33,11 @@ def _build() -> dict[str, Scenario]:
         for mass in _CART_MASS
         for length in _HALF_LENGTH
     }
-    struck = {
+    disturbed = {
         f"{name}-impulse": replace(case, name=f"{name}-impulse", disturbances=(_PULSE,))
         for name, case in cases.items()
     }
-    return {"nominal": Scenario(name="nominal"), **cases, **struck}
+    return {"nominal": Scenario(name="nominal"), **cases, **disturbed}
 
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(_build())

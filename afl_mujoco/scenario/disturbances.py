@@ -65,7 +65,7 @@ class Impulse:
     momentum
         Jump of the generalised momentum of z [N s].
     time
-        When it strikes [s], not negative.
+        When it acts [s], not negative.
     """
 
     momentum: float

@@ -97,7 +97,7 @@ class _NumberOrTable:
 
 
 class _ByShape:
-    """How pydantic tells the members of a union apart."""
+    """How pydantic distinguishes the members of a union."""
 
     @staticmethod
     def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
@@ -130,7 +130,7 @@ class _Schedules:
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """How a scenario was run: what `afl-mujoco simulate` does unless it is asked for otherwise."""
+    """How a scenario was run: the defaults of `afl-mujoco simulate` for it."""
 
     controller: str | None = None
     integrator: str | None = None

@@ -1,4 +1,4 @@
-"""A scenario sampled on a time grid: what the simulators that march in steps are fed."""
+"""A scenario sampled on a time grid, for the simulators with a fixed step."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SNAP = 1e-9  # share of a step under which a grid point and a breakpoint are the
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steps:
-    """A march through the horizon whose steps never straddle a breakpoint.
+    """Time grid whose steps never cross a breakpoint.
 
     Attributes
     ----------
@@ -116,9 +116,9 @@ def parameters_in(
 
 
 def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the ideal impulse [N s] that strikes at the start of each step, shape (N,).
+    """Return the ideal impulse [N s] at the start of each step, shape (N,).
 
-    An impulse strikes at the first step that starts at its time or after it.
+    An impulse acts at the first step that starts at its time or after it.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray
         Starts of the steps and the horizon [s], shape (N + 1,).
     """
     edges = np.concatenate([[-np.inf], starts[:-1]]) + SNAP * (starts[1] - starts[0])
-    edges[-1] = np.inf  # one that comes after the last start strikes there
+    edges[-1] = np.inf  # one that comes after the last start acts there
     hits = np.zeros(len(starts) - 1)
     for disturbance in scenario.disturbances:
         if isinstance(disturbance, Impulse):

@@ -61,7 +61,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What is asked of a simulator: the truth, not what a controller assumes of it.
+    """What a simulator simulates: the truth, not what a controller assumes of it.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """The reference integrator: DOP853 from breakpoint to breakpoint.
 
-It knows neither the analytic equations nor MuJoCo: both hand it their own right-hand side, so that
-what differs between two of its results is the right-hand side alone. Where the right-hand side is
-compiled, so is the method (`dop853`); any other one, and any other method, is SciPy's.
+It depends neither on the analytic equations nor on MuJoCo: both pass their own right-hand side, so
+that two of its results differ by the right-hand side alone. Where the right-hand side is compiled,
+so is the method (`dop853`); any other one, and any other method, is SciPy's.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def compiled_solver(
 def segment_numbers(
     scenario: Scenario, segment: Segment, change: ParameterChange
 ) -> tuple[float, ...]:
-    """Return what a compiled right-hand side is given of a segment.
+    """Return the numbers of a segment for a compiled right-hand side.
 
     Its start [s]; M and its rate [kg, kg/s]; l and its rate [m, m/s]; m [kg]; g [m/s^2]; the push
     [N]; and the rate of l that acts on the rod [m/s].

@@ -20,7 +20,12 @@ from afl_mujoco.simulation.integrator import (
     scipy_solver,
     segment_numbers,
 )
-from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike, write_parameters
+from afl_mujoco.simulation.mujoco_model import (
+    CartPoleModel,
+    forward,
+    impulse_jump,
+    write_parameters,
+)
 from afl_mujoco.simulation.python_controller_rk4 import integrate_python_controller
 
 
@@ -113,7 +118,7 @@ def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange
             state[2:4] = velocities(model, state, kept)
         if impulse != 0.0:
             enter(after, after.start)
-            state[2:4] += strike(at, *state[:4].tolist(), impulse)
+            state[2:4] += impulse_jump(at, *state[:4].tolist(), impulse)
         return state
 
     return arrive

@@ -45,7 +45,7 @@ def _derivative(at, state, force, push, pole_mass, half_length, rate):
 
 @kernel
 def forced_derivative(at, state, true, force, push, rate):
-    """Return (z_dot, phi_dot, z'', phi'') under a given force.
+    """Return (z_dot, phi_dot, z'', phi'') under a force.
 
     Parameters
     ----------

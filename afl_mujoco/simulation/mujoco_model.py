@@ -132,11 +132,12 @@ def forward(at, z, phi, z_dot, phi_dot, force, push, torque=0.0):
 
 
 @kernel
-def strike(at, z, phi, z_dot, phi_dot, impulse):
+def impulse_jump(at, z, phi, z_dot, phi_dot, impulse):
     """Return the jump of (z_dot, phi_dot) under an ideal impulse on the cart.
 
-    Without friction and stops, which an impulse outruns, accelerations are linear in the force: the
-    difference that the force `impulse` makes is the inverse mass matrix times the impulse.
+    Without friction and stops, which are too slow for an impulse, accelerations are linear in the
+    force: the difference that the force `impulse` makes is the inverse mass matrix times the
+    impulse.
     """
     forward(at, z, phi, z_dot, phi_dot, 0.0, impulse)
     z_with, phi_with = load(at.z_ddot_smooth), load(at.phi_ddot_smooth)

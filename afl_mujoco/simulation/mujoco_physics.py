@@ -136,7 +136,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return not within_limits(mm.read_state(self._model.addresses))
 
     def begin(self, state: Sequence[float]) -> None:
-        """Put the plant at t = 0 into `state`, then apply the impulses that strike there.
+        """Put the plant at t = 0 into `state`, then apply the impulses there.
 
         Parameters
         ----------

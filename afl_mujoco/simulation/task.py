@@ -105,7 +105,7 @@ class Balance(control.Task):  # type: ignore[misc]
         return self._random
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Put the plant into the scenario's initial state, perturbed if so asked."""
+        """Put the plant into the scenario's initial state, perturbed if so configured."""
         z, phi, z_dot, phi_dot = physics.scenario.initial_state
         if self._noise > 0.0:
             phi += self._random.uniform(-self._noise, self._noise)
@@ -124,7 +124,7 @@ class Balance(control.Task):  # type: ignore[misc]
         physics.data.ptr.ctrl[0] = min(max(force, -self._limit), self._limit)
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, NDArray[np.float64]]:
-        """Return position, velocity and, if so asked, parameters at this instant."""
+        """Return position, velocity and, if so configured, parameters at this instant."""
         observation = OrderedDict(position=physics.position(), velocity=physics.velocity())
         if self._observe_parameters:
             observation["parameters"] = physics.parameters()

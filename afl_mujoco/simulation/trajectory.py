@@ -33,7 +33,7 @@ STATE_LIMIT = 1e6
 
 COMPLETED, FELL, DIVERGED = "completed", "fell", "diverged"
 OUTCOMES = (COMPLETED, FELL, DIVERGED)
-"""The ways a run can end, by the status code of the compiled marches."""
+"""The ways a run can end, by the status code of the compiled loops."""
 
 _PACKAGES = ("afl_mujoco", "mujoco", "numpy", "scipy", "numba")
 _ARRAYS = ("time", "state", "force", "cart_mass", "half_length")

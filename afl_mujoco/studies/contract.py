@@ -8,7 +8,7 @@ A study is a package of this folder:
     returns the result. `STUDY` names them. It is imported by ``--help``: what is slow to import
     is imported inside the functions.
 ``result.py``
-    ``Result``, a frozen dataclass of what pydantic knows, and of `Array`.
+    ``Result``, a frozen dataclass of types that pydantic supports, and of `Array`.
 ``sections.py``
     ``sections(result)``: the only place that puts the study into words.
 ``files.py``

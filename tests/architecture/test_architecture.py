@@ -194,7 +194,7 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
             "simulation/gym_env/environment", "import afl_mujoco.plant", ENGINE, id="engine-gym"
         ),
         pytest.param(
-            "simulation/attraction/cells", "import mujoco", ANALYTIC, id="analytic-attraction"
+            "simulation/attraction/grid", "import mujoco", ANALYTIC, id="analytic-attraction"
         ),
         pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
         pytest.param(

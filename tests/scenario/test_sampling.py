@@ -1,4 +1,4 @@
-"""The march: a grid with every breakpoint in it, each step's parameters from its inside."""
+"""The time grid: every breakpoint is in it, each step's parameters are those of its inside."""
 
 import numpy as np
 import pytest
@@ -44,19 +44,19 @@ def test_the_grid_starts_at_zero_even_if_something_happens_right_after():
     hit = Impulse(momentum=1.0, time=0.0)
     pulse = ForcePulse(force=1.0, start=1e-13, duration=0.1)
     scenario = Scenario(name="x", disturbances=(hit, pulse), duration=0.5)
-    march = steps(scenario, 0.1)
-    assert march.times[0] == 0.0
-    assert march.impulse.sum() == 1.0
+    grid = steps(scenario, 0.1)
+    assert grid.times[0] == 0.0
+    assert grid.impulse.sum() == 1.0
 
 
 @pytest.mark.parametrize("period", PERIODS, ids=str)
 def test_stage_values_are_limits_from_inside_the_step(odd_scenario, period):
-    march = steps(odd_scenario, period)
-    start, end = march.times[:-1], march.times[1:]
+    grid = steps(odd_scenario, period)
+    start, end = grid.times[:-1], grid.times[1:]
     middle = 0.5 * (start + end)
     for schedule, values in (
-        (odd_scenario.cart_mass, march.cart_mass),
-        (odd_scenario.half_length, march.half_length),
+        (odd_scenario.cart_mass, grid.cart_mass),
+        (odd_scenario.half_length, grid.half_length),
     ):
         ends = [schedule.before(t) for t in end.tolist()]
         expected = np.stack([schedule(start), schedule(middle), ends], axis=1)
@@ -64,16 +64,16 @@ def test_stage_values_are_limits_from_inside_the_step(odd_scenario, period):
 
 
 def test_a_step_is_pushed_by_the_force_of_its_middle(odd_scenario):
-    march = steps(odd_scenario, 1e-3)
-    middle = 0.5 * (march.times[:-1] + march.times[1:])
-    np.testing.assert_array_equal(march.push, odd_scenario.pushes(middle))
-    assert march.push @ np.diff(march.times) == pytest.approx(-7.0 * 0.0333, rel=1e-12)
+    grid = steps(odd_scenario, 1e-3)
+    middle = 0.5 * (grid.times[:-1] + grid.times[1:])
+    np.testing.assert_array_equal(grid.push, odd_scenario.pushes(middle))
+    assert grid.push @ np.diff(grid.times) == pytest.approx(-7.0 * 0.0333, rel=1e-12)
 
 
-def test_an_impulse_strikes_once_at_the_step_that_starts_with_it(odd_scenario):
-    march = steps(odd_scenario, 1e-3)
-    (struck,) = np.flatnonzero(march.impulse)
-    assert (march.times[struck], march.impulse[struck]) == (0.5207, 0.21)
+def test_an_impulse_acts_once_at_the_step_that_starts_with_it(odd_scenario):
+    grid = steps(odd_scenario, 1e-3)
+    (hit,) = np.flatnonzero(grid.impulse)
+    assert (grid.times[hit], grid.impulse[hit]) == (0.5207, 0.21)
 
 
 @settings(derandomize=True, max_examples=60, deadline=None)

@@ -60,7 +60,7 @@ def test_an_impulse_belongs_to_the_segment_that_starts_with_it():
     assert [(s.start, s.impulse) for s in scenario.segments] == [(0.0, 1.5), (3.0, -1.5)]
 
 
-def test_an_impulse_that_is_accepted_strikes():
+def test_an_impulse_that_is_accepted_acts():
     try:
         scenario = Scenario(
             name="x", disturbances=(Impulse(momentum=1.0, time=20.0),), duration=20.0

@@ -24,14 +24,14 @@ def _kick(state, mass, length, impulse):
     return np.array([impulse / mass, 0.0])
 
 
-def _run(scenario, derivative=_particle, strike=_kick, period=0.25):
+def _run(scenario, derivative=_particle, jump_at=_kick, period=0.25):
     times = time_grid(scenario, period)
 
     def rate(time, state, segment):
         return derivative(state, *segment.parameters_at(time), segment.push)
 
     def arrive(state, before, after):
-        jump = strike(state, *after.parameters_at(after.start), after.impulse)
+        jump = jump_at(state, *after.parameters_at(after.start), after.impulse)
         return state + np.array([0.0, 0.0, *jump])
 
     states, outcome = integrate(scenario, scipy_solver(rate), arrive, times)
@@ -41,7 +41,7 @@ def _run(scenario, derivative=_particle, strike=_kick, period=0.25):
 REST = Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
 
 
-def test_a_pulse_of_10_ms_on_a_rested_system_is_not_missed():
+def test_a_pulse_of_10_ms_on_a_system_at_rest_is_not_missed():
     pulse = ForcePulse(force=100.0, start=10.0003, duration=0.01)
     times, states, outcome = _run(replace(REST, disturbances=(pulse,)))
     assert str(outcome) == "completed"
@@ -61,7 +61,7 @@ def test_an_impulse_jumps_the_velocity_at_its_instant_with_the_mass_after_the_ju
     assert states[-1, 0] == pytest.approx(1.5 * 15.0, rel=TIGHT)
 
 
-def test_an_impulse_at_the_start_strikes():
+def test_an_impulse_at_the_start_acts():
     hit = Impulse(momentum=3.0, time=0.0)
     _, states, _ = _run(replace(REST, disturbances=(hit,)))
     assert states[-1, 0] == pytest.approx(60.0, rel=TIGHT)

@@ -24,7 +24,7 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.sampling import impulses_by_step
-from afl_mujoco.simulation.mujoco_model import forward, strike
+from afl_mujoco.simulation.mujoco_model import forward, impulse_jump
 
 # The limits of verification.md.
 A1, B1, B2B, B3 = 1e-11, 1e-9, 1e-10, 1e-8
@@ -77,7 +77,7 @@ def test_mujoco_s_accelerations_are_those_of_the_plant(rng):
 def test_an_impulse_jumps_the_velocities_as_the_mass_matrix_says(rng):
     for model, p in _plants(rng, 50):
         state = rng.uniform((-5, -1.5, -5, -10), (5, 1.5, 5, 10))
-        jump = strike(model.addresses, *state, 0.37)
+        jump = impulse_jump(model.addresses, *state, 0.37)
         expected = velocity_jump(state, 0.37, p)
         np.testing.assert_allclose(jump, expected, rtol=0, atol=A1 * np.abs(expected).max() * 10)
 
@@ -123,27 +123,27 @@ def test_b3_holds_with_jumps_in_the_very_middle_of_steps(odd_scenario, adaptive)
 def test_both_sides_see_the_disturbances(odd_scenario, adaptive):
     calm = replace(odd_scenario, disturbances=())
     for mode in MODES:
-        struck = simulate_mujoco(odd_scenario, adaptive, mode=mode).state[-1]
-        assert np.abs(struck - simulate_mujoco(calm, adaptive, mode=mode).state[-1]).max() > 1e-2
+        disturbed = simulate_mujoco(odd_scenario, adaptive, mode=mode).state[-1]
+        assert np.abs(disturbed - simulate_mujoco(calm, adaptive, mode=mode).state[-1]).max() > 1e-2
 
 
 @pytest.mark.parametrize(
-    ("time", "struck"),
+    ("time", "disturbed"),
     [(0.0, 0), (0.1, 1), (0.2, 2), (0.2001, 3), (0.3, 3), (0.1 + 0.2, 3)],
     ids=str,
 )
-def test_an_impulse_strikes_at_the_first_step_from_its_time_on(time, struck):
+def test_an_impulse_acts_at_the_first_step_from_its_time_on(time, disturbed):
     scenario = Scenario(name="x", disturbances=(Impulse(momentum=2.0, time=time),), duration=0.5)
     hits = impulses_by_step(scenario, 0.1 * np.arange(6))
-    assert hits.tolist() == [2.0 if k == struck else 0.0 for k in range(5)]
+    assert hits.tolist() == [2.0 if k == disturbed else 0.0 for k in range(5)]
 
 
 def test_an_impulse_during_the_last_step_is_not_lost(smooth_scenario, adaptive):
     hit = Impulse(momentum=1.0, time=0.7995)
     scenario = replace(smooth_scenario, disturbances=(hit,))
-    struck = simulate_mujoco(scenario, adaptive, mode="sampled")
+    disturbed = simulate_mujoco(scenario, adaptive, mode="sampled")
     calm = simulate_mujoco(smooth_scenario, adaptive, mode="sampled")
-    assert abs(struck.state[-1, 2] - calm.state[-1, 2]) > 0.1
+    assert abs(disturbed.state[-1, 2] - calm.state[-1, 2]) > 0.1
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -1,4 +1,4 @@
-"""The fixed-step marches: order of accuracy, and the held loop against a second integrator."""
+"""The fixed-step runs: order of accuracy, and the held loop against a second integrator."""
 
 from dataclasses import replace
 
@@ -35,12 +35,12 @@ def _held_by_dop853(scenario, controller, timestep, hold):
     for k in range(count):
         p = scenario.parameters_at((k + 0.5) * timestep)
         now, before = k * timestep, (k - 1) * timestep
-        struck = sum(
+        momentum = sum(
             d.momentum
             for d in scenario.disturbances
             if isinstance(d, Impulse) and before < d.time - 1e-12 <= now
         )
-        state[2:] += velocity_jump(state, struck, p)
+        state[2:] += velocity_jump(state, momentum, p)
         if k % hold == 0:
             force = controller.force(state, scenario.parameters_at(now))
         states.append(state)
@@ -74,24 +74,24 @@ def test_the_held_loop_tends_to_the_continuous_one_in_the_first_order(smooth_sce
     assert 0.9 <= np.polyfit(np.log(sizes), np.log(errors), 1)[0] <= 1.1  # B4
 
 
-@pytest.mark.parametrize("march", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
-def test_an_impulse_in_the_last_step_is_no_crash(march, smooth_scenario, adaptive):
+@pytest.mark.parametrize("simulate", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
+def test_an_impulse_in_the_last_step_is_no_crash(simulate, smooth_scenario, adaptive):
     hit = Impulse(momentum=1.0, time=0.7995)
-    run = march(replace(smooth_scenario, disturbances=(hit,)), adaptive, timestep=1e-3)
+    run = simulate(replace(smooth_scenario, disturbances=(hit,)), adaptive, timestep=1e-3)
     assert str(run.outcome) == "completed"
 
 
-@pytest.mark.parametrize("march", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
-def test_a_run_that_starts_fallen_says_so(march, smooth_scenario, adaptive):
-    run = march(replace(smooth_scenario, initial_state=(0, -1.6, 0, 0)), adaptive)
+@pytest.mark.parametrize("simulate", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
+def test_a_run_that_starts_fallen_says_so(simulate, smooth_scenario, adaptive):
+    run = simulate(replace(smooth_scenario, initial_state=(0, -1.6, 0, 0)), adaptive)
     assert str(run.outcome) == "fell at t = 0 s"
     assert run.state.tolist() == [[0, -1.6, 0, 0]]
 
 
-@pytest.mark.parametrize("march", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
-def test_a_runaway_ends_without_a_nan(march, smooth_scenario):
+@pytest.mark.parametrize("simulate", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
+def test_a_runaway_ends_without_a_nan(simulate, smooth_scenario):
     scenario = replace(smooth_scenario, initial_state=(0, 0, 0, 9e5), duration=0.1)
-    run = march(scenario, CONTROLLERS["fixed"])
+    run = simulate(scenario, CONTROLLERS["fixed"])
     assert run.outcome.kind != "completed"
     assert np.isfinite(run.state).all()
 

@@ -180,7 +180,7 @@ CASES = {
         (["--planes", "phase"], "plane must be one of states, plants, got 'phase'"),
         (["--grid", "1"], "grid must be at least 2, got 1"),
         (["--mass", "-1"], "mass must be positive, got -1"),
-        (["--masses", "2", "0.1"], "masses must rise from its low end 2, got 0.1"),
+        (["--masses", "2", "0.1"], "masses must exceed its low end 2, got 0.1"),
         (["--masses", "-1", "1"], "mass must be positive, got -1"),
         (["--max-angle", "nan"], "max_angle must be finite, got nan"),
         (["--timestep", "0.003"], "timestep 0.003 s must divide dwell 1 s"),

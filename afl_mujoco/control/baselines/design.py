@@ -39,9 +39,8 @@ LARGEST_STATE = (7.60, 1.05, 8.13, 2.84)
 peaks of the paper's own controller, fixed gains, on the nominal plant from -60 degrees."""
 
 LARGEST_ACCELERATION = 41.76
-"""The force is weighted by the inverse square of this times M + m/4 [m/s^2]: so chosen that the LQR
-asks for the same largest force on the nominal plant from -60 degrees as the paper's controller,
-96.1 N."""
+"""The force is weighted by the inverse square of this times M + m/4 [m/s^2], chosen so that the LQR
+needs the same largest force on the nominal plant from -60 degrees as the paper's one, 96.1 N."""
 
 DIGITS = 10
 """Significant digits that are kept of a gain: the rest is the linear algebra library's."""

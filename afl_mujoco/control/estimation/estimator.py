@@ -127,7 +127,7 @@ def _start_anew(filter_, settings, z, phi):
 
 @kernel
 def _excited(filter_, settings, i):
-    """Return whether the motion says something about M (0) or l (1)."""
+    """Return whether the motion excites M (0) or l (1)."""
     return abs(filter_.excitation[i]) > settings.least_excitation[i]
 
 

@@ -13,13 +13,13 @@ from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.sampling import whole_steps
-from afl_mujoco.simulation.attraction.cells import (
+from afl_mujoco.simulation.attraction.grid import (
     FALLEN,
     FOUND,
     SETTLED,
     UNDECIDED,
     AttractionMap,
-    Cells,
+    Grid,
     Settling,
 )
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
@@ -48,24 +48,24 @@ UNUSED = (
 
 
 def map_in_mujoco(
-    cells: Cells,
+    grid: Grid,
     controller: Controller,
     *,
     settling: Settling | None = None,
     timestep: float = TIMESTEP,
     integrator: str = "RK4",
     threads: int = 1,
-    progress: Callable[[int], None] = lambda cells: None,
+    progress: Callable[[int], None] = lambda points: None,
 ) -> AttractionMap:
-    """Return how MuJoCo's loop, as deployed, ends from every cell.
+    """Return how MuJoCo's loop, as deployed, ends from every grid point.
 
     Parameters
     ----------
     timestep
         Physics step [s].
     threads
-        Threads to share the cells among, each with a model of its own; the result does not depend
-        on it.
+        Threads to share the grid points among, each with a model of its own; the result does not
+        depend on their number.
     """
     settling = Settling() if settling is None else settling
     models = [
@@ -76,8 +76,8 @@ def map_in_mujoco(
         steps=whole_steps("horizon", settling.horizon, "timestep", timestep),
         hold=1,
         timestep=timestep,
-        pole_mass=cells.pole_mass,
-        gravity=cells.gravity,
+        pole_mass=grid.pole_mass,
+        gravity=grid.gravity,
         criterion=Criterion(
             FALL_ANGLE,
             *settling.bands,
@@ -86,26 +86,26 @@ def map_in_mujoco(
     )
     sensors, actuator = sensors_of(IDEAL, timestep), actuator_of(IDEAL, timestep, plan.steps)
     kind = controller.compiled.kind  # raises if the controller is not compiled
-    masses, lengths = cells.plants.T
-    inputs = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
-    profiles = np.zeros((len(cells.starts), 1), PROFILE)
-    profiles["cart_mass"][:, 0], profiles["half_length"][:, 0] = cells.plants.T
-    found = np.empty((len(cells.starts), len(FOUND)))
+    masses, lengths = grid.plants.T
+    inputs = controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)
+    profiles = np.zeros((len(grid.starts), 1), PROFILE)
+    profiles["cart_mass"][:, 0], profiles["half_length"][:, 0] = grid.plants.T
+    found = np.empty((len(grid.starts), len(FOUND)))
 
     def task_on(model: CartPoleModel) -> Task:
         run = new_run()
 
         def run_part(part: slice) -> None:
-            _run_cells(
+            _run_points(
                 model.addresses, plan, run, no_commands(actuator), sensors, actuator, kind,
-                cells.starts[part], inputs[part], profiles[part], found[part],
+                grid.starts[part], inputs[part], profiles[part], found[part],
             )  # fmt: skip
 
         return run_part
 
     share(len(found), [task_on(model) for model in models], progress)
     settings = settling.describe() | {"timestep": timestep, "integrator": integrator}
-    return AttractionMap.of(cells, controller.name, "mujoco", settings, found)
+    return AttractionMap.of(grid, controller.name, "mujoco", settings, found)
 
 
 def _without_unused(spec: mujoco.MjSpec) -> None:
@@ -115,8 +115,8 @@ def _without_unused(spec: mujoco.MjSpec) -> None:
 
 
 @kernel
-def _run_cells(at, plan, run, pending, sensors, actuator, kind, starts, inputs, profiles, found):
-    """Run the rollouts of cells one after the other and write what is found of each.
+def _run_points(at, plan, run, pending, sensors, actuator, kind, starts, inputs, profiles, found):
+    """Run the rollouts of grid points one after the other and write what is found of each.
 
     Parameters
     ----------

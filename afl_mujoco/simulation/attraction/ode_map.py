@@ -18,13 +18,13 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.simulation import dop853
-from afl_mujoco.simulation.attraction.cells import (
+from afl_mujoco.simulation.attraction.grid import (
     FALLEN,
     FOUND,
     SETTLED,
     UNDECIDED,
     AttractionMap,
-    Cells,
+    Grid,
     Settling,
     within,
 )
@@ -32,7 +32,7 @@ from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT, within_lim
 
 TOLERANCE = 1e-7
 """Local error of a step, of every state relative to 1 plus its size. A hundred times less or more
-leaves every outcome of the maps as it is, but for a cell now and then that is on a border."""
+leaves every outcome of the maps as it is, but for a grid point now and then that is on a border."""
 
 MAX_STEP = 0.02
 """Longest step [s]: states are looked at where steps end, for the bands and for the peaks."""
@@ -45,36 +45,36 @@ FALL_RESOLUTION = 1e-6
 
 
 def map_by_ode(
-    cells: Cells,
+    grid: Grid,
     controller: Controller,
     *,
     settling: Settling | None = None,
     tolerance: float = TOLERANCE,
     threads: int = 1,
-    progress: Callable[[int], None] = lambda cells: None,
+    progress: Callable[[int], None] = lambda points: None,
 ) -> AttractionMap:
-    """Return how the ideal loop ends from every cell.
+    """Return how the ideal loop ends from every grid point.
 
     Parameters
     ----------
     tolerance
         Local error of a step, 1e-12 to 1e-2.
     threads
-        Threads to share the cells among; the result does not depend on it.
+        Threads to share the grid points among; the result does not depend on it.
     """
     settling = Settling() if settling is None else settling
     if not 1e-12 <= tolerance <= 1e-2:
         raise InvalidValueError("tolerance", "must lie within 1e-12 and 1e-2", tolerance)
     kind = controller.compiled.kind  # raises if the controller is not compiled
-    masses, lengths = cells.plants.T
-    inputs = controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
-    rules = (settling.dwell, settling.horizon, tolerance, cells.pole_mass, cells.gravity)
+    masses, lengths = grid.plants.T
+    inputs = controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)
+    rules = (settling.dwell, settling.horizon, tolerance, grid.pole_mass, grid.gravity)
     bands = np.array(settling.bands)
-    found = np.empty((len(cells.starts), len(FOUND)))
+    found = np.empty((len(grid.starts), len(FOUND)))
 
     def run_part(part: slice) -> None:
-        integrate_cells(
-            kind, cells.starts[part], inputs[part], cells.plants[part], bands, rules, found[part]
+        integrate_points(
+            kind, grid.starts[part], inputs[part], grid.plants[part], bands, rules, found[part]
         )
 
     tasks: list[Task] = [run_part] * require_threads(threads)
@@ -84,7 +84,7 @@ def map_by_ode(
         "tolerance": tolerance,
         "max_step": MAX_STEP,
     }
-    return AttractionMap.of(cells, controller.name, "ode", settings, found)
+    return AttractionMap.of(grid, controller.name, "ode", settings, found)
 
 
 @register_jitable
@@ -148,7 +148,7 @@ def _rollout(kind, start, inputs, plant, bands, rules, found):
 
 
 @kernel
-def integrate_cells(kind, starts, inputs, plants, bands, rules, found):
+def integrate_points(kind, starts, inputs, plants, bands, rules, found):
     """Integrate rollouts one after the other.
 
     Parameters

@@ -1,7 +1,8 @@
 """A block of closed loops side by side, each with a step of its own (`closed_loop_terms`).
 
-One flat array and row numbers known to the compiler tell it that rows do not overlap, so that it
-makes vectors of the lanes; every function in the loop is inlined for that.
+One flat array and constant row numbers show the compiler that rows do not overlap, so that it makes
+vectors of the lanes; every function in the loop is inlined for that. A lane is an element of these
+vectors.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from afl_mujoco.simulation.batch.reduced_loop import (
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 LANES = 16
-"""Loops that a block marches at a time: some vectors of the processor, all in its first cache."""
+"""Loops that a block integrates at a time: some vectors of the processor, all in its L1 cache."""
 
 NEARLY_UPRIGHT, ON_SURFACE = 1e-2, 1e-5
 """Where the closed form takes over: the largest abs(phi) still to come, and what s can add [rad].
@@ -34,7 +35,7 @@ SMALLEST_STEP = 1e-12
 
 FALL_TANGENT = math.tan(FALL_ANGLE)
 
-MARCHING, SETTLED, TIMED_OUT, LOST, IDLE = range(5)
+RUNNING, SETTLED, TIMED_OUT, LOST, IDLE = range(5)
 
 # Rows of a block: the state, its slopes, the step, the sums, and what is constant in a lane.
 (
@@ -72,7 +73,7 @@ def advance(block, pole_mass, gravity, duration, weight):
         before, after = abs(ratio) - 1.0, abs(surface * layer) - 1.0
         crosses = before * after < 0.0 and min(abs(before), abs(after)) > LAYER_EDGE
         leaps = ratio * surface < 0.0 and min(before, after) > LAYER_EDGE  # over the whole layer
-        taken = error <= 1.0 and not (crosses or leaps) and block[STATUS * LANES + i] == MARCHING
+        taken = error <= 1.0 and not (crosses or leaps) and block[STATUS * LANES + i] == RUNNING
         factor = 0.9 / math.sqrt(math.sqrt(error + 1e-6))
         grows = factor > 0.2 and not leaps  # not where the error is not a number
         factor = min(factor, 4.0) if grows else 0.2
@@ -80,7 +81,7 @@ def advance(block, pole_mass, gravity, duration, weight):
         # where it ends
         on_surface = abs(surface) * lever < ON_SURFACE * gravity * gravity * K * layer
         small = on_surface and tail_bound(xi1, xi2, xi3, slope) < NEARLY_UPRIGHT * gravity
-        status = SETTLED if small else MARCHING
+        status = SETTLED if small else RUNNING
         status = TIMED_OUT if time + h >= duration else status
         gone = max(max(abs(z), abs(v)), abs(w)) >= STATE_LIMIT or abs(tau) >= FALL_TANGENT
         status = LOST if gone else status
@@ -90,7 +91,7 @@ def advance(block, pole_mass, gravity, duration, weight):
         block[STEP * LANES + i] = step
         block[TIME * LANES + i] = time + h if taken else time
         kept = block[STATUS * LANES + i]
-        stuck = step < SMALLEST_STEP and kept == MARCHING
+        stuck = step < SMALLEST_STEP and kept == RUNNING
         block[STATUS * LANES + i] = status if taken else LOST if stuck else kept
         block[RATIO * LANES + i] = surface * layer if taken else ratio
         peak = block[MAX_FORCE * LANES + i]

@@ -27,10 +27,10 @@ from afl_mujoco.simulation.batch.block import (
     LAYER_INVERSE,
     LEVER,
     LOST,
-    MARCHING,
     MAX_FORCE,
     PHI_DOT,
     ROWS,
+    RUNNING,
     SETTLED,
     SIGMA,
     SLOPE,
@@ -182,7 +182,7 @@ def _positive(thing: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
 
 @kernel
 def integrate_all(loops, start, constants, found):
-    """March every loop to its end.
+    """Integrate every loop to its end.
 
     Parameters
     ----------
@@ -197,20 +197,20 @@ def integrate_all(loops, start, constants, found):
     """
     block = np.zeros(ROWS * LANES)
     holds = np.empty(LANES, dtype=np.int64)
-    waiting = marching = 0
+    waiting = running = 0
     for lane in range(LANES):
         _load(block, lane, loops[min(lane, len(loops) - 1)], start, constants)
         holds[lane] = waiting
         if waiting < len(loops):
             waiting += 1
-            marching += 1
+            running += 1
         else:
             block[STATUS * LANES + lane] = IDLE
-    while marching > 0:
+    while running > 0:
         advance(block, constants[0], constants[1], constants[2], constants[3])
         for lane in range(LANES):
             status = block[STATUS * LANES + lane]
-            if status == MARCHING or status == IDLE:
+            if status == RUNNING or status == IDLE:
                 continue
             _finish(block, lane, constants, found[holds[lane]])
             if waiting < len(loops):
@@ -219,7 +219,7 @@ def integrate_all(loops, start, constants, found):
                 waiting += 1
             else:
                 block[STATUS * LANES + lane] = IDLE
-                marching -= 1
+                running -= 1
 
 
 @kernel
@@ -237,7 +237,7 @@ def _load(block, lane, loop, start, constants):
     values = (
         start[0], start[2], sigma, tau, start[3], start[1],
         u, phi_ddot, sigma_dot, tau_dot, surface / layer,
-        0.02 * half_length, 0.0, 0.0, 0.0, abs(force), float(MARCHING),
+        0.02 * half_length, 0.0, 0.0, 0.0, abs(force), float(RUNNING),
         lever, 1.0 / lever, switching, slope, 1.0 / layer, cart_mass,
     )  # fmt: skip
     for row in range(ROWS):

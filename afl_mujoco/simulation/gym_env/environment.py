@@ -21,7 +21,7 @@ require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence has been said in one line)
 
 FORCE_LIMIT = 128.0
-"""Force [N] of an action of 1: above the 98 N that the paper's controller asks for, and a power of
+"""Force [N] of an action of 1: above the 98 N that the paper's controller needs, and a power of
 two, so that a force divided by it and multiplied again is the same to the last bit."""
 
 CONTROL_PERIOD = 0.02

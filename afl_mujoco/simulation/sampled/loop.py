@@ -18,10 +18,10 @@ from afl_mujoco.control.estimation.estimator import filtered_state
 from afl_mujoco.control.estimation.estimator import start as begin_estimate
 from afl_mujoco.control.estimation.estimator import update as update_estimate
 from afl_mujoco.simulation.mujoco_model import (
+    impulse_jump,
     mj_reset_data,
     mj_step,
     read_state,
-    strike,
     write_parameters,
     write_state,
 )
@@ -115,7 +115,7 @@ def apply_impulse(at, profile, k):
     if impulse != 0.0:
         z, phi, z_dot, phi_dot = read_state(at)
         force = load(at.control)
-        jump = strike(at, z, phi, z_dot, phi_dot, impulse)
+        jump = impulse_jump(at, z, phi, z_dot, phi_dot, impulse)
         store(at.control, force)
         write_state(at, z, phi, z_dot + jump[0], phi_dot + jump[1])
 

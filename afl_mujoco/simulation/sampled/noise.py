@@ -1,7 +1,7 @@
 """White Gaussian noise that depends on a seed and a tick alone.
 
 Philox4x32-10 (Salmon, Moraes, Dror and Shaw, SC11) is a function of key and counter, with no state
-to carry along: the noise of a tick is the same whichever thread, run or loop asks for it, and
+to carry along: the noise of a tick is the same in every thread, run or loop that draws it, and
 switching one channel on changes no other. NumPy's generators would do neither, nor promise the same
 numbers from one version to the next, on which the replay of a stored scenario rests.
 """

@@ -27,7 +27,7 @@ _SUMMED = ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rollouts:
-    """What became of many runs; every array has one entry for each, in the order they were given.
+    """Outcomes of many runs; every array has one entry for each, in the order of the scenarios.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Rollouts:
         Parameters
         ----------
         index
-            Its place.
+            Its index.
         """
         return Outcome(OUTCOMES[int(self.status[index])], float(self.end_time[index]))
 
@@ -102,7 +102,7 @@ def run_rollouts(
     Returns
     -------
     Rollouts
-        What became of them.
+        Their outcomes.
 
     Raises
     ------
@@ -144,11 +144,11 @@ def run_rollouts(
 def _figures(run: Any, timestep: float) -> dict[str, float]:
     """Return the figures of a run."""
     steps, settled = int(run["step"]), int(run["unsettled"])
-    rested = (steps - settled) * timestep >= DWELL - SNAP * timestep
+    dwelled = (steps - settled) * timestep >= DWELL - SNAP * timestep
     completed = OUTCOMES[int(run["status"])] == COMPLETED
     return {
         "end_time": steps * timestep,
         **{name: float(run[name]) for name in _SUMMED},
-        "settling_time": settled * timestep if completed and rested else math.nan,
+        "settling_time": settled * timestep if completed and dwelled else math.nan,
         "stop_time": run["at_stop"] * timestep if run["at_stop"] >= 0 else math.nan,
     }

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.simulation.attraction.cells import OUTCOMES, AttractionMap
+from afl_mujoco.simulation.attraction.grid import OUTCOMES, AttractionMap
 
 AGREE, ON_BORDER, INSIDE = range(3)
-"""What a cell of the map of disagreement is."""
+"""Kinds of grid point in the map of disagreement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class Comparison:
     Raises
     ------
     InvalidValueError
-        If the maps are not of the same cells and the same controller.
+        If the maps are not of the same grid points and the same controller.
     """
 
     ode: AttractionMap
@@ -39,29 +39,29 @@ class Comparison:
             rule = f"must be {a.controller!r} in both maps"
             raise InvalidValueError("controller", rule, repr(b.controller))
         for name in ("starts", "plants"):
-            if not np.array_equal(getattr(a.cells, name), getattr(b.cells, name)):
-                raise InvalidValueError(f"{name} of the cells", "must be those of both maps")
+            if not np.array_equal(getattr(a.grid, name), getattr(b.grid, name)):
+                raise InvalidValueError(f"{name} of the grid points", "must be those of both maps")
 
     def disagreement(self) -> NDArray[np.uint8]:
-        """Return for each cell `AGREE`, `ON_BORDER` or `INSIDE`, shape (rows, columns).
+        """Return for each grid point `AGREE`, `ON_BORDER` or `INSIDE`, shape (rows, columns).
 
-        A cell whose outcomes differ is on the border if, in either map, one of its up to eight
-        neighbours has another outcome than it: a finer grid would move it. The rest are inside:
-        whatever causes them is wider than a cell.
+        A grid point whose outcomes differ is on the border if, in either map, one of its up to
+        eight neighbours has another outcome than it: a finer grid would move it. The rest are
+        inside: their cause is wider than the spacing of the grid.
         """
         differs = self.ode.outcome != self.mujoco.outcome
         border = on_border(self.ode.outcome) | on_border(self.mujoco.outcome)
         return np.where(differs, np.where(border, ON_BORDER, INSIDE), AGREE).astype(np.uint8)
 
     def transitions(self) -> NDArray[np.int64]:
-        """Return how many cells end so by the equations (row) and so in MuJoCo (column)."""
+        """Return how many grid points end so by the equations (row) and so in MuJoCo (column)."""
         count = len(OUTCOMES)
         pairs = count * self.ode.outcome.ravel().astype(np.int64) + self.mujoco.outcome.ravel()
         return np.bincount(pairs, minlength=count**2).reshape(count, count)
 
 
 def on_border(outcome: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return whether one of a cell's up to eight neighbours has another outcome than it.
+    """Return whether one of a grid point's up to eight neighbours has another outcome than it.
 
     Parameters
     ----------

@@ -15,13 +15,13 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from afl_mujoco.document.style import new_figure
-from afl_mujoco.simulation.attraction.cells import (
+from afl_mujoco.simulation.attraction.grid import (
     FALLEN,
     SETTLED,
     STATES,
     UNDECIDED,
     AttractionMap,
-    Cells,
+    Grid,
 )
 from afl_mujoco.studies.attraction.comparison import INSIDE, ON_BORDER, Comparison
 
@@ -45,7 +45,7 @@ def draw_attraction(comparisons: Sequence[Comparison]) -> Figure:
     figure = new_figure(11.0, 0.9 + 2.9 * rows)
     panels = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
     latest = _latest(comparisons)
-    horizontal, vertical = LABELS[comparisons[0].ode.cells.plane == STATES]
+    horizontal, vertical = LABELS[comparisons[0].ode.grid.plane == STATES]
     for row, comparison in zip(panels, comparisons, strict=True):
         _draw_map(row[0], comparison.ode, latest, "equations")
         _draw_map(row[1], comparison.mujoco, latest, "MuJoCo as deployed")
@@ -75,10 +75,10 @@ def _shades() -> ListedColormap:
     return ListedColormap(matplotlib.colormaps[SHADES](np.linspace(0.12, 1.0, 256)))
 
 
-def _extent(cells: Cells) -> tuple[float, float, float, float]:
-    """Return the outer edges of the outermost cells."""
+def _extent(grid: Grid) -> tuple[float, float, float, float]:
+    """Return the outer edges of a grid's outermost points."""
     edges: list[float] = []
-    for values in (cells.columns, cells.rows):
+    for values in (grid.columns, grid.rows):
         half = 0.5 * float(values[-1] - values[0]) / (len(values) - 1)
         edges += [float(values[0]) - half, float(values[-1]) + half]
     return edges[0], edges[1], edges[2], edges[3]
@@ -89,7 +89,7 @@ def _draw_map(axes: Axes, found: AttractionMap, latest: float, by: str) -> None:
     image: NDArray[np.float64] = _shades()(found.time / latest)
     for code, colour in ((FALLEN, FALLEN_COLOUR), (UNDECIDED, UNDECIDED_COLOUR)):
         image[found.outcome == code] = matplotlib.colors.to_rgba(colour)
-    _show(axes, image, found.cells)
+    _show(axes, image, found.grid)
     share = found.shares()["settled"]
     axes.set_title(f"{by}: {100.0 * share:.1f} % settle")
 
@@ -100,17 +100,15 @@ def _draw_disagreement(axes: Axes, comparison: Comparison) -> None:
     colours = np.array(
         [matplotlib.colors.to_rgba(c) for c in (AGREE_COLOUR, BORDER_COLOUR, INSIDE_COLOUR)]
     )
-    _show(axes, colours[kinds], comparison.ode.cells)
+    _show(axes, colours[kinds], comparison.ode.grid)
     counts = [int((kinds == kind).sum()) for kind in (ON_BORDER, INSIDE)]
     axes.set_title(f"{counts[0]} differ on a border, {counts[1]} inside, of {kinds.size}")
 
 
-def _show(axes: Axes, image: NDArray[np.float64], cells: Cells) -> None:
-    """Draw one colour a cell."""
+def _show(axes: Axes, image: NDArray[np.float64], grid: Grid) -> None:
+    """Draw one colour a grid point."""
     axes.grid(False)
-    axes.imshow(
-        image, extent=_extent(cells), origin="lower", aspect="auto", interpolation="nearest"
-    )
+    axes.imshow(image, extent=_extent(grid), origin="lower", aspect="auto", interpolation="nearest")
 
 
 def _legend() -> list[Patch]:

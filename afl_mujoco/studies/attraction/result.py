@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.simulation.attraction.cells import (
+from afl_mujoco.simulation.attraction.grid import (
     FOUND,
     OUTCOMES,
     SETTLED,
     AttractionMap,
-    Cells,
+    Grid,
 )
 from afl_mujoco.studies.attraction.comparison import INSIDE, ON_BORDER, Comparison
 from afl_mujoco.studies.record import Array
@@ -27,13 +27,13 @@ class Map:
     Attributes
     ----------
     shares
-        Of the cells, by how they ended [1].
+        Of the grid points, by how they ended [1].
     largest_time, largest_peak_z, largest_peak_force
-        Over the cells that settled [s, m, N]; None without any.
+        Over the grid points that settled [s, m, N]; None without any.
     settings
         Criterion, method and steps.
     outcome, time, peak_z, peak_force
-        Of each cell, as of `AttractionMap`.
+        Of each grid point, as of `AttractionMap`.
     """
 
     shares: dict[str, float]
@@ -49,14 +49,14 @@ class Map:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disagreement:
-    """How many cells end differently; those on a border would move with a finer grid.
+    """How many grid points end differently; those on a border would move with a finer grid.
 
     Attributes
     ----------
     differ, on_border, inside
-        Counts of cells; the first is the sum of the others.
+        Counts of grid points; the first is the sum of the others.
     ode_to_mujoco
-        Counts by how a cell ends by the equations, then in MuJoCo.
+        Counts by how a grid point ends by the equations, then in MuJoCo.
     """
 
     differ: int
@@ -67,25 +67,25 @@ class Disagreement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MapPair:
-    """One controller on one rectangle of cells, by the equations and in MuJoCo.
+    """One controller on one grid, by the equations and in MuJoCo.
 
     Attributes
     ----------
     plane, controller
         What the map is drawn over, and the controller's name.
-    cells
+    points
         How many there are.
     pole_mass, gravity
         m [kg] and g [m/s^2].
     ode, mujoco, disagreement
         What was found.
     columns, rows, starts, plants
-        As of `Cells`.
+        As of `Grid`.
     """
 
     plane: str
     controller: str
-    cells: int
+    points: int
     pole_mass: float
     gravity: float
     ode: Map
@@ -99,7 +99,7 @@ class MapPair:
     @property
     def comparison(self) -> Comparison:
         """The two maps, to be drawn."""
-        cells = Cells(
+        grid = Grid(
             plane=self.plane,
             columns=self.columns,
             rows=self.rows,
@@ -110,7 +110,7 @@ class MapPair:
         )
         maps = (
             AttractionMap(
-                cells=cells,
+                grid=grid,
                 controller=self.controller,
                 simulator=simulator,
                 settings=found.settings,
@@ -135,14 +135,14 @@ def result_of(comparisons: Sequence[Comparison]) -> Result:
 
 def _pair(comparison: Comparison) -> MapPair:
     """Return one comparison with its numbers."""
-    cells = comparison.ode.cells
+    grid = comparison.ode.grid
     kinds = np.bincount(comparison.disagreement().ravel(), minlength=3).tolist()
     return MapPair(
-        plane=cells.plane,
+        plane=grid.plane,
         controller=comparison.ode.controller,
-        cells=int(comparison.ode.outcome.size),
-        pole_mass=cells.pole_mass,
-        gravity=cells.gravity,
+        points=int(comparison.ode.outcome.size),
+        pole_mass=grid.pole_mass,
+        gravity=grid.gravity,
         ode=_map(comparison.ode),
         mujoco=_map(comparison.mujoco),
         disagreement=Disagreement(
@@ -154,10 +154,10 @@ def _pair(comparison: Comparison) -> MapPair:
                 for ode, row in zip(OUTCOMES, comparison.transitions().tolist(), strict=True)
             },
         ),
-        columns=cells.columns,
-        rows=cells.rows,
-        starts=cells.starts,
-        plants=cells.plants,
+        columns=grid.columns,
+        rows=grid.rows,
+        starts=grid.starts,
+        plants=grid.plants,
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table
 from afl_mujoco.document.numbers import fixed, percent
-from afl_mujoco.simulation.attraction.cells import OUTCOMES, PLANTS, STATES
+from afl_mujoco.simulation.attraction.grid import OUTCOMES, PLANTS, STATES
 from afl_mujoco.studies.attraction.figures import draw_attraction
 from afl_mujoco.studies.attraction.result import Map, MapPair, Result
 
@@ -32,7 +32,7 @@ def sections(result: Result) -> list[Section]:
 
 
 def _finding(result: Result) -> str:
-    """Say what share of each map settles, and how many cells disagree away from a border."""
+    """Say what share of each map settles, and how many grid points disagree away from a border."""
     said = (
         f"{pair.controller} {percent(pair.mujoco.shares['settled'], 3)} "
         f"{WORDS[pair.plane][2].replace('over', 'of the')}"
@@ -41,19 +41,19 @@ def _finding(result: Result) -> str:
     text = f"In MuJoCo these settle: {'; '.join(said)}."
     differ = sum(pair.disagreement.differ for pair in result.maps)
     inside = sum(pair.disagreement.inside for pair in result.maps)
-    cells = sum(pair.cells for pair in result.maps)
+    points = sum(pair.points for pair in result.maps)
     if not differ:
-        return f"{text} MuJoCo and the equations agree on all {cells} cells."
+        return f"{text} MuJoCo and the equations agree on all {points} grid points."
     where = f"{inside} of them away from any border" if inside else "each on a border of outcomes"
-    return f"{text} MuJoCo and the equations disagree on {differ} of {cells} cells, {where}."
+    return f"{text} MuJoCo and the equations disagree on {differ} of {points} grid points, {where}."
 
 
 def _table(result: Result) -> Table:
     """Return two rows for each pair of maps: by the equations, in MuJoCo."""
-    counts = ("Differ", "On a border", "Inside", "Of cells")
+    counts = ("Differ", "On a border", "Inside", "Of points")
     return Table(
         caption=(
-            "How rollouts end, in % of the cells; which cells end differently in MuJoCo, on a "
+            "How rollouts end, in % of the grid points; how many end differently in MuJoCo, on a "
             "border between outcomes and inside"
         ),
         columns=(
@@ -81,10 +81,10 @@ def _shares(pair: MapPair, found: Map, by: str) -> tuple[str, ...]:
 
 
 def _counts(pair: MapPair) -> tuple[Cell | str, ...]:
-    """Return how many cells disagree."""
+    """Return how many grid points disagree."""
     d = pair.disagreement
     inside = Cell(str(d.inside), "neutral" if d.inside else "")
-    return (str(d.differ), str(d.on_border), inside, str(pair.cells))
+    return (str(d.differ), str(d.on_border), inside, str(pair.points))
 
 
 def _figure(pairs: list[MapPair]) -> Figure:
@@ -95,7 +95,7 @@ def _figure(pairs: list[MapPair]) -> Figure:
     said = (
         f"{pair.controller}: {100.0 * pair.ode.shares['settled']:.1f} % settle by the equations, "
         f"{100.0 * pair.mujoco.shares['settled']:.1f} % in MuJoCo, {pair.disagreement.differ} "
-        f"cells differ, {pair.disagreement.inside} of them not on a border"
+        f"grid points differ, {pair.disagreement.inside} of them not on a border"
         for pair in pairs
     )
     return Figure(
@@ -103,8 +103,8 @@ def _figure(pairs: list[MapPair]) -> Figure:
         title=title,
         caption=(
             f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms, its force held, "
-            "and where the two differ. A cell on a border has a neighbour with another outcome, "
-            "so that a finer grid would move it. "
+            "and where the two differ. A grid point on a border has a neighbour with another "
+            "outcome, so that a finer grid would move it. "
             f"Settled: for {settings['dwell']:g} s within {z:g} m, {phi:g} rad, {z_dot:g} m/s and "
             f"{phi_dot:g} rad/s of rest, at any time up to {settings['horizon']:g} s."
         ),

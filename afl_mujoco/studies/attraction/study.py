@@ -10,7 +10,7 @@ from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
-    from afl_mujoco.simulation.attraction.cells import Cells, Settling
+    from afl_mujoco.simulation.attraction.grid import Grid, Settling
     from afl_mujoco.studies.attraction.result import Result
 
 GRID, QUICK_GRID = 101, 21
@@ -28,13 +28,13 @@ class Attraction:
     """
 
     controllers: tuple[str, ...] = ("adaptive", "lqr")
-    """Controllers by name; neither one in Python nor one with the estimator."""
+    """Controllers by name; neither a Python controller nor one with the estimator."""
     planes: tuple[str, ...] = ("states", "plants")
     """Maps to draw: states, plants."""
     grid: int | None = None
-    """Cells along each axis; 101 by default."""
+    """Grid points along each axis; 101 by default."""
     quick: bool = False
-    """21 cells along each axis, where not given otherwise."""
+    """21 grid points along each axis, unless a number is given."""
     mass: float = 1.0
     """Cart mass M of the map over states [kg]."""
     length: float = 0.5
@@ -60,49 +60,49 @@ class Attraction:
 
 
 class Request(NamedTuple):
-    """What is mapped: controllers, the cells of each map, and when a rollout has settled."""
+    """What is mapped: controllers, the grid of each map, and when a rollout has settled."""
 
     controllers: list[Controller]
-    maps: list[Cells]
+    maps: list[Grid]
     settling: Settling
 
 
 def request_of(configuration: Attraction) -> Request:
-    """Return what a configuration asks for."""
+    """Return the request of a configuration, or raise."""
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.errors import UnknownNameError
     from afl_mujoco.scenario.parameters import require_distinct
     from afl_mujoco.scenario.sampling import whole_steps
-    from afl_mujoco.simulation.attraction.cells import Settling
+    from afl_mujoco.simulation.attraction.grid import Settling
     from afl_mujoco.simulation.mujoco_model import INTEGRATORS
 
     c = configuration
     require_distinct("controller", c.controllers)
     require_distinct("plane", c.planes)
     controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
-    maps = [_cells(c, plane) for plane in c.planes]
+    maps = [_grid(c, plane) for plane in c.planes]
     settling = Settling(horizon=c.horizon)
     for name, time in (("dwell", settling.dwell), ("horizon", settling.horizon)):
         whole_steps(name, time, "timestep", c.timestep)
     if c.integrator not in INTEGRATORS:
         raise UnknownNameError.among("integrator", c.integrator, INTEGRATORS)
     for controller in controllers:
-        _ = controller.compiled  # raises if it is written in Python
-        for cells in maps:  # raises if a gain is not positive
-            masses, lengths = cells.plants.T
-            controller.inputs_along_run(masses, lengths, cells.pole_mass, cells.gravity)
+        _ = controller.compiled  # raises if it has no compiled form
+        for grid in maps:  # raises if a gain is not positive
+            masses, lengths = grid.plants.T
+            controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)
     return Request(controllers, maps, settling)
 
 
-def _cells(configuration: Attraction, plane: str) -> Cells:
-    """Return the cells of a plane."""
+def _grid(configuration: Attraction, plane: str) -> Grid:
+    """Return the grid of a plane."""
     from afl_mujoco.errors import UnknownNameError
-    from afl_mujoco.simulation.attraction.cells import (
+    from afl_mujoco.simulation.attraction.grid import (
         PLANES,
         STATES,
         axis,
-        plant_cells,
-        state_cells,
+        plant_grid,
+        state_grid,
     )
 
     c = configuration
@@ -110,13 +110,13 @@ def _cells(configuration: Attraction, plane: str) -> Cells:
         raise UnknownNameError.among("plane", plane, PLANES)
     count = c.grid if c.grid is not None else QUICK_GRID if c.quick else GRID
     if plane == STATES:
-        return state_cells(
+        return state_grid(
             axis("max_angle", -c.max_angle, c.max_angle, count),
             axis("max_rate", -c.max_rate, c.max_rate, count),
             cart_mass=c.mass,
             half_length=c.length,
         )
-    return plant_cells(
+    return plant_grid(
         axis("masses", *c.masses, count),
         axis("lengths", *c.lengths, count),
         start=(0.0, c.start_angle, 0.0, 0.0),
@@ -136,12 +136,12 @@ def run(configuration: Attraction, *, progress: Progress = silent, workers: int 
     from afl_mujoco.studies.attraction.result import result_of
 
     controllers, maps, settling = request_of(configuration)
-    done, total = 0, 2 * len(controllers) * sum(len(cells.starts) for cells in maps)
+    done, total = 0, 2 * len(controllers) * sum(len(grid.starts) for grid in maps)
     progress("mapping", 0, total)
 
-    def advance(cells: int) -> None:
+    def advance(points: int) -> None:
         nonlocal done
-        done += cells
+        done += points
         progress("mapping", done, total)
 
     shared: Any = {"settling": settling, "threads": workers, "progress": advance}
@@ -149,10 +149,10 @@ def run(configuration: Attraction, *, progress: Progress = silent, workers: int 
     return result_of(
         [
             Comparison(
-                map_by_ode(cells, controller, **shared),
-                map_in_mujoco(cells, controller, **shared, **steps),
+                map_by_ode(grid, controller, **shared),
+                map_in_mujoco(grid, controller, **shared, **steps),
             )
-            for cells in maps
+            for grid in maps
             for controller in controllers
         ]
     )

@@ -31,11 +31,11 @@ class Estimation:
     seeds: int | None = None
     """Runs under noise, each with its own; 8 by default."""
     quick: bool = False
-    """2 seeds, where not given otherwise."""
+    """2 seeds, unless a number is given."""
 
 
 def units_of(configuration: Estimation) -> list[Unit]:
-    """Return what a configuration asks for, a unit for each schedule."""
+    """Return the units of a configuration, one for each schedule, or raise."""
     from afl_mujoco.studies.estimation.loops import CASES, Unit, require_study
 
     c = configuration

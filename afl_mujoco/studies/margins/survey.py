@@ -40,7 +40,7 @@ class Request(NamedTuple):
 
 
 def request_of(configuration: MarginsConfiguration) -> Request:
-    """Return what a configuration asks for."""
+    """Return the request of a configuration, or raise."""
     c = configuration
     every = QUICK if c.quick else 1
     return require(

@@ -72,7 +72,7 @@ class Campaign:
         return len(next(iter(self.trials.values())))
 
     def survival(self, name: str) -> Rate:
-        """Return how often a controller's pole stayed up to the end."""
+        """Return how often a controller survived to the end."""
         return Rate(sum(trial.survived for trial in self.trials[name]), self.samples)
 
     def settling(self, name: str) -> Rate:

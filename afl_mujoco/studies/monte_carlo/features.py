@@ -41,8 +41,11 @@ FEWEST = 5
 
 def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArray[np.float64]]:
     """Return every feature of every sample of a campaign, each of shape (samples,)."""
-    rigs = [sample_scenario(space, i, seed) for i in range(samples)]
-    return {name: np.array([feature(rig) for rig in rigs]) for name, feature in FEATURES.items()}
+    scenarios = [sample_scenario(space, i, seed) for i in range(samples)]
+    return {
+        name: np.array([feature(scenario) for scenario in scenarios])
+        for name, feature in FEATURES.items()
+    }
 
 
 def most_separating(

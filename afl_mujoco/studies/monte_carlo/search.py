@@ -1,4 +1,4 @@
-"""A search of the unit cube by CMA-ES, which knows nothing of cart-poles."""
+"""A search of the unit cube by CMA-ES, independent of cart-poles."""
 
 from __future__ import annotations
 

@@ -238,7 +238,7 @@ def _rates_figure(result: Result) -> Figure:
         title="How often each controller survives laboratory hardware",
         caption=(
             f"{result.samples} samples drawn at random, the same for every controller. Filled: "
-            f"the pole stays up for {result.space.duration:g} s; hollow: z and φ also settle. "
+            f"the pole survives {result.space.duration:g} s; hollow: z and φ also settle. "
             f"Bars are exact (Clopper-Pearson) {100.0 * result.confidence:g} % intervals."
         ),
         alt=f"Shares with intervals: {said}.",
@@ -254,7 +254,7 @@ def _failures_figure(result: Result) -> Figure:
         name="montecarlo-failures",
         title="Where the failures lie",
         caption=(
-            f"Share of the samples on which the pole does not stay up, in {BINS} bins of equal "
+            f"Share of the samples on which the pole does not survive, in {BINS} bins of equal "
             f"counts, with exact {100.0 * result.confidence:g} % intervals; each point is at its "
             f"bin's median. Of {len(features)} features, the {len(chosen)} whose distributions "
             "differ most between failures and survivors. They were chosen on the same samples, "

@@ -40,7 +40,7 @@ class MonteCarlo:
     generations: int | None = None
     """Generations of each search, of 16 runs each; 30 by default."""
     quick: bool = False
-    """100 samples and 5 generations, where not given otherwise."""
+    """100 samples and 5 generations, unless other numbers are given."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, as `simulate` has it, Euler, implicit, implicitfast."""
     keep: int | None = None
@@ -60,7 +60,7 @@ class Request(NamedTuple):
 
 
 def request_of(configuration: MonteCarlo) -> Request:
-    """Return what a configuration asks for."""
+    """Return the request of a configuration, or raise."""
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.errors import InvalidValueError
     from afl_mujoco.studies.monte_carlo.campaign import require_campaign

@@ -50,7 +50,7 @@ class Trial:
 
     @property
     def survived(self) -> bool:
-        """Whether the pole stayed up to the end of the run."""
+        """Whether the pole survived to the end of the run."""
         return self.outcome == COMPLETED
 
     @property
@@ -93,7 +93,7 @@ class Settings(NamedTuple):
 def run_trials(
     scenarios: Sequence[Scenario], controller: Controller, settings: Settings
 ) -> list[Trial]:
-    """Run a controller on scenarios; one in Python that breaks down fails that run and no other.
+    """Run a controller on scenarios; an error of a Python controller fails that run and no other.
 
     Each run is, to the last bit, that of `simulate_mujoco` in sampled mode.
     """

@@ -177,8 +177,8 @@ def _cost(question: str, space: SampleSpace, point: Point, trial: Trial) -> floa
 
 def run_points(unit: PointUnit) -> list[Trial]:
     """Run a controller at points of the cube."""
-    rigs = [unit.space.scenario_of(point, unit.noise, unit.seed) for point in unit.points]
-    return run_trials(rigs, unit.controller, unit.settings)
+    scenarios = [unit.space.scenario_of(point, unit.noise, unit.seed) for point in unit.points]
+    return run_trials(scenarios, unit.controller, unit.settings)
 
 
 def distance_of(space: SampleSpace, point: Point) -> float:

@@ -99,7 +99,7 @@ class Result:
     delay_margins
         Least delay margin of the linearised loop of each controller over the plants of the
         scenarios, if the delay was among the imperfections; not of a controller with the
-        estimator, nor of one in Python, which may have memory.
+        estimator, nor of a Python controller, which may be stateful.
     """
 
     settings: Settings

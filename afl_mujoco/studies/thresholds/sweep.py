@@ -208,7 +208,7 @@ class Request(NamedTuple):
 
 
 def request_of(configuration: Thresholds) -> Request:
-    """Return what a configuration asks for."""
+    """Return the request of a configuration, or raise."""
     c = configuration
     seeds, scan, tolerance = QUICK if c.quick else DEFAULT
     settings = Settings(

@@ -14,7 +14,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.compiled_controller import compiled_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.execution.threads import PART, share
-from afl_mujoco.simulation.attraction.cells import (
+from afl_mujoco.simulation.attraction.grid import (
     FALLEN,
     LENGTHS,
     MASSES,
@@ -22,11 +22,11 @@ from afl_mujoco.simulation.attraction.cells import (
     SETTLED,
     UNDECIDED,
     AttractionMap,
-    Cells,
+    Grid,
     Settling,
     axis,
-    plant_cells,
-    state_cells,
+    plant_grid,
+    state_grid,
 )
 from afl_mujoco.simulation.attraction.mujoco_map import TIMESTEP, map_in_mujoco
 from afl_mujoco.simulation.attraction.ode_map import MAX_STEP, map_by_ode
@@ -36,25 +36,25 @@ FOUND = ("outcome", "time", "peak_z", "peak_force")
 MAPS = {"equations": map_by_ode, "MuJoCo": map_in_mujoco}
 
 
-def states(count: int, *, plant: tuple[float, float] = (1.0, 0.5)) -> Cells:
+def states(count: int, *, plant: tuple[float, float] = (1.0, 0.5)) -> Grid:
     """The default map over states, coarser."""
     angles, rates = axis("angle", -1.55, 1.55, count), axis("rate", -10.0, 10.0, count)
-    return state_cells(angles, rates, cart_mass=plant[0], half_length=plant[1])
+    return state_grid(angles, rates, cart_mass=plant[0], half_length=plant[1])
 
 
-def plants(count: int) -> Cells:
+def plants(count: int) -> Grid:
     """The default map over plants, coarser."""
-    return plant_cells(axis("mass", *MASSES, count), axis("length", *LENGTHS, count))
+    return plant_grid(axis("mass", *MASSES, count), axis("length", *LENGTHS, count))
 
 
-def scenario_of(cells: Cells, k: int) -> afl.Scenario:
-    """Cell k as a scenario."""
-    mass, length = cells.plants[k].tolist()
+def scenario_of(grid: Grid, k: int) -> afl.Scenario:
+    """Grid point k as a scenario."""
+    mass, length = grid.plants[k].tolist()
     return afl.Scenario(
-        name="cell",
+        name="point",
         cart_mass=afl.constant(mass),
         half_length=afl.constant(length),
-        initial_state=tuple(cells.starts[k].tolist()),
+        initial_state=tuple(grid.starts[k].tolist()),
         duration=SETTLING.horizon,
     )
 
@@ -73,14 +73,14 @@ def settled_at(time: NDArray[np.float64], state: NDArray[np.float64]) -> float:
     return math.inf
 
 
-def some_of(cells: Cells, found: AttractionMap, seed: int) -> list[int]:
-    """Five cells that settled, three that fell, two undecided: as far as there are.
+def some_of(grid: Grid, found: AttractionMap, seed: int) -> list[int]:
+    """Five grid points that settled, three that fell, two undecided: as far as there are.
 
     An undecided pole of the map over states stays so near the horizontal, where the controller is
     stiff, that the reference integrator takes a minute for it.
     """
     rng, chosen = np.random.default_rng(seed), []
-    undecided = 2 if cells.plane == PLANTS else 0
+    undecided = 2 if grid.plane == PLANTS else 0
     for outcome, count in ((SETTLED, 5), (FALLEN, 3), (UNDECIDED, undecided)):
         there = np.flatnonzero(found.outcome.ravel() == outcome)
         chosen += rng.permutation(there)[:count].tolist()
@@ -96,13 +96,13 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "cells"), CASES)
-def test_the_map_by_the_equations_is_that_of_the_reference_integrator(name, cells) -> None:
+@pytest.mark.parametrize(("name", "grid"), CASES)
+def test_the_map_by_the_equations_is_that_of_the_reference_integrator(name, grid) -> None:
     controller = afl.CONTROLLERS[name]
-    found = map_by_ode(cells, controller)
-    for k in some_of(cells, found, seed=1):
+    found = map_by_ode(grid, controller)
+    for k in some_of(grid, found, seed=1):
         outcome, time, peak_z, peak_force = (getattr(found, key).ravel()[k] for key in FOUND)
-        run = afl.simulate_ode(scenario_of(cells, k), controller)
+        run = afl.simulate_ode(scenario_of(grid, k), controller)
         reference = settled_at(run.time, run.state)
         if outcome == SETTLED:
             assert run.outcome.kind == "completed"
@@ -120,16 +120,16 @@ def test_the_map_by_the_equations_is_that_of_the_reference_integrator(name, cell
             assert (time, reference) == (SETTLING.horizon, math.inf)
 
 
-@pytest.mark.parametrize(("name", "cells"), CASES)
-def test_the_map_in_mujoco_has_the_bits_of_the_sampled_run(name, cells) -> None:
+@pytest.mark.parametrize(("name", "grid"), CASES)
+def test_the_map_in_mujoco_has_the_bits_of_the_sampled_run(name, grid) -> None:
     controller = afl.CONTROLLERS[name]
-    chosen = some_of(cells, map_by_ode(cells, controller), seed=2)
+    chosen = some_of(grid, map_by_ode(grid, controller), seed=2)
     few = dataclasses.replace(
-        cells,
+        grid,
         columns=np.arange(len(chosen), dtype=float),
         rows=np.zeros(1),
-        starts=cells.starts[chosen],
-        plants=cells.plants[chosen],
+        starts=grid.starts[chosen],
+        plants=grid.plants[chosen],
     )
     found = map_in_mujoco(few, controller)
     for k in range(len(chosen)):
@@ -160,29 +160,29 @@ def same(a: AttractionMap, b: AttractionMap) -> None:
 @pytest.mark.parametrize("name", ["adaptive", "lqr"])
 @pytest.mark.parametrize("side", MAPS)
 def test_a_mirrored_start_ends_as_the_mirror_image_bit_for_bit(side: str, name: str) -> None:
-    cells = states(7 if side == "MuJoCo" else 31)
-    np.testing.assert_array_equal(cells.starts, -cells.starts[::-1])
-    found = MAPS[side](cells, afl.CONTROLLERS[name])
+    grid = states(7 if side == "MuJoCo" else 31)
+    np.testing.assert_array_equal(grid.starts, -grid.starts[::-1])
+    found = MAPS[side](grid, afl.CONTROLLERS[name])
     mirrored = {key: getattr(found, key)[::-1, ::-1] for key in FOUND}
     same(found, dataclasses.replace(found, **mirrored))
 
 
 @pytest.mark.parametrize("side", MAPS)
 def test_two_threads_give_the_same_bits_and_every_cell_is_counted(side: str) -> None:
-    cells, done = states(7), []
-    assert len(cells.starts) % PART != 0
+    grid, done = states(7), []
+    assert len(grid.starts) % PART != 0
     one, two = (
-        MAPS[side](cells, afl.CONTROLLERS["lqr"], threads=n, progress=done.append) for n in (1, 2)
+        MAPS[side](grid, afl.CONTROLLERS["lqr"], threads=n, progress=done.append) for n in (1, 2)
     )
     same(one, two)
-    assert sum(done) == 2 * len(cells.starts)
+    assert sum(done) == 2 * len(grid.starts)
 
 
 @pytest.mark.parametrize("side", MAPS)
 def test_to_end_early_changes_no_outcome(side: str) -> None:
-    cells, controller = states(7 if side == "MuJoCo" else 31), afl.CONTROLLERS["adaptive"]
-    early = MAPS[side](cells, controller, threads=2)
-    whole = MAPS[side](cells, controller, settling=Settling(dwell=SETTLING.horizon), threads=2)
+    grid, controller = states(7 if side == "MuJoCo" else 31), afl.CONTROLLERS["adaptive"]
+    early = MAPS[side](grid, controller, threads=2)
+    whole = MAPS[side](grid, controller, settling=Settling(dwell=SETTLING.horizon), threads=2)
     fell = whole.outcome == FALLEN
     assert 0 < fell.sum() < fell.size / 2
     np.testing.assert_array_equal(early.outcome == FALLEN, fell)
@@ -206,9 +206,9 @@ def test_from_every_corner_of_the_bands_every_controller_converges_on_every_plan
     for corner in signs:
         start = tuple(s * band for s, band in zip(corner, SETTLING.bands, strict=True))
         masses, lengths = axis("mass", *MASSES, 5), axis("length", *LENGTHS, 5)
-        cells = plant_cells(masses, lengths, start=start)
+        grid = plant_grid(masses, lengths, start=start)
         tight = Settling(bands=tuple(0.05 * band for band in SETTLING.bands), horizon=40.0)
-        found = map_by_ode(cells, afl.CONTROLLERS[name], settling=tight)
+        found = map_by_ode(grid, afl.CONTROLLERS[name], settling=tight)
         assert (found.outcome == SETTLED).all()
 
 
@@ -223,7 +223,7 @@ def test_a_thousandth_of_the_tolerance_moves_no_cell(name: str) -> None:
 
 
 def test_a_force_of_the_wrong_sign_lets_every_pole_fall() -> None:
-    cells = states(9, plant=(1.0, 0.5))
+    grid = states(9, plant=(1.0, 0.5))
     controller = afl.CONTROLLERS["lqr"]
     gains = afl.GainGrid.constant(-controller.gains.gains(1.0, 0.5))
     wrong = afl.StateFeedback(name="wrong", kind=controller.kind, gains=gains)
@@ -232,53 +232,53 @@ def test_a_force_of_the_wrong_sign_lets_every_pole_fall() -> None:
         compiled_force(*x.compiled, *start, (1.0, 0.05, 0.5, 9.81)) for x in (controller, wrong)
     ]
     assert force[0] == pytest.approx(-force[1])
-    for march in MAPS.values():
-        outcome = march(cells, wrong).outcome
+    for simulate in MAPS.values():
+        outcome = simulate(grid, wrong).outcome
         assert outcome[4, 4] == SETTLED  # that which is at rest upright
         assert (np.delete(outcome.ravel(), 40) == FALLEN).all()
 
 
 def test_a_start_beyond_the_fall_has_fallen_at_once() -> None:
-    cells = state_cells([-1.57, 1.6], [0.0])
-    for march in MAPS.values():
-        found = march(cells, afl.CONTROLLERS["fixed"])
+    grid = state_grid([-1.57, 1.6], [0.0])
+    for simulate in MAPS.values():
+        found = simulate(grid, afl.CONTROLLERS["fixed"])
         assert found.outcome.tolist() == [[FALLEN, FALLEN]]
         assert found.time.tolist() == [[0.0, 0.0]]
 
 
 def test_the_hold_is_what_lets_the_smallest_plant_fall_that_believes_itself_nominal() -> None:
-    cells, controller = plant_cells([0.1], [0.05]), afl.CONTROLLERS["adaptive-nominal"]
-    assert map_by_ode(cells, controller).outcome[0, 0] == SETTLED
-    found = map_in_mujoco(cells, controller)
+    grid, controller = plant_grid([0.1], [0.05]), afl.CONTROLLERS["adaptive-nominal"]
+    assert map_by_ode(grid, controller).outcome[0, 0] == SETTLED
+    found = map_in_mujoco(grid, controller)
     assert found.outcome[0, 0] != SETTLED
-    held = afl.simulate_ode_held(scenario_of(cells, 0), controller, timestep=TIMESTEP)
+    held = afl.simulate_ode_held(scenario_of(grid, 0), controller, timestep=TIMESTEP)
     assert settled_at(held.time, held.state) == math.inf
-    finer = map_in_mujoco(cells, controller, timestep=5e-4)
+    finer = map_in_mujoco(grid, controller, timestep=5e-4)
     assert finer.outcome[0, 0] == SETTLED
 
 
 def test_what_a_march_raises_ends_the_others_and_is_raised() -> None:
     marched = []
 
-    def march(part: slice) -> None:
+    def simulate(part: slice) -> None:
         marched.append(part)
         if part.start == 0:
             raise InvalidValueError("cell", "must not fail")
 
     with pytest.raises(InvalidValueError, match=r"^cell must not fail"):
-        share(100 * PART, [march], lambda cells: None)
+        share(100 * PART, [simulate], lambda points: None)
     assert len(marched) < 100
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: axis("masses", 1.0, 1.0, 3), "masses must rise from its low end 1, got 1"),
+        (lambda: axis("masses", 1.0, 1.0, 3), "masses must exceed its low end 1, got 1"),
         (lambda: axis("masses", 1.0, 2.0, 1), "grid must be at least 2, got 1"),
         (lambda: axis("masses", 1.0, math.inf, 3), "masses must be finite, got inf"),
-        (lambda: plant_cells([0.0, 1.0], [1.0]), "mass must be positive, got 0"),
-        (lambda: plant_cells([1.0], [[1.0]]), r"length must be a row of finite numbers"),
-        (lambda: state_cells([0.1], [0.0], half_length=-1.0), "length must be positive, got -1"),
+        (lambda: plant_grid([0.0, 1.0], [1.0]), "mass must be positive, got 0"),
+        (lambda: plant_grid([1.0], [[1.0]]), r"length must be a row of finite numbers"),
+        (lambda: state_grid([0.1], [0.0], half_length=-1.0), "length must be positive, got -1"),
         (lambda: Settling(dwell=30.0), "dwell must be within 20 s, got 30"),
         (lambda: Settling(bands=(0.1, 0.1, 0.0, 0.1)), "bands must be positive, got 0"),
         (lambda: map_by_ode(states(2), afl.CONTROLLERS["lqr"], threads=0), "threads must be at "),

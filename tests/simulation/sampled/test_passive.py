@@ -6,7 +6,7 @@ import pytest
 
 from afl_mujoco import CartPoleModel, CartPoleParameters
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.simulation.mujoco_model import strike
+from afl_mujoco.simulation.mujoco_model import impulse_jump
 
 H = 1e-3
 HANGING = np.pi
@@ -48,7 +48,7 @@ def motion(plant, imperfections, state, duration, integrator, force=0.0):
 
 
 def _by_hand(p, r):
-    """The same rig as an MJCF of this test's own, the bodies of the pole welded by the compiler."""
+    """The same hardware as an MJCF of this test, the bodies of the pole welded by the compiler."""
     s, m, length = r.tip_mass_share, p.pole_mass, p.half_length
     com = (1 - s) * length + s * 2 * length
     about_com = (1 - s) * m * (length**2 / 3 + (com - length) ** 2)
@@ -255,5 +255,7 @@ def test_an_impulse_outruns_friction_and_feels_armature(odd_parameters):
         [coupling, 4 / 3 * p.pole_mass * p.half_length**2 + 0.01],
     ]
     model = CartPoleModel(p, imperfections=real)
-    jump = strike(model.addresses, 0.1, phi, 0.0, 0.0, impulse)  # at rest, where friction holds
+    jump = impulse_jump(
+        model.addresses, 0.1, phi, 0.0, 0.0, impulse
+    )  # at rest, where friction holds
     np.testing.assert_allclose(jump, np.linalg.solve(mass_matrix, [impulse, 0.0]), rtol=1e-10)

@@ -1,4 +1,4 @@
-"""A run of a rig: ideal it is sampled mode, and each departure is where it should be."""
+"""A run with imperfections: without any it is ideal sampled mode, and each acts where it should."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ from afl_mujoco import (
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.simulation.mujoco_model import strike
+from afl_mujoco.simulation.mujoco_model import impulse_jump
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 
 ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
@@ -81,7 +81,7 @@ def plain_loop(scenario, controller, hold, integrator):
             model.set_parameters(scenario.parameters_at(middle))
             impulse = scenario.impulse_within((k - 1 + 1e-9) * 1e-3, (k + 1e-9) * 1e-3)
             if impulse != 0.0:
-                d.qvel[:] += strike(model.addresses, *d.qpos, *d.qvel, impulse)
+                d.qvel[:] += impulse_jump(model.addresses, *d.qpos, *d.qvel, impulse)
         state = [*d.qpos, *d.qvel]
         if k < count and k % hold == 0:
             force = controller.force(state, scenario.parameters_at(k * 1e-3))

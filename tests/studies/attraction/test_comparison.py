@@ -10,14 +10,14 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError, InvalidValueError
-from afl_mujoco.simulation.attraction.cells import (
+from afl_mujoco.simulation.attraction.grid import (
     FALLEN,
     SETTLED,
     UNDECIDED,
     AttractionMap,
     axis,
-    plant_cells,
-    state_cells,
+    plant_grid,
+    state_grid,
 )
 from afl_mujoco.simulation.attraction.mujoco_map import map_in_mujoco
 from afl_mujoco.simulation.attraction.ode_map import map_by_ode
@@ -40,7 +40,7 @@ def drawn(simulator: str, *rows: str, controller: str = "lqr") -> AttractionMap:
     outcome = np.array([[LETTERS[letter] for letter in row] for row in rows], dtype=np.uint8)
     nothing = np.zeros(outcome.shape)
     return AttractionMap(
-        cells=state_cells(np.arange(len(rows[0])) / 10.0, np.arange(len(rows)) / 10.0),
+        grid=state_grid(np.arange(len(rows[0])) / 10.0, np.arange(len(rows)) / 10.0),
         controller=controller,
         simulator=simulator,
         outcome=outcome,
@@ -78,20 +78,22 @@ def test_the_transitions_count_every_pair_of_outcomes() -> None:
 
 
 def test_maps_of_other_cells_or_another_controller_are_not_compared() -> None:
-    with pytest.raises(InvalidValueError, match=r"^starts of the cells must be those of both"):
+    with pytest.raises(
+        InvalidValueError, match=r"^starts of the grid points must be those of both"
+    ):
         Comparison(drawn("ode", ".."), drawn("mujoco", "..."))
     with pytest.raises(InvalidValueError, match=r"^controller must be 'lqr' in both maps, got 'f"):
         Comparison(drawn("ode", ".."), drawn("mujoco", "..", controller="fixed"))
 
 
 def test_a_rod_of_twice_the_length_disagrees_inside_where_the_sound_engine_does_not() -> None:
-    cells = state_cells(axis("a", -1.55, 1.55, 15), axis("r", -10.0, 10.0, 15))
+    grid = state_grid(axis("a", -1.55, 1.55, 15), axis("r", -10.0, 10.0, 15))
     controller = afl.CONTROLLERS["lqr"]
-    ode = map_by_ode(cells, controller)
-    sound = Comparison(ode, map_in_mujoco(cells, controller, threads=2))
+    ode = map_by_ode(grid, controller)
+    sound = Comparison(ode, map_in_mujoco(grid, controller, threads=2))
     assert (sound.disagreement() != AGREE).sum() <= 2
-    longer = dataclasses.replace(cells, plants=cells.plants * [1.0, 2.0])
-    planted = dataclasses.replace(map_in_mujoco(longer, controller, threads=2), cells=cells)
+    longer = dataclasses.replace(grid, plants=grid.plants * [1.0, 2.0])
+    planted = dataclasses.replace(map_in_mujoco(longer, controller, threads=2), grid=grid)
     faulty = Comparison(ode, planted)
     assert (faulty.disagreement() == INSIDE).sum() > 10
     assert (faulty.disagreement() == ON_BORDER).sum() > 40
@@ -99,8 +101,8 @@ def test_a_rod_of_twice_the_length_disagrees_inside_where_the_sound_engine_does_
 
 @pytest.fixture
 def small() -> Comparison:
-    cells, controller = plant_cells([0.3, 1.0], [0.1, 0.2, 0.5]), afl.CONTROLLERS["adaptive"]
-    return Comparison(map_by_ode(cells, controller), map_in_mujoco(cells, controller))
+    grid, controller = plant_grid([0.3, 1.0], [0.1, 0.2, 0.5]), afl.CONTROLLERS["adaptive"]
+    return Comparison(map_by_ode(grid, controller), map_in_mujoco(grid, controller))
 
 
 def test_what_is_saved_comes_back(small: Comparison, tmp_path: Path) -> None:
@@ -115,8 +117,8 @@ def test_what_is_saved_comes_back(small: Comparison, tmp_path: Path) -> None:
             np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
             assert getattr(a, key).dtype == getattr(b, key).dtype
         for key in ("columns", "rows", "starts", "plants"):
-            np.testing.assert_array_equal(getattr(a.cells, key), getattr(b.cells, key))
-        assert (a.settings, a.simulator, a.cells.plane) == (b.settings, side, "plants")
+            np.testing.assert_array_equal(getattr(a.grid, key), getattr(b.grid, key))
+        assert (a.settings, a.simulator, a.grid.plane) == (b.settings, side, "plants")
     assert sum(pair.ode.shares.values()) == pytest.approx(1.0)
     assert pair.mujoco.settings["timestep"] == 2e-3
 

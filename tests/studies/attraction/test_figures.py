@@ -12,7 +12,7 @@ from rich.console import Console
 
 from afl_mujoco.document.blocks import figures_of
 from afl_mujoco.document.terminal import print_sections
-from afl_mujoco.simulation.attraction.cells import AttractionMap, Settling, plant_cells, state_cells
+from afl_mujoco.simulation.attraction.grid import AttractionMap, Settling, plant_grid, state_grid
 from afl_mujoco.studies.attraction import figures
 from afl_mujoco.studies.attraction.comparison import Comparison
 from afl_mujoco.studies.attraction.result import result_of
@@ -24,12 +24,12 @@ OUTCOMES = ([0, 1, 2, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 0])
 def comparison(controller: str, *, plane: str = "states") -> Comparison:
     """Maps of three rows and five columns whose outcomes differ in the last column of one row."""
     columns, rows = np.linspace(-1.0, 1.0, 5), np.linspace(-2.0, 2.0, 3)
-    cells = state_cells(columns, rows) if plane == "states" else plant_cells(columns + 2, rows + 3)
+    grid = state_grid(columns, rows) if plane == "states" else plant_grid(columns + 2, rows + 3)
 
     def one(simulator: str, outcome: np.ndarray) -> AttractionMap:
         times = np.full(outcome.shape, 3.2)
         return AttractionMap(
-            cells=cells, controller=controller, simulator=simulator, outcome=outcome,
+            grid=grid, controller=controller, simulator=simulator, outcome=outcome,
             settings=Settling().describe() | {"timestep": 2e-3},
             time=times, peak_z=times, peak_force=times,
         )  # fmt: skip
@@ -90,8 +90,8 @@ def test_each_plane_has_a_figure_and_its_words_the_numbers() -> None:
     drawn = figures_of([section])
     assert [one.name for one in drawn] == ["attraction-states", "attraction-plants"]
     assert drawn[0].alt == (
-        "lqr: 80.0 % settle by the equations, 86.7 % in MuJoCo, 1 cells differ, 0 of them not on a "
-        "border."
+        "lqr: 80.0 % settle by the equations, 86.7 % in MuJoCo, 1 grid points differ, 0 of them "
+        "not on a border."
     )
     assert len([axes for axes in drawn[1].draw().axes if axes.images]) == 3
 

@@ -24,7 +24,7 @@ def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
         f"attraction-{plane}.{kind}" for plane in ("states", "plants") for kind in ("svg", "png")
     }
     states, plants = load_record(find_study("attraction"), tmp_path / "out").result.maps
-    found = [(pair.plane, pair.controller, pair.cells) for pair in (states, plants)]
+    found = [(pair.plane, pair.controller, pair.points) for pair in (states, plants)]
     assert found == [("states", "lqr", 25), ("plants", "lqr", 25)]
     np.testing.assert_array_equal(states.columns, [-1.55, -0.775, 0.0, 0.775, 1.55])
     np.testing.assert_array_equal(states.plants, [[1.0, 0.5]] * 25)

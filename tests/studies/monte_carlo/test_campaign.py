@@ -77,8 +77,8 @@ def test_every_failure_replays_from_its_file_to_the_same_bits(thirty: Campaign, 
         assert [failure.index for failure in rates.failures] == thirty.failures(controller.name)
         for failure in rates.failures:
             trial = thirty.trials[controller.name][failure.index]
-            rig = load_scenario(tmp_path / failure.file)
-            alone = afl.simulate_mujoco(rig, controller, "sampled")
+            scenario = load_scenario(tmp_path / failure.file)
+            alone = afl.simulate_mujoco(scenario, controller, "sampled")
             assert (alone.outcome.kind, alone.outcome.time) == (trial.outcome, trial.end_time)
             z, phi = np.abs(alone.state[:, :2]).max(axis=0)
             assert (z, phi) == (trial.peak_z, trial.peak_phi)

@@ -12,7 +12,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.features import FEATURES
 
 RIG = Scenario(
-    name="rig",
+    name="scenario",
     cart_mass=afl.staircase((1.0, 2.0), (1.5, 0.5, 2.0)),
     half_length=afl.trapezoid((1.0, 2.0, 3.0, 4.0), 0.3, 0.9),
     initial_state=(0.01, math.radians(-20.0), -0.7, 0.6),
@@ -50,5 +50,5 @@ def test_every_feature_is_the_number_that_its_label_says() -> None:
     [(0.2, 0.6, 0.6), (-0.2, -0.6, 0.6), (0.2, -0.6, -0.6), (-0.2, 0.6, -0.6)],
 )
 def test_a_rate_leads_away_from_upright_where_the_angle_grows(phi, rate, away) -> None:
-    rig = Scenario(name="start", initial_state=(0.0, phi, 0.0, rate))
-    assert FEATURES["start rate away from upright [rad/s]"](rig) == away
+    scenario = Scenario(name="start", initial_state=(0.0, phi, 0.0, rate))
+    assert FEATURES["start rate away from upright [rad/s]"](scenario) == away

@@ -34,8 +34,8 @@ def campaign(**trials: list[Trial]) -> Campaign:
 @pytest.fixture(scope="module")
 def rubbed() -> Campaign:
     """One controller that falls where dry friction is above 0.7 N, one that never does."""
-    rigs = [sample_scenario(SPACE, i, 1) for i in range(SAMPLES)]
-    stuck = [DOWN if rig.imperfections.rail_friction > 0.7 else UP for rig in rigs]
+    scenarios = [sample_scenario(SPACE, i, 1) for i in range(SAMPLES)]
+    stuck = [DOWN if scenario.imperfections.rail_friction > 0.7 else UP for scenario in scenarios]
     return campaign(adaptive=stuck, lqr=[UP] * SAMPLES)
 
 

@@ -42,8 +42,8 @@ def test_every_failure_is_a_file_by_its_number(tmp_path) -> None:
     assert write(campaign(3, 123), tmp_path) == [tmp_path / FOLDER]
     names = {"montecarlo/lqr/failure-0003.toml", "montecarlo/lqr/failure-0123.toml"}
     assert written(tmp_path) == names
-    rig = load_scenario(tmp_path / "montecarlo/lqr/failure-0123.toml")
-    assert rig == sample_scenario(SPACE, 123, 1)
+    scenario = load_scenario(tmp_path / "montecarlo/lqr/failure-0123.toml")
+    assert scenario == sample_scenario(SPACE, 123, 1)
     run = Replay(controller="lqr", integrator="RK4")
     assert find_replay(str(tmp_path / "montecarlo/lqr/failure-0123.toml")) == run
     write(campaign(3, asked={"lqr": "mine:lqr"}), tmp_path)
@@ -73,8 +73,8 @@ def test_what_a_search_found_is_a_file_too(tmp_path) -> None:
     )  # fmt: skip
     result = campaign(found=[found])
     write(result, tmp_path)
-    rig = sample_scenario(SPACE, 9, 1)
-    expected = replace(rig, name=f"{rig.name}-hardest-lqr")
+    scenario = sample_scenario(SPACE, 9, 1)
+    expected = replace(scenario, name=f"{scenario.name}-hardest-lqr")
     assert load_scenario(tmp_path / result.worst_cases[0].file) == expected
     assert written(tmp_path) == {"montecarlo/lqr/hardest.toml"}
 

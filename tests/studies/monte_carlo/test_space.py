@@ -1,4 +1,4 @@
-"""The cube and the rigs that it stands for."""
+"""The unit cube and the scenarios that its points stand for."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ MANY = 300
 
 
 @pytest.fixture(scope="module")
-def rigs() -> list[Scenario]:
+def samples() -> list[Scenario]:
     return [sample_scenario(SPACE, i, 7) for i in range(MANY)]
 
 
 def at(**shares: float) -> Scenario:
-    """The rig in the middle of the cube but for what is given."""
+    """The scenario in the middle of the cube but for some coordinates."""
     point = dict.fromkeys(SPACE.coordinates, 0.5) | {
         k.replace("__", " "): v for k, v in shares.items()
     }
@@ -71,14 +71,16 @@ def test_a_search_shares_its_random_numbers_with_no_sample() -> None:
     assert all((sample_point(SPACE, i, 7) != drawn).all() for i in range(100))
 
 
-def test_every_sample_lies_in_the_ranges_and_fills_them(rigs: list[Scenario]) -> None:
-    states = np.array([rig.initial_state for rig in rigs])
+def test_every_sample_lies_in_the_ranges_and_fills_them(samples: list[Scenario]) -> None:
+    states = np.array([sample.initial_state for sample in samples])
     found = {name: states[:, i] for i, name in enumerate(("z", "phi", "z_dot", "phi_dot"))}
     for thing in ("cart_mass", "half_length"):
-        found[thing] = np.concatenate([getattr(rig, thing).values for rig in rigs])
+        found[thing] = np.concatenate([getattr(sample, thing).values for sample in samples])
     for field in fields(Imperfections):
         if hasattr(SPACE, field.name) and isinstance(getattr(SPACE, field.name), tuple):
-            found[field.name] = np.array([getattr(rig.imperfections, field.name) for rig in rigs])
+            found[field.name] = np.array(
+                [getattr(sample.imperfections, field.name) for sample in samples]
+            )
     ranges = {f.name for f in fields(SPACE) if isinstance(getattr(SPACE, f.name), tuple)}
     assert set(found) == ranges
     for name, values in found.items():
@@ -89,13 +91,13 @@ def test_every_sample_lies_in_the_ranges_and_fills_them(rigs: list[Scenario]) ->
         assert share.mean() == pytest.approx(0.5, abs=0.08), name  # 5 sigma of 300
 
 
-def test_the_shapes_and_their_instants_are_as_said(rigs: list[Scenario]) -> None:
+def test_the_shapes_and_their_instants_are_as_said(samples: list[Scenario]) -> None:
     counts = dict.fromkeys((1, 4, 6), 0)
-    for rig in rigs:
-        assert rig.duration == 20.0
-        assert rig.imperfections.control_period == 1e-3
-        assert rig.imperfections.force_limit is None
-        for schedule in (rig.cart_mass, rig.half_length):
+    for sample in samples:
+        assert sample.duration == 20.0
+        assert sample.imperfections.control_period == 1e-3
+        assert sample.imperfections.force_limit is None
+        for schedule in (sample.cart_mass, sample.half_length):
             breaks = schedule.breakpoints
             counts[{0: 1, 2: 6, 4: 4}[len(breaks)]] += 1
             assert all(0.0 < t <= SPACE.last_change for t in breaks)
@@ -126,19 +128,21 @@ def test_instants_that_coincide_in_the_cube_do_not_in_the_rig() -> None:
 
 
 def test_the_reference_is_the_papers_nominal_run_on_an_ideal_rig() -> None:
-    rig = SPACE.scenario_of(SPACE.reference, 0, 0)
+    sample = SPACE.scenario_of(SPACE.reference, 0, 0)
     nominal = Scenario(name="nominal")
-    np.testing.assert_allclose(rig.initial_state, nominal.initial_state, atol=1e-15)
-    assert rig.cart_mass.values == pytest.approx(nominal.cart_mass.values)
-    assert rig.half_length.values == pytest.approx(nominal.half_length.values)
-    assert rig.imperfections == Imperfections(control_period=1e-3, seed=rig.imperfections.seed)
-    assert (rig.pole_mass, rig.gravity) == SPACE.constants
+    np.testing.assert_allclose(sample.initial_state, nominal.initial_state, atol=1e-15)
+    assert sample.cart_mass.values == pytest.approx(nominal.cart_mass.values)
+    assert sample.half_length.values == pytest.approx(nominal.half_length.values)
+    assert sample.imperfections == Imperfections(
+        control_period=1e-3, seed=sample.imperfections.seed
+    )
+    assert (sample.pole_mass, sample.gravity) == SPACE.constants
 
 
-def test_a_sample_survives_its_file(rigs: list[Scenario], tmp_path) -> None:
-    for rig in rigs[:30]:
-        save_scenario(rig, tmp_path / "rig.toml")
-        assert load_scenario(tmp_path / "rig.toml") == rig
+def test_a_sample_survives_its_file(samples: list[Scenario], tmp_path) -> None:
+    for sample in samples[:30]:
+        save_scenario(sample, tmp_path / "sample.toml")
+        assert load_scenario(tmp_path / "sample.toml") == sample
 
 
 def test_every_field_has_a_unit() -> None:

@@ -68,8 +68,10 @@ def test_the_command_that_it_prints_replays_the_failure(folder: Path) -> None:
     (file,) = (folder / "shown").glob("*.npz")
     shown = afl.Trajectory.load(file)
     assert (shown.outcome.kind, shown.outcome.time) == (failure["outcome"], failure["end_time"])
-    rig = afl.load_scenario(folder / "out" / failure["file"])
-    alone = afl.simulate_mujoco(rig, afl.CONTROLLERS[controller], "sampled", integrator="Euler")
+    scenario = afl.load_scenario(folder / "out" / failure["file"])
+    alone = afl.simulate_mujoco(
+        scenario, afl.CONTROLLERS[controller], "sampled", integrator="Euler"
+    )
     assert np.array_equal(shown.state, alone.state)
     bare = run("simulate", arguments[0], "--out", "bare", cwd=folder)
     assert bare.returncode == 0, bare.stderr

@@ -17,7 +17,7 @@ from afl_mujoco.plant.dynamics import (
 )
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.simulation.mujoco_dynamics import momenta
-from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, strike
+from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, impulse_jump
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.criteria import CRITERIA
 
@@ -78,7 +78,7 @@ def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
         columns = [momenta(model, np.array([*state[:2], *unit])) for unit in np.eye(2)]
         expected = mass_matrix(state, p)
         error = np.abs(np.stack(columns, axis=1) - expected) / np.abs(expected).max()
-        struck = np.array(strike(model.addresses, *state.tolist(), 1.0))
+        struck = np.array(impulse_jump(model.addresses, *state.tolist(), 1.0))
         jump = velocity_jump(state, 1.0, p)
         jump_error = np.abs(struck - jump).max() / np.abs(jump).max()
         worst = max(worst, float(error.max()), float(jump_error))

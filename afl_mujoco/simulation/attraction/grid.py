@@ -1,4 +1,4 @@
-"""What a map of attraction is asked and what it answers; neither side's equations are here."""
+"""The grid of a map of attraction and its outcomes, shared by the equations and MuJoCo."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ START = (0.0, -math.pi / 3.0, 0.0, 0.0)
 """Where the map over plants starts: as the paper does."""
 
 FOUND = ("outcome", "time", "peak_z", "peak_force")
-"""What is found for each cell, in this order."""
+"""What is found for each grid point, in this order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +82,7 @@ class Settling:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cells:
+class Grid:
     """A rectangle of rollouts: where each starts, and on which plant.
 
     Attributes
@@ -90,7 +90,7 @@ class Cells:
     plane
         One of `PLANES`.
     columns, rows
-        Coordinates of the cells: phi0 [rad] and phi0' [rad/s], or M [kg] and l [m].
+        Coordinates of the grid points: phi0 [rad] and phi0' [rad/s], or M [kg] and l [m].
     starts
         (z, phi, z_dot, phi_dot) of each, row by row, shape (N, 4).
     plants
@@ -118,18 +118,18 @@ def axis(name: str, low: float, high: float, count: int) -> NDArray[np.float64]:
     if count < 2:
         raise InvalidValueError("grid", "must be at least 2", count)
     if not require_finite(name, low) < require_finite(name, high):
-        raise InvalidValueError(name, f"must rise from its low end {low:g}", f"{high:g}")
+        raise InvalidValueError(name, f"must exceed its low end {low:g}", f"{high:g}")
     from_middle = np.arange(count) - 0.5 * (count - 1)
     return np.asarray(0.5 * (low + high) + from_middle * ((high - low) / (count - 1)))
 
 
-def state_cells(
+def state_grid(
     angles: ArrayLike,
     rates: ArrayLike,
     *,
     cart_mass: float = NOMINAL.cart_mass,
     half_length: float = NOMINAL.half_length,
-) -> Cells:
+) -> Grid:
     """Return the map over (phi0, phi0') from z = z' = 0 on one plant.
 
     Parameters
@@ -144,15 +144,15 @@ def state_cells(
     starts, plants = np.zeros((len(phi), 4)), np.empty((len(phi), 2))
     starts[:, 1], starts[:, 3] = phi, phi_dot
     plants[:] = require_positive("mass", cart_mass), require_positive("length", half_length)
-    return Cells(plane=STATES, columns=columns, rows=rows, starts=starts, plants=plants)
+    return Grid(plane=STATES, columns=columns, rows=rows, starts=starts, plants=plants)
 
 
-def plant_cells(
+def plant_grid(
     masses: ArrayLike,
     lengths: ArrayLike,
     *,
     start: tuple[float, float, float, float] = START,
-) -> Cells:
+) -> Grid:
     """Return the map over (M, l) from one start.
 
     Parameters
@@ -168,11 +168,11 @@ def plant_cells(
     starts = np.empty((len(columns) * len(rows), 4))
     starts[:] = [require_finite("start", x) for x in start]
     plants = np.stack([grid.ravel() for grid in np.meshgrid(columns, rows)], axis=1)
-    return Cells(plane=PLANTS, columns=columns, rows=rows, starts=starts, plants=plants)
+    return Grid(plane=PLANTS, columns=columns, rows=rows, starts=starts, plants=plants)
 
 
 def _coordinates(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return the coordinates of cells, or raise."""
+    """Return the coordinates of grid points, or raise."""
     array = np.array(values, dtype=np.float64)
     if array.ndim != 1 or not array.size or not np.isfinite(array).all():
         raise InvalidValueError(name, "must be a row of finite numbers", array.shape)
@@ -185,7 +185,7 @@ class AttractionMap:
 
     Attributes
     ----------
-    cells
+    grid
         What was simulated.
     controller, simulator
         Name of the controller; ``"ode"`` or ``"mujoco"``.
@@ -199,7 +199,7 @@ class AttractionMap:
         Criterion, method and steps, as plain data.
     """
 
-    cells: Cells
+    grid: Grid
     controller: str
     simulator: str
     outcome: NDArray[np.uint8]
@@ -211,17 +211,17 @@ class AttractionMap:
     @classmethod
     def of(
         cls,
-        cells: Cells,
+        grid: Grid,
         controller: str,
         simulator: str,
         settings: Mapping[str, Any],
         found: NDArray[np.float64],
     ) -> AttractionMap:
         """Put a map together from what was found, shape (N, 4), columns as of `FOUND`."""
-        outcome, *rest = (column.reshape(cells.shape) for column in found.T)
+        outcome, *rest = (column.reshape(grid.shape) for column in found.T)
         arrays = dict(zip(FOUND[1:], rest, strict=True))
         return cls(
-            cells=cells,
+            grid=grid,
             controller=controller,
             simulator=simulator,
             outcome=outcome.astype(np.uint8),
@@ -230,7 +230,7 @@ class AttractionMap:
         )
 
     def shares(self) -> dict[str, float]:
-        """Return the share of the cells that ended each way."""
+        """Return the share of the grid points that ended each way."""
         counts = np.bincount(self.outcome.ravel(), minlength=len(OUTCOMES))
         return {name: float(n / counts.sum()) for name, n in zip(OUTCOMES, counts, strict=True)}
 
