@@ -101,7 +101,7 @@ def candidates() -> dict[str, Slope]:
         "the table": exact,
         "the table, damped by 0.4": softened(0.4),
         "the table, damped by 0.2": softened(0.2),
-        "the table, damped by 0.4, may only rise": rising(softened(0.4)),
+        "the table, damped by 0.4, may only increase": rising(softened(0.4)),
         "the table, held at its start": held(exact),
         "the table, held at its start, damped by 0.4": held(softened(0.4)),
         "the table, held at its start, damped by 0.2": held(softened(0.2)),

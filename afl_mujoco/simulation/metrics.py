@@ -19,7 +19,7 @@ from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, controller_i
 
 Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
-not finite, or its law has no boundary layer)."""
+not finite, or its controller has no boundary layer)."""
 
 TERMS = ("iae_z", "iae_phi", "max_force")
 """The metrics that the objective (O1) adds up."""
@@ -52,8 +52,8 @@ UNITS: Mapping[str, str] = {
 def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
     """Return every metric of a run but the objective, which needs `with_objective`."""
     time, state, force = run.time, run.state, run.force
-    law = controller_inputs(scenario, controller, time)
-    ratio = controller.saturation_ratio(state, law)
+    inputs = controller_inputs(scenario, controller, time)
+    ratio = controller.saturation_ratio(state, inputs)
     figures: Metrics = {
         "iae_z": _integral(np.abs(state[:, 0]), time),
         "iae_phi": _integral(np.abs(state[:, 1]), time),
@@ -127,7 +127,7 @@ def objective_scales(figures: Metrics) -> ObjectiveScales:
 
 
 def _known(value: float | None) -> float | None:
-    """Return a figure, or None if it is not finite: the law has no force beyond its domain."""
+    """Return a figure, or None if it is not finite: beyond its domain a controller has no force."""
     return value if value is not None and math.isfinite(value) else None
 
 

@@ -108,7 +108,7 @@ class Textbook:
 
 @njit
 def along(memory, settings, measured, forces, dt):
-    """Estimates, velocities and surprise after each period of a run, shape (N, 5)."""
+    """Estimates, velocities and nis after each period of a run, shape (N, 5)."""
     out = np.empty((len(measured), 5))
     for k in range(len(measured)):
         if k == 0:
@@ -118,7 +118,7 @@ def along(memory, settings, measured, forces, dt):
             out[k, 0], out[k, 1] = estimator.update(
                 memory, settings, measured[k, 0], measured[k, 1], force, dt
             )
-        out[k, 2], out[k, 3], out[k, 4] = memory.state[2], memory.state[3], memory.surprise
+        out[k, 2], out[k, 3], out[k, 4] = memory.state[2], memory.state[3], memory.nis
     return out
 
 
@@ -230,12 +230,12 @@ MATCHED = EstimatorSettings(
 )  # fmt: skip
 
 
-def test_its_errors_are_as_large_as_it_says_and_its_surprises_as_frequent():
+def test_its_errors_match_its_covariance_and_its_innovations_theirs():
     """NEES and NIS over 60 runs of plants drawn from its own prior, with the noise it assumes."""
     rng, s, runs, count = np.random.default_rng(20261), MATCHED, 60, 400
     spreads = [0.0, 0.0, s.speed_spread, s.rate_spread, s.cart_mass_spread, s.half_length_spread]
     mean = [0.0, 0.2, 0.0, 0.0, math.log(s.initial_cart_mass), math.log(s.initial_half_length)]
-    nees, surprises = np.zeros((runs, 3)), np.zeros((runs, count))
+    nees, nis = np.zeros((runs, 3)), np.zeros((runs, count))
     for i in range(runs):
         states, forces = driven(
             rng, mean + spreads * rng.standard_normal(6), count, walk=s.acceleration_noise
@@ -247,11 +247,11 @@ def test_its_errors_are_as_large_as_it_says_and_its_surprises_as_frequent():
             error = memory["state"] - states[end]
             covariance = memory["covariance"]
             nees[i, column] = error @ np.linalg.solve(covariance, error)
-        surprises[i] = out[1:, 4]
+        nis[i] = out[1:, 4]
     low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], 6 * runs) / runs
     assert ((low < nees.mean(axis=0)) & (nees.mean(axis=0) < high)).all(), nees.mean(axis=0)
-    low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], 2 * surprises.size) / surprises.size
-    assert low < surprises.mean() < high
+    low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], 2 * nis.size) / nis.size
+    assert low < nis.mean() < high
 
 
 # What it does
@@ -357,7 +357,7 @@ def test_an_update_allocates_nothing(rng):
 
 
 @pytest.mark.parametrize("name", ["adaptive", "adaptive-retuned"])
-def test_the_gains_are_positive_for_whatever_may_be_believed(name):
+def test_the_gains_are_positive_for_every_estimate(name):
     settings, controller = EstimatorSettings(), afl.CONTROLLERS[name]
     mass, length = np.meshgrid(
         np.linspace(*settings.cart_mass_range, 50), np.linspace(*settings.half_length_range, 50)

@@ -32,7 +32,7 @@ def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon(
     assert scenario.breakpoints == (1.0, 2.0, 2.5, 3.0, 4.0, 5.0)
 
 
-def test_a_segment_knows_the_parameters_up_to_its_very_end(odd_scenario):
+def test_a_segment_gives_the_parameters_up_to_its_very_end(odd_scenario):
     for segment in odd_scenario.segments:
         mass, length = segment.parameters_at(segment.end)
         # the limit from inside; one rounding apart at most

@@ -317,7 +317,7 @@ def test_a_scenario_file_loads_like_a_name(tmp_path):
     assert afl.load(tmp_path / "mine.toml").physics.scenario == CASES["pulse"]
 
 
-def test_without_observed_parameters_the_controller_says_what_it_misses():
+def test_without_observed_parameters_the_controller_names_what_is_missing():
     environment = afl.load(observe_parameters=False)
     policy = controller_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS["nominal"])
     step = environment.reset()

@@ -22,13 +22,13 @@ from afl_mujoco.control.estimation.prediction import (
 FILTER = np.dtype(
     [
         *(("state", np.float64, (STATES,)), ("covariance", np.float64, (STATES, STATES))),
-        *(("excitation", np.float64, (2,)), ("surprise", np.float64)),
+        *(("excitation", np.float64, (2,)), ("nis", np.float64)),
         *((name, np.float64, (STATES, STATES)) for name in ("transition", "product")),
         *((name, np.float64, (STATES,)) for name in ("cart_row", "pole_row", "gain", "row")),
     ]
 )
 """State (z, phi, z', phi', ln M, ln l) and covariance; moving means of z'' and l phi'' [m/s^2]; the
-squared innovations of the last update over their variances; room to work in."""
+normalised innovation squared (NIS) of the last update; work space."""
 
 LARGEST_TURN = 0.5
 """The filter starts anew, with the M and l it has, when the pole would turn more in a period [rad]:
@@ -66,7 +66,7 @@ def start(filter_, settings, z, phi):
     z, phi
         Measured position [m] and angle [rad].
     """
-    filter_.surprise = 0.0
+    filter_.nis = 0.0
     for i in range(STATES):
         filter_.state[i] = 0.0
         for j in range(STATES):
@@ -104,9 +104,9 @@ def update(filter_, settings, z, phi, force, dt):
     if not abs(filter_.state[3]) * dt < LARGEST_TURN:
         return _start_anew(filter_, settings, z, phi)
     learns = (_learns(filter_, settings, 0), _learns(filter_, settings, 1))
-    surprise = _correct(filter_, 0, z, settings.position_variance, learns)
-    surprise += _correct(filter_, 1, phi, settings.angle_variance, learns)
-    filter_.surprise = surprise
+    nis = _correct(filter_, 0, z, settings.position_variance, learns)
+    nis += _correct(filter_, 1, phi, settings.angle_variance, learns)
+    filter_.nis = nis
     for i in range(2):
         j = 4 + i
         if _excited(filter_, settings, i):

@@ -20,7 +20,7 @@ from afl_mujoco.simulation.sampled.runs import perform, prepare
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
 
 DWELL = 1.0
-"""For how long a run must stay settled, up to its end, to be said to have settled [s]."""
+"""How long a run must stay settled, up to its end, to count as settled [s]."""
 
 _SUMMED = ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 

@@ -1,4 +1,4 @@
-"""The delay margin of the linearised loop against the delay that MuJoCo's loop bears."""
+"""The delay margin of the linearised loop against the delay that the loop in MuJoCo tolerates."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def run_campaign(
     executor: Executor,
     progress: Callable[[int], None] = lambda runs: None,
 ) -> Campaign:
-    """Run every controller on the same samples; who computes does not change a bit."""
+    """Run every controller on the same samples; the result does not depend on the workers."""
     require_campaign(controllers, space, samples=samples, seed=seed, settings=settings)
     chunks = [range(i, min(i + CHUNK, samples)) for i in range(0, samples, CHUNK)]
     units = [

@@ -75,7 +75,7 @@ class Pairing:
 
 
 def pair(first: Sequence[bool], second: Sequence[bool]) -> Pairing:
-    """Compare who survived what."""
+    """Return how many samples both, one or neither survived."""
     pairs = list(zip(first, second, strict=True))
     return Pairing(
         both=pairs.count((True, True)),

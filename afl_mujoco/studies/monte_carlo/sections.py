@@ -124,7 +124,7 @@ def _rates(result: Result) -> Table:
 
 
 def _comparisons(result: Result) -> Table:
-    """Return who survived what the other did not."""
+    """Return on how many samples only one of two controllers survived."""
     return Table(
         caption="Survival on the same samples",
         columns=(

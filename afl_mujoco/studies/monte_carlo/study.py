@@ -101,7 +101,7 @@ def run(
     workers: int = 1,
     cluster: str | None = None,
 ) -> Result:
-    """Run the campaign and the searches; who computes does not change a bit."""
+    """Run the campaign and the searches; the result does not depend on the workers."""
     from afl_mujoco.execution.executors import open_executor
     from afl_mujoco.studies.monte_carlo.campaign import run_campaign
     from afl_mujoco.studies.monte_carlo.result import result_of

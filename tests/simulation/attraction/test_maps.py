@@ -168,7 +168,7 @@ def test_a_mirrored_start_ends_as_the_mirror_image_bit_for_bit(side: str, name: 
 
 
 @pytest.mark.parametrize("side", MAPS)
-def test_two_threads_give_the_same_bits_and_every_cell_is_counted(side: str) -> None:
+def test_two_threads_give_the_same_bits_and_every_grid_point_is_counted(side: str) -> None:
     grid, done = states(7), []
     assert len(grid.starts) % PART != 0
     one, two = (
@@ -213,7 +213,7 @@ def test_from_every_corner_of_the_bands_every_controller_converges_on_every_plan
 
 
 @pytest.mark.parametrize("name", ["adaptive", "lqr"])
-def test_a_thousandth_of_the_tolerance_moves_no_cell(name: str) -> None:
+def test_a_thousandth_of_the_tolerance_changes_no_outcome(name: str) -> None:
     found, finer = (
         map_by_ode(states(31), afl.CONTROLLERS[name], tolerance=t, threads=2) for t in (1e-7, 1e-10)
     )
@@ -246,7 +246,7 @@ def test_a_start_beyond_the_fall_has_fallen_at_once() -> None:
         assert found.time.tolist() == [[0.0, 0.0]]
 
 
-def test_the_hold_is_what_lets_the_smallest_plant_fall_that_believes_itself_nominal() -> None:
+def test_the_hold_makes_the_smallest_plant_fall_that_is_assumed_nominal() -> None:
     grid, controller = plant_grid([0.1], [0.05]), afl.CONTROLLERS["adaptive-nominal"]
     assert map_by_ode(grid, controller).outcome[0, 0] == SETTLED
     found = map_in_mujoco(grid, controller)
@@ -257,7 +257,7 @@ def test_the_hold_is_what_lets_the_smallest_plant_fall_that_believes_itself_nomi
     assert finer.outcome[0, 0] == SETTLED
 
 
-def test_what_a_march_raises_ends_the_others_and_is_raised() -> None:
+def test_what_a_task_raises_ends_the_others_and_is_raised() -> None:
     marched = []
 
     def simulate(part: slice) -> None:

@@ -123,7 +123,7 @@ def delivered(force, h=H):
     return h * np.cumsum(force)
 
 
-def test_an_ideal_actuator_does_what_it_is_told():
+def test_an_ideal_actuator_exerts_the_command():
     commands = np.array([3.0, -700.0, 1e5, -0.1])
     assert (forces(Imperfections(), commands) == commands).all()
 

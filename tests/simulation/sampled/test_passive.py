@@ -86,7 +86,7 @@ FIELDS_OF_JOINTS = [
 ]
 
 
-def test_a_rig_is_what_the_compiler_makes_of_an_mjcf(odd_parameters, rng):
+def test_the_hardware_model_is_what_the_compiler_makes_of_an_mjcf(odd_parameters, rng):
     model = CartPoleModel(CartPoleParameters(), imperfections=PASSIVE["stops"])
     model.set_imperfections(FULL, odd_parameters)
     by_hand = mujoco.MjModel.from_xml_string(_by_hand(odd_parameters, FULL))

@@ -301,7 +301,7 @@ def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
 
 
 @pytest.mark.parametrize("late", [10, 20, 40, 70], ids=lambda ticks: f"{ticks} ms")
-def test_a_late_jump_is_told_on_its_tick_however_the_times_round(late):
+def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
     jumps = (10, 20, 40, 50, 70, 140, 170, 200)  # [ms]; minus the delay, some round to just before
     seen = []
 

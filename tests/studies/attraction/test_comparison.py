@@ -51,13 +51,13 @@ def drawn(simulator: str, *rows: str, controller: str = "lqr") -> AttractionMap:
     )
 
 
-def test_a_cell_is_on_the_border_if_one_of_its_eight_neighbours_has_another_outcome() -> None:
+def test_a_grid_point_is_on_the_border_if_one_of_its_eight_neighbours_has_another_outcome() -> None:
     found = drawn("ode", ".....", ".....", ".....", "....#").outcome
     border = [".....", ".....", "...xx", "...xx"]
     assert on_border(found).tolist() == [[letter == "x" for letter in row] for row in border]
 
 
-def test_a_difference_wider_than_a_cell_is_inside_and_one_on_the_edge_on_the_border() -> None:
+def test_a_difference_wider_than_a_grid_point_is_inside_and_one_on_the_edge_on_the_border() -> None:
     ode = drawn("ode", "..#####", "..#####", "..#####", "..#####")
     one_off = drawn("mujoco", "...####", "..#####", "..#####", "..#####")
     kinds = Comparison(ode, one_off).disagreement()
@@ -77,7 +77,7 @@ def test_the_transitions_count_every_pair_of_outcomes() -> None:
     assert found.ode_to_mujoco["settled"] == {"settled": 1, "fallen": 1, "undecided": 0}
 
 
-def test_maps_of_other_cells_or_another_controller_are_not_compared() -> None:
+def test_maps_of_another_grid_or_controller_are_not_compared() -> None:
     with pytest.raises(
         InvalidValueError, match=r"^starts of the grid points must be those of both"
     ):

@@ -41,7 +41,9 @@ def comparison(controller: str, *, plane: str = "states") -> Comparison:
 
 
 @pytest.mark.parametrize("plane", ["states", "plants"])
-def test_every_cell_has_the_colour_of_its_outcome_where_its_coordinates_are(plane: str) -> None:
+def test_every_grid_point_has_the_colour_of_its_outcome_where_its_coordinates_are(
+    plane: str,
+) -> None:
     figure = figures.draw_attraction([comparison("lqr", plane=plane), comparison("x", plane=plane)])
     panels = [axes for axes in figure.axes if axes.images]
     assert len(panels) == 6

@@ -103,7 +103,7 @@ def test_the_counts_are_those_of_the_trials(thirty: Campaign) -> None:
     assert pairing.both + pairing.only_second == result.controllers[1].survived
 
 
-def test_a_run_that_settles_is_told_from_one_that_stays_up() -> None:
+def test_a_run_that_settles_is_distinguished_from_one_that_survives() -> None:
     calm = SampleSpace(
         **{name: (0.0, 0.0) for name in ("rail_friction", "noise_phi", "noise_phi_dot")},
         phi=(0.1, 0.2), cart_mass=(1.0, 1.0), half_length=(0.5, 0.5), rail_damping=(0.0, 0.0),

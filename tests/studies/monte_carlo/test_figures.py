@@ -51,7 +51,7 @@ def test_what_makes_a_controller_fail_is_the_first_feature_named(rubbed: Campaig
     )  # nobody to ask
 
 
-def test_the_bins_hold_the_failures_of_their_rigs(rubbed: Campaign) -> None:
+def test_the_bins_hold_the_failures_of_their_samples(rubbed: Campaign) -> None:
     drawn = figures(rubbed)["montecarlo-failures"]
     panels = drawn.draw().axes
     assert len(panels) == PANELS

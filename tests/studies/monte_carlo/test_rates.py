@@ -40,7 +40,7 @@ def test_pairs_are_counted_by_who_survived() -> None:
     assert found == Pairing(both=2, only_first=2, only_second=1, neither=1)
 
 
-def test_the_paired_test_looks_at_the_samples_that_tell_the_two_apart() -> None:
+def test_the_paired_test_uses_the_samples_on_which_the_two_differ() -> None:
     # 1 of 6 discordant: 2 * (1 + 6) / 2^6, whatever the others
     assert Pairing(both=500, only_first=1, only_second=5, neither=90).p_value == pytest.approx(
         14 / 64

@@ -119,7 +119,7 @@ def test_a_coordinate_moves_what_it_names_and_nothing_else() -> None:
     assert len(SHAPES) == 3
 
 
-def test_instants_that_coincide_in_the_cube_do_not_in_the_rig() -> None:
+def test_instants_that_coincide_in_the_cube_do_not_in_the_scenario() -> None:
     names = [f"cart_mass__instant {i}" for i in (1, 2, 3, 4)]
     last = at(cart_mass__shape=1.0, **dict.fromkeys(names, 1.0))
     assert last.cart_mass.times == pytest.approx((9.997, 9.998, 9.999, 10.0))
@@ -127,7 +127,7 @@ def test_instants_that_coincide_in_the_cube_do_not_in_the_rig() -> None:
     assert first.cart_mass.times == pytest.approx((0.001, 0.002, 0.003, 0.004))
 
 
-def test_the_reference_is_the_papers_nominal_run_on_an_ideal_rig() -> None:
+def test_the_reference_is_the_papers_nominal_run_on_ideal_hardware() -> None:
     sample = SPACE.scenario_of(SPACE.reference, 0, 0)
     nominal = Scenario(name="nominal")
     np.testing.assert_allclose(sample.initial_state, nominal.initial_state, atol=1e-15)
@@ -159,7 +159,7 @@ def test_every_field_has_a_unit() -> None:
     ],
     ids=str,
 )
-def test_a_space_that_no_rig_has_is_refused(changes, message: str) -> None:
+def test_a_space_that_no_hardware_has_is_refused(changes, message: str) -> None:
     with pytest.raises(InvalidValueError) as raised:
         SampleSpace(**changes)
     assert str(raised.value) == message
