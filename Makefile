@@ -41,8 +41,9 @@ robustness: $(READY) ## what happens when the loop is not ideal, into the report
 $(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
-docs: $(READY) ## print the criteria into docs/verification.md
+docs: $(READY) ## print the tables of the documentation from the code
 	@$(BIN)/python -m afl_mujoco.studies.verification.criteria_table docs/verification.md
+	@$(BIN)/python -m afl_mujoco.cli.tables docs
 
 test: $(READY) ## run the tests but the slow ones; or exactly those of ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")

@@ -92,3 +92,10 @@ def _code(text: str) -> str:
 def _plain(text: str) -> str:
     """Return text that is taken literally."""
     return _SPECIAL.sub(r"\\\1", text)
+
+
+def cells_as_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return cells that are Markdown already as a table."""
+    lines = [header, ("---",) * len(header), *rows]
+    cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
+    return "".join(f"| {' | '.join(line)} |\n" for line in cells)

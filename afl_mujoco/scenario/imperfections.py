@@ -1,31 +1,190 @@
-"""What stands between the ideal loop of the paper and a rig: one documented option each."""
+"""Departures from the ideal loop, each declared once.
+
+The declaration of a field of `Imperfections` is all that a study, a table of the documentation or
+a scenario file needs to know of it; what it does in the loop is in `simulation`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_finite, require_positive, require_type
 
-_OPTIONAL = ("control_period", "force_limit", "slew_rate", "rail_half_length")
-_ERRORS = ("mass_error", "length_error")
 _LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
 _FINEST_STEP = 1e-12  # of an encoder [m, rad]; a position over one much finer overflows
 
 
-def _checked(name: str, value: object) -> float | None:
-    """Return a number as a float, or raise if it breaks the rule of the field `name`."""
-    if name in _OPTIONAL:
-        return None if value is None else require_positive(name, value)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imperfection:
+    """One departure from the ideal loop, and how much of it good laboratory hardware has.
+
+    Attributes
+    ----------
+    name
+        For files and the command line.
+    title
+        In words.
+    unit
+        Of a level as it is shown.
+    fields
+        Fields of `Imperfections` that it sets, each to the level times its factor.
+    reference
+        Level of the reference hardware, good but ordinary in a laboratory.
+    benign, harsh
+        Ends of the range on which the threshold is searched; ``benign > harsh`` where less is
+        worse.
+    scale
+        Shown value of a level, as a factor.
+    switches
+        Fields that it switches on at every level.
+    seeded
+        Whether it draws random numbers, so that several seeds must be survived.
+    quantum
+        What levels are multiples of, and with them MuJoCo's step; 0 for any level.
+    """
+
+    name: str
+    title: str
+    unit: str
+    fields: Mapping[str, float]
+    reference: float
+    benign: float
+    harsh: float
+    scale: float = 1.0
+    switches: tuple[str, ...] = ()
+    seeded: bool = False
+    quantum: float = 0.0
+
+    def options(self, level: float) -> dict[str, Any]:
+        """Return the fields of `Imperfections` at a level."""
+        values = {name: factor * level for name, factor in self.fields.items()}
+        return {**values, **dict.fromkeys(self.switches, True)}
+
+    @property
+    def less_is_worse(self) -> bool:
+        """Whether a smaller level is the harsher one."""
+        return self.harsh < self.benign
+
+    def snapped(self, level: float) -> float:
+        """Return the nearest level that there is."""
+        if self.quantum == 0.0:
+            return level
+        return max(1, round(level / self.quantum)) * self.quantum
+
+
+class Draw(NamedTuple):
+    """How random hardware has a field: uniform in a range.
+
+    Attributes
+    ----------
+    axis
+        Place among the fields that are drawn. The samples of a seed depend on it: a new field
+        takes the next number.
+    range
+        Least and largest.
+    why
+        What hardware the two ends stand for.
+    label, scale
+        Name with unit where failures are compared with survivors by this field alone, and the
+        factor to that unit; not compared without a label.
+    """
+
+    axis: int
+    range: tuple[float, float]
+    why: str
+    label: str = ""
+    scale: float = 1.0
+
+
+class Declaration(NamedTuple):
+    """What is known of a field of `Imperfections` besides its default and meaning.
+
+    Attributes
+    ----------
+    rule
+        ``rule(name, value)`` returns the value as it is stored, or raises.
+    unit
+        Of the value, in SI.
+    swept
+        Imperfections whose thresholds are searched, in which this field is the first.
+    why
+        Where their reference level comes from.
+    drawn
+        How random hardware has it; None where it is ideal.
+    """
+
+    rule: Callable[[str, Any], Any]
+    unit: str
+    swept: tuple[Imperfection, ...]
+    why: str
+    drawn: Draw | None
+
+
+def _declared(
+    default: Any,
+    rule: Callable[[str, Any], Any],
+    unit: str = "",
+    *swept: Imperfection,
+    why: str = "",
+    drawn: Draw | None = None,
+) -> Any:
+    """Return a field of `Imperfections`; arguments as of `Declaration`."""
+    declaration = Declaration(rule, unit, swept, why, drawn)
+    return field(default=default, metadata={"declaration": declaration})
+
+
+def _optional(name: str, value: Any) -> float | None:
+    return None if value is None else require_positive(name, value)
+
+
+def _not_negative(name: str, value: Any) -> float:
     number = require_finite(name, value)
-    if name in _ERRORS:
-        if number <= -1.0:
-            raise InvalidValueError(name, "must be above -1", number)
-    elif number < 0.0:
+    if number < 0.0:
         raise InvalidValueError(name, "must not be negative", number)
-    elif name.startswith("encoder_step") and 0.0 < number < _FINEST_STEP:
+    return number
+
+
+def _resolution(name: str, value: Any) -> float:
+    number = _not_negative(name, value)
+    if 0.0 < number < _FINEST_STEP:
         raise InvalidValueError(name, f"must be 0 or at least {_FINEST_STEP:g}", number)
     return number
+
+
+def _share(name: str, value: Any) -> float:
+    number = _not_negative(name, value)
+    if number >= 1.0:
+        raise InvalidValueError(name, "must be below 1", number)
+    return number
+
+
+def _error(name: str, value: Any) -> float:
+    number = require_finite(name, value)
+    if number <= -1.0:
+        raise InvalidValueError(name, "must be above -1", number)
+    return number
+
+
+def _switch(name: str, value: Any) -> Any:
+    require_type(name, value, bool)
+    return value
+
+
+def _seed(name: str, value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InvalidValueError(name, "must be a whole number", repr(value))
+    if not 0 <= value <= _LARGEST_SEED:
+        raise InvalidValueError(name, "must lie in 0 to 2**63 - 1", value)
+    return value
+
+
+_COUNT = 2.0 * math.pi / 4096.0  # of an encoder of 4096 counts a turn
+_ENCODERS = {"encoder_step_phi": 1.0, "encoder_step_z": 0.1}  # [m/rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,54 +192,9 @@ class Imperfections:
     """Departures from the ideal loop; every default is the ideal.
 
     At each control tick the sensors are read (noise, then quantisation, then differentiation, then
-    filter), the law is told M and l (late, with an error) and commands a force, which passes the
-    force limit, the transport delay, the slew limit and the actuator's lag on its way to the cart.
-
-    Attributes
-    ----------
-    control_period
-        Time between two control ticks [s], a multiple of the simulator's timestep; ``None`` for
-        that of the simulator.
-    force_limit
-        Largest force of the actuator [N]; ``None`` for no limit.
-    slew_rate
-        Largest rate at which the actuator changes its force [N/s]; ``None`` for no limit.
-    actuator_lag
-        Time constant of the actuator's first-order lag [s].
-    delay
-        Transport delay from the control tick to the actuator [s]; it may be any part of a step.
-    encoder_step_z, encoder_step_phi
-        Resolution of the position sensors [m, rad]; readings are rounded to the nearest multiple;
-        0 for exact ones, else at least 1e-12.
-    noise_z, noise_phi
-        Standard deviation of the white noise on the positions at each tick [m, rad].
-    noise_z_dot, noise_phi_dot
-        The same on the velocity sensors [m/s, rad/s], of which there are none where velocities are
-        `differentiated`.
-    differentiated
-        Whether the law gets as velocity the backward difference of the measured positions over a
-        control period (zero at the first tick).
-    velocity_filter
-        Time constant of the first-order low-pass on the velocities that the law gets [s].
-    rail_damping, hinge_damping
-        Viscous friction of the cart [N s/m] and the hinge [N m s/rad].
-    rail_friction
-        Dry (Coulomb) friction of the cart on its rail [N].
-    rail_armature, hinge_armature
-        Inertia of a drive that moves with the joint [kg, kg m^2].
-    rail_half_length
-        The cart's travel to either side before it meets an end stop [m]; ``None`` for no end.
-    tip_mass_share
-        Share of the pole's mass m that sits at its tip, in 0 to below 1 [1]; l stays half the
-        length of the rod.
-    pole_radius
-        Radius of the rod, a solid capsule as MuJoCo draws it [m]; 0 is the slender rod.
-    parameter_delay
-        How late a law that is told M and l learns of them [s].
-    mass_error, length_error
-        Relative error of M and l as they are told to the law, above -1 [1].
-    seed
-        Seed of the noise, 0 to 2**63 - 1; the same seed gives the same noise, whatever else is set.
+    filter), the controller assumes M and l (late, with an error) and commands a force, which passes
+    the force limit, the transport delay, the slew limit and the actuator's lag on its way to the
+    cart. The thresholds study combines the imperfections in the order of the fields.
 
     Raises
     ------
@@ -88,46 +202,212 @@ class Imperfections:
         If a value breaks its rule.
     """
 
-    control_period: float | None = None
-    force_limit: float | None = None
-    slew_rate: float | None = None
-    actuator_lag: float = 0.0
-    delay: float = 0.0
-    encoder_step_z: float = 0.0
-    encoder_step_phi: float = 0.0
-    noise_z: float = 0.0
-    noise_phi: float = 0.0
-    noise_z_dot: float = 0.0
-    noise_phi_dot: float = 0.0
-    differentiated: bool = False
-    velocity_filter: float = 0.0
-    rail_damping: float = 0.0
-    hinge_damping: float = 0.0
-    rail_friction: float = 0.0
-    rail_armature: float = 0.0
-    hinge_armature: float = 0.0
-    rail_half_length: float | None = None
-    tip_mass_share: float = 0.0
-    pole_radius: float = 0.0
-    parameter_delay: float = 0.0
-    mass_error: float = 0.0
-    length_error: float = 0.0
-    seed: int = 0
+    control_period: float | None = _declared(
+        None, _optional, "s",
+        Imperfection(name="control-period", title="control period", unit="ms", scale=1e3,
+            fields={"control_period": 1.0}, reference=2e-3, benign=0.5e-3, harsh=50e-3,
+            quantum=0.5e-3),
+        why="500 Hz",
+    )  # fmt: skip
+    """Time between two control ticks, a multiple of the simulator's timestep; by default that of
+    the simulator."""
+    delay: float = _declared(
+        0.0, _not_negative, "s",
+        Imperfection(name="delay", title="transport delay", unit="ms", scale=1e3,
+            fields={"delay": 1.0}, reference=2e-3, benign=2e-4, harsh=0.2),
+        why="a sample of transport",
+        drawn=Draw(9, (0.0, 5e-3), "none, to a slow bus"),
+    )  # fmt: skip
+    """Transport delay from the control tick to the actuator; it may be any part of a step."""
+    actuator_lag: float = _declared(
+        0.0, _not_negative, "s",
+        Imperfection(name="actuator-lag", title="actuator lag", unit="ms", scale=1e3,
+            fields={"actuator_lag": 1.0}, reference=2e-3, benign=2e-4, harsh=0.5),
+        why="the current loop of a drive",
+        drawn=Draw(10, (0.0, 5e-3), "none, to the current loop of a servo drive"),
+    )  # fmt: skip
+    """Time constant of the actuator's first-order lag."""
+    force_limit: float | None = _declared(
+        None, _optional, "N",
+        Imperfection(name="force-limit", title="force limit", unit="N",
+            fields={"force_limit": 1.0}, reference=50.0, benign=1000.0, harsh=1.0),
+        why="a strong linear drive",
+    )  # fmt: skip
+    """Largest force of the actuator."""
+    slew_rate: float | None = _declared(
+        None, _optional, "N/s",
+        Imperfection(name="slew-rate", title="force slew rate", unit="N/s",
+            fields={"slew_rate": 1.0}, reference=5e3, benign=1e6, harsh=10.0),
+        why="full force in 10 ms",
+    )  # fmt: skip
+    """Largest rate at which the actuator changes its force."""
+    encoder_step_z: float = _declared(
+        0.0, _resolution, "m",
+        drawn=Draw(4, (0.0, 1e-4), "exact, to a tenth of a millimetre"),
+    )  # fmt: skip
+    """Resolution of the cart's position sensor: readings are rounded to the nearest multiple; 0 for
+    an exact one, else at least 1e-12."""
+    encoder_step_phi: float = _declared(
+        0.0, _resolution, "rad",
+        Imperfection(name="encoder", title="encoder step", unit="mrad", scale=1e3,
+            fields=_ENCODERS, reference=_COUNT, benign=1e-4, harsh=0.5),
+        why="4096 counts a turn; rates measured",
+        drawn=Draw(5, (0.0, 2.0 * math.pi / 2048.0), "exact, to 2048 counts a turn",
+            "encoder step of φ [mrad]", 1e3),
+    )  # fmt: skip
+    """The same for the angle."""
+    differentiated: bool = _declared(
+        False, _switch, "",
+        Imperfection(name="differentiated", title="encoder, rates differenced", unit="mrad",
+            scale=1e3, fields=_ENCODERS, switches=("differentiated",), reference=_COUNT,
+            benign=1e-5, harsh=0.5),
+        why="4096 counts a turn; rates differenced without a filter",
+    )  # fmt: skip
+    """Whether the controller gets as velocity the backward difference of the measured positions
+    over a control period (zero at the first tick)."""
+    noise_z: float = _declared(
+        0.0, _not_negative, "m",
+        drawn=Draw(0, (0.0, 5e-4), "none, to a linear potentiometer"),
+    )  # fmt: skip
+    """Standard deviation of the white noise on the cart's position at each tick."""
+    noise_phi: float = _declared(
+        0.0, _not_negative, "rad",
+        Imperfection(name="noise", title="sensor noise", unit="mrad", scale=1e3,
+            fields={"noise_phi": 1.0, "noise_z": 0.1, "noise_phi_dot": 10.0, "noise_z_dot": 1.0},
+            reference=5e-4, benign=1e-5, harsh=0.5, seeded=True),
+        why="a good analogue sensor",
+        drawn=Draw(1, (0.0, 2e-3), "none, to a rotary potentiometer", "noise of φ [mrad]", 1e3),
+    )  # fmt: skip
+    """The same on the angle."""
+    noise_z_dot: float = _declared(
+        0.0, _not_negative, "m/s",
+        drawn=Draw(2, (0.0, 1e-2), "none, to a filtered tachometer"),
+    )  # fmt: skip
+    """The same on the cart's velocity sensor, of which there is none where velocities are
+    differentiated."""
+    noise_phi_dot: float = _declared(
+        0.0, _not_negative, "rad/s",
+        drawn=Draw(3, (0.0, 5e-2), "the same", "noise of φ′ [mrad/s]", 1e3),
+    )  # fmt: skip
+    """The same on the angle's velocity sensor."""
+    velocity_filter: float = _declared(0.0, _not_negative, "s")
+    """Time constant of the first-order low-pass on the velocities that the controller gets."""
+    rail_damping: float = _declared(
+        0.0, _not_negative, "N s/m",
+        Imperfection(name="rail-damping", title="rail damping", unit="N s/m",
+            fields={"rail_damping": 1.0}, reference=5.0, benign=0.05, harsh=500.0),
+        why="a geared cart on a rail",
+        drawn=Draw(7, (0.0, 2.0), "viscous friction: an air bearing, to dry bushes",
+            "rail damping [N s/m]"),
+    )  # fmt: skip
+    """Viscous friction of the cart."""
+    hinge_damping: float = _declared(
+        0.0, _not_negative, "N m s/rad",
+        Imperfection(name="hinge-damping", title="hinge damping", unit="mN m s", scale=1e3,
+            fields={"hinge_damping": 1.0}, reference=2e-3, benign=2e-5, harsh=2.0),
+        why="a ball bearing",
+        drawn=Draw(8, (0.0, 1e-3), "none, to a greased bearing",
+            "hinge damping [mN m s/rad]", 1e3),
+    )  # fmt: skip
+    """Viscous friction of the hinge."""
+    rail_friction: float = _declared(
+        0.0, _not_negative, "N",
+        Imperfection(name="rail-friction", title="dry friction", unit="N",
+            fields={"rail_friction": 1.0}, reference=1.0, benign=0.01, harsh=100.0),
+        why="the geared cart",
+        drawn=Draw(6, (0.0, 1.0), "dry friction: an air bearing, to dry bushes",
+            "dry friction [N]"),
+    )  # fmt: skip
+    """Dry (Coulomb) friction of the cart on its rail."""
+    rail_armature: float = _declared(
+        0.0, _not_negative, "kg",
+        Imperfection(name="rail-armature", title="inertia of the drive", unit="kg",
+            fields={"rail_armature": 1.0}, reference=0.3, benign=3e-3, harsh=30.0),
+        why="motor and gears as felt at the cart",
+    )  # fmt: skip
+    """Inertia of a drive that moves with the cart but has no weight."""
+    hinge_armature: float = _declared(
+        0.0, _not_negative, "kg m²",
+        Imperfection(name="hinge-armature", title="inertia at the hinge", unit="g m²", scale=1e3,
+            fields={"hinge_armature": 1.0}, reference=1e-4, benign=1e-6, harsh=1.0),
+        why="the encoder's shaft",
+    )  # fmt: skip
+    """The same at the hinge."""
+    tip_mass_share: float = _declared(
+        0.0, _share, "1",
+        Imperfection(name="tip-mass", title="share of m at the tip", unit="%", scale=1e2,
+            fields={"tip_mass_share": 1.0}, reference=0.1, benign=1e-3, harsh=0.95),
+        why="not quite a uniform rod",
+    )  # fmt: skip
+    """Share of the pole's mass m that is a point at its tip, in 0 to below 1; l stays half the
+    length of the rod."""
+    pole_radius: float = _declared(
+        0.0, _not_negative, "m",
+        Imperfection(name="pole-radius", title="radius of the rod", unit="mm", scale=1e3,
+            fields={"pole_radius": 1.0}, reference=5e-3, benign=5e-4, harsh=1.0),
+        why="not quite a slender rod",
+    )  # fmt: skip
+    """Radius of the rod, a solid capsule as MuJoCo draws it; 0 is the slender rod."""
+    parameter_delay: float = _declared(
+        0.0, _not_negative, "s",
+        Imperfection(name="parameter-delay", title="M, l known late", unit="ms", scale=1e3,
+            fields={"parameter_delay": 1.0}, reference=50e-3, benign=1e-3, harsh=10.0),
+        why="M and l come from elsewhere",
+    )  # fmt: skip
+    """How late a controller learns of M and l."""
+    mass_error: float = _declared(
+        0.0, _error, "1",
+        Imperfection(name="mass-over", title="M assumed too large", unit="%", scale=1e2,
+            fields={"mass_error": 1.0}, reference=0.1, benign=0.01, harsh=30.0),
+        Imperfection(name="mass-under", title="M assumed too small", unit="%", scale=1e2,
+            fields={"mass_error": -1.0}, reference=0.1, benign=0.01, harsh=0.95),
+        why="weighed by hand",
+    )  # fmt: skip
+    """Relative error of the assumed M, above -1: 0.1 is 10 % too large."""
+    length_error: float = _declared(
+        0.0, _error, "1",
+        Imperfection(name="length-over", title="l assumed too large", unit="%", scale=1e2,
+            fields={"length_error": 1.0}, reference=0.05, benign=0.01, harsh=30.0),
+        Imperfection(name="length-under", title="l assumed too small", unit="%", scale=1e2,
+            fields={"length_error": -1.0}, reference=0.05, benign=0.01, harsh=0.95),
+        why="measured by hand",
+    )  # fmt: skip
+    """Relative error of the assumed l, above -1."""
+    rail_half_length: float | None = _declared(
+        None, _optional, "m",
+        Imperfection(name="rail", title="rail to either side", unit="m",
+            fields={"rail_half_length": 1.0}, reference=1.0, benign=100.0, harsh=0.1),
+        why="a table",
+    )  # fmt: skip
+    """How far the cart can go to either side before it meets an end stop, which gives by some mm at
+    1 m/s."""
+    seed: int = _declared(0, _seed)
+    """Seed of the noise, 0 to 2**63 - 1; the same seed gives the same noise, whatever else is
+    set."""
 
     def __post_init__(self) -> None:
         """Validate every field and store numbers as floats."""
-        require_type("differentiated", self.differentiated, bool)
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name not in ("differentiated", "seed"):
-                object.__setattr__(self, field.name, _checked(field.name, value))
-        if self.tip_mass_share >= 1.0:
-            raise InvalidValueError("tip_mass_share", "must be below 1", self.tip_mass_share)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int):
-            raise InvalidValueError("seed", "must be a whole number", repr(self.seed))
-        if not 0 <= self.seed <= _LARGEST_SEED:
-            raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", self.seed)
+        for name, declaration in DECLARATIONS.items():
+            object.__setattr__(self, name, declaration.rule(name, getattr(self, name)))
 
+
+DECLARATIONS: Mapping[str, Declaration] = MappingProxyType(
+    {one.name: one.metadata["declaration"] for one in fields(Imperfections)}
+)
+"""What is declared of each field."""
+
+IMPERFECTIONS = tuple(one for declared in DECLARATIONS.values() for one in declared.swept)
+"""Every imperfection whose thresholds are searched, in the order in which they are combined."""
+
+DRAWS: Mapping[str, Draw] = MappingProxyType(
+    dict(
+        sorted(
+            ((name, one.drawn) for name, one in DECLARATIONS.items() if one.drawn is not None),
+            key=lambda item: item[1].axis,
+        )
+    )
+)
+"""The fields that random hardware has, by axis."""
 
 IDEAL = Imperfections()
 """The loop of the paper: nothing departs from the ideal."""

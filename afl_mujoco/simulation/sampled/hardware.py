@@ -105,12 +105,19 @@ def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
         Control period [s].
     """
     r = imperfections
-    noise = (r.noise_z, r.noise_phi, r.noise_z_dot, r.noise_phi_dot)
-    share = 1.0 if r.velocity_filter == 0.0 else -math.expm1(-period / r.velocity_filter)
     return Sensors(
-        any(noise), *noise, r.encoder_step_z, r.encoder_step_phi,
-        r.differentiated, period, share, r.seed,
-    )  # fmt: skip
+        noisy=any((r.noise_z, r.noise_phi, r.noise_z_dot, r.noise_phi_dot)),
+        noise_z=r.noise_z,
+        noise_phi=r.noise_phi,
+        noise_z_dot=r.noise_z_dot,
+        noise_phi_dot=r.noise_phi_dot,
+        step_z=r.encoder_step_z,
+        step_phi=r.encoder_step_phi,
+        differentiated=r.differentiated,
+        period=period,
+        filter_share=1.0 if r.velocity_filter == 0.0 else -math.expm1(-period / r.velocity_filter),
+        seed=r.seed,
+    )
 
 
 def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Actuator:
@@ -149,7 +156,7 @@ def no_commands(actuator: Actuator) -> NDArray[np.float64]:
 
 @borrowing_kernel
 def sense(at, sensors, run, tick):
-    """Return (z, phi, z_dot, phi_dot) as the law gets them.
+    """Return (z, phi, z_dot, phi_dot) as the controller gets them.
 
     Parameters
     ----------

@@ -9,8 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import ks_2samp
 
+from afl_mujoco.scenario.imperfections import DRAWS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
+
+
+def _imperfection(name: str, scale: float) -> Callable[[Scenario], float]:
+    """Return what reads an imperfection, scaled to the unit of its label."""
+    return lambda scenario: scale * getattr(scenario.imperfections, name)
+
 
 FEATURES: Mapping[str, Callable[[Scenario], float]] = {
     "start angle |φ₀| [deg]": lambda s: math.degrees(abs(s.initial_state[1])),
@@ -22,16 +29,11 @@ FEATURES: Mapping[str, Callable[[Scenario], float]] = {
     "least cart mass [kg]": lambda s: min(s.cart_mass.values),
     "half-length at the start [m]": lambda s: s.half_length.at(0.0),
     "least half-length [m]": lambda s: min(s.half_length.values),
-    "rail damping [N s/m]": lambda s: s.imperfections.rail_damping,
     "rail damping / least cart mass [1/s]": lambda s: (
         s.imperfections.rail_damping / min(s.cart_mass.values)
     ),
-    "dry friction [N]": lambda s: s.imperfections.rail_friction,
-    "hinge damping [mN m s/rad]": lambda s: 1e3 * s.imperfections.hinge_damping,
     "delay + lag [ms]": lambda s: 1e3 * (s.imperfections.delay + s.imperfections.actuator_lag),
-    "noise of φ [mrad]": lambda s: 1e3 * s.imperfections.noise_phi,
-    "noise of φ′ [mrad/s]": lambda s: 1e3 * s.imperfections.noise_phi_dot,
-    "encoder step of φ [mrad]": lambda s: 1e3 * s.imperfections.encoder_step_phi,
+    **{draw.label: _imperfection(name, draw.scale) for name, draw in DRAWS.items() if draw.label},
 }
 """Numbers of a scenario by their label, which gives the unit."""
 

@@ -27,7 +27,6 @@ from afl_mujoco.studies.monte_carlo.figures import (
 )
 from afl_mujoco.studies.monte_carlo.rates import Rate
 from afl_mujoco.studies.monte_carlo.result import ControllerRates, Result
-from afl_mujoco.studies.monte_carlo.space import UNITS
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, ENDINGS
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST
 
@@ -196,8 +195,7 @@ def _at(time: float | None) -> str:
 def _space(result: Result) -> Table:
     """Return the ranges that samples are drawn from."""
     rows = []
-    for name, unit in UNITS.items():
-        value = getattr(result.space, name)
+    for name, unit, value, _ in result.space.quantities():
         low, high = value if isinstance(value, tuple) else (value, value)
         rows.append((name, unit, short(low), short(high)))
     return Table(

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator, Philox, SeedSequence
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS, Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL, require_finite, require_positive
 from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.scenario import Scenario
@@ -25,56 +28,29 @@ a trapezoid between two levels."""
 INSTANT = 1e-3
 """Instants of change are multiples of this [s]."""
 
+RANGES: Mapping[str, Range] = MappingProxyType({name: draw.range for name, draw in DRAWS.items()})
+"""The declared ranges of the imperfections."""
+
 _STATE = ("z", "phi", "z_dot", "phi_dot")
 _SCHEDULES = ("cart_mass", "half_length")
 _LEVELS, _INSTANTS = 3, 4
 _POINT, _NOISE, _SEARCH = range(3)  # what a seed is spent on
 
-UNITS = {
-    "z": "m", "phi": "rad", "z_dot": "m/s", "phi_dot": "rad/s", "cart_mass": "kg",
-    "half_length": "m", "last_change": "s", "noise_z": "m", "noise_phi": "rad",
-    "noise_z_dot": "m/s", "noise_phi_dot": "rad/s", "encoder_step_z": "m",
-    "encoder_step_phi": "rad", "rail_friction": "N", "rail_damping": "N s/m",
-    "hinge_damping": "N m s/rad", "delay": "s", "actuator_lag": "s", "control_period": "s",
-    "force_limit": "N", "duration": "s",
-}  # fmt: skip
-"""Of each field of the space."""
+
+class Quantity(NamedTuple):
+    """A row of the table of the space: what a number is, its unit, its range or value, and why."""
+
+    name: str
+    unit: str
+    value: Range | float | None
+    why: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SampleSpace:
     """What may vary from run to run; a range is (least, largest), drawn uniformly.
 
-    Attributes
-    ----------
-    z, phi, z_dot, phi_dot
-        The start [m, rad, m/s, rad/s]: a cart put down by hand half a metre about the middle, the
-        pole let go up to 75 degrees to either side (the paper: 60 to one).
-    cart_mass, half_length
-        Levels of M [kg] and l [m]: the paper's box.
-    last_change
-        The schedules change within this [s], as the paper's do.
-    noise_z, noise_phi
-        Noise of the position sensors [m, rad]: none, to the ripple of a potentiometer.
-    noise_z_dot, noise_phi_dot
-        Noise of the velocities [m/s, rad/s]: none, to that of a filtered tachometer.
-    encoder_step_z, encoder_step_phi
-        Resolutions [m, rad]: exact, to a tenth of a millimetre and 2048 counts a turn.
-    rail_friction, rail_damping
-        Dry [N] and viscous [N s/m] friction of the cart: an air bearing, to a carriage on dry
-        bushes.
-    hinge_damping
-        Viscous friction of the hinge [N m s/rad]: none, to a greased bearing.
-    delay
-        From control tick to actuator [s]: none, to a slow bus.
-    actuator_lag
-        Time constant of the drive's current loop [s].
-    control_period
-        Of the controller [s], not varied.
-    force_limit
-        Of the actuator [N], not varied; the paper's has none.
-    duration
-        Horizon of a run [s], not varied.
+    `quantities` gives units and reasons.
 
     Raises
     ------
@@ -89,29 +65,21 @@ class SampleSpace:
     cart_mass: Range = CART_MASS_RANGE
     half_length: Range = HALF_LENGTH_RANGE
     last_change: float = 10.0
-    noise_z: Range = (0.0, 5e-4)
-    noise_phi: Range = (0.0, 2e-3)
-    noise_z_dot: Range = (0.0, 1e-2)
-    noise_phi_dot: Range = (0.0, 5e-2)
-    encoder_step_z: Range = (0.0, 1e-4)
-    encoder_step_phi: Range = (0.0, 2.0 * math.pi / 2048.0)
-    rail_friction: Range = (0.0, 1.0)
-    rail_damping: Range = (0.0, 2.0)
-    hinge_damping: Range = (0.0, 1e-3)
-    delay: Range = (0.0, 5e-3)
-    actuator_lag: Range = (0.0, 5e-3)
+    imperfections: Mapping[str, Range] = field(default_factory=lambda: dict(RANGES))
+    """Those that vary, of `RANGES`; the rest are ideal."""
     control_period: float = 1e-3
     force_limit: float | None = None
     duration: float = 20.0
 
     def __post_init__(self) -> None:
         """Check the ranges, and that their corners make scenarios."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, tuple):
-                low, high = (require_finite(field.name, x) for x in value)
-                if not low <= high:
-                    raise InvalidValueError(field.name, "must not fall", f"{low:g} to {high:g}")
+        for name in self.imperfections:
+            if name not in RANGES:
+                raise UnknownNameError.among("imperfection", name, RANGES)
+        for name, bounds in self._ranges.items():
+            low, high = (require_finite(name, x) for x in bounds)
+            if not low <= high:
+                raise InvalidValueError(name, "must not fall", f"{low:g} to {high:g}")
         require_positive("last_change", self.last_change)
         if not _INSTANTS * INSTANT < self.last_change <= self.duration:
             raise InvalidValueError("last_change", "must be within the duration", self.last_change)
@@ -132,10 +100,32 @@ class SampleSpace:
 
     @property
     def _varied(self) -> tuple[str, ...]:
-        """Names of the imperfections that vary."""
-        known = {field.name for field in fields(Imperfections)}
-        ranged = [f.name for f in fields(self) if isinstance(getattr(self, f.name), tuple)]
-        return tuple(name for name in ranged if name in known)
+        """Names of the imperfections that vary, in the order of their axes."""
+        return tuple(name for name in RANGES if name in self.imperfections)
+
+    @property
+    def _ranges(self) -> dict[str, Range]:
+        """Every range by name."""
+        own = ((one.name, getattr(self, one.name)) for one in fields(self))
+        return {n: value for n, value in own if isinstance(value, tuple)} | dict(self.imperfections)
+
+    def quantities(self) -> Iterator[Quantity]:
+        """Return every number of the space with its unit and why it is what it is."""
+        yield Quantity("z", "m", self.z, "the cart is put down by hand")
+        yield Quantity("phi", "rad", self.phi, "75 degrees to either side; the paper starts at 60")
+        yield Quantity("z_dot", "m/s", self.z_dot, "the cart is pushed as it is let go")
+        yield Quantity("phi_dot", "rad/s", self.phi_dot, "and so is the pole")
+        yield Quantity("cart_mass", "kg", self.cart_mass, "the paper's box")
+        yield Quantity("half_length", "m", self.half_length, "the paper's box")
+        changes = "M and l change in the first half of the run, as in the paper"
+        yield Quantity("last_change", "s", self.last_change, changes)
+        for name in self._varied:
+            unit, why = DECLARATIONS[name].unit, DRAWS[name].why
+            yield Quantity(name, unit, self.imperfections[name], why)
+        yield Quantity("control_period", "s", self.control_period, "1 kHz, not varied")
+        unlimited = "the paper's actuator has no limit; not varied"
+        yield Quantity("force_limit", "N", self.force_limit, unlimited)
+        yield Quantity("duration", "s", self.duration, "the paper's horizon")
 
     def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
         """Return the scenario at a point of the cube.
@@ -148,8 +138,8 @@ class SampleSpace:
             Number and seed of the sample; they give its name and the seed of its noise, and
             nothing else.
         """
-        at = self._by_name(point)
-        scaled = {name: _within(getattr(self, name), at[name]) for name in (*_STATE, *self._varied)}
+        at, ranges = self._by_name(point), self._ranges
+        scaled = {name: _within(ranges[name], at[name]) for name in (*_STATE, *self._varied)}
         noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
         return Scenario(
             name=f"montecarlo-{seed}-{index:04d}",
@@ -208,8 +198,9 @@ class SampleSpace:
                 f"{thing} instant {i}": 0.5 for thing in _SCHEDULES for i in range(1, _INSTANTS + 1)
             },
         }
+        ranges = self._ranges
         for name in (*_STATE, *self._varied):
-            ideal[name] = _share(getattr(self, name), ideal.get(name, 0.0))
+            ideal[name] = _share(ranges[name], ideal.get(name, 0.0))
         for thing in _SCHEDULES:
             share = _share(getattr(self, thing), getattr(nominal, thing).at(0.0))
             ideal |= {f"{thing} level {i}": share for i in range(1, _LEVELS + 1)}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from afl_mujoco.document.numbers import short
+from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
-from afl_mujoco.studies.thresholds.imperfections import COMBINED, Imperfection
+from afl_mujoco.studies.thresholds.imperfections import COMBINED
 from afl_mujoco.studies.thresholds.result import Sweep
 
 FAILS, LITTLE, SOME, MUCH = range(4)

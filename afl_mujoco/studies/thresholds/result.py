@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.studies.bisection import Threshold
 from afl_mujoco.studies.delay_margin import LeastMargin
-from afl_mujoco.studies.thresholds.imperfections import Imperfection
 
 END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "no force"
 """Ways to fail besides the outcomes of a run."""

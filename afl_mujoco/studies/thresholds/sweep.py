@@ -15,7 +15,7 @@ from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
@@ -28,9 +28,8 @@ from afl_mujoco.studies.delay_margin import least_margin
 from afl_mujoco.studies.thresholds import result
 from afl_mujoco.studies.thresholds.imperfections import (
     COMBINED,
-    IMPERFECTIONS,
     TIMESTEP,
-    Imperfection,
+    added,
     combined,
     find_imperfection,
     imperfections_at,
@@ -89,7 +88,7 @@ def sweep(unit: Unit) -> Sweep:
     def at(level: float) -> Verdict:
         chance = seeds(imperfection.seeded, settings)
         real = [imperfections_at(imperfection, level, seed) for seed in chance]
-        return judge(level, real, imperfection.timestep, controller, settings)
+        return judge(level, real, imperfection.quantum or TIMESTEP, controller, settings)
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
         scan = scan_levels(imperfection.benign, imperfection.harsh, settings.scan)
@@ -119,11 +118,6 @@ def sweep_combined(unit: tuple[Controller, Settings]) -> tuple[Verdict, ...]:
         real = [combined(1.0, present, seed) for seed in chance]
         found.append(judge(float(count), real, TIMESTEP, controller, settings))
     return tuple(found)
-
-
-def added() -> tuple[Imperfection, ...]:
-    """Return the imperfections that are added one after another, the rail last."""
-    return tuple(one for one in IMPERFECTIONS if not one.name.endswith("-under"))
 
 
 def seeds(seeded: bool, settings: Settings) -> range:

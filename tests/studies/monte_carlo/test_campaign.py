@@ -20,15 +20,16 @@ from afl_mujoco.studies.monte_carlo import campaign as module
 from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
 from afl_mujoco.studies.monte_carlo.files import write
 from afl_mujoco.studies.monte_carlo.result import result_of
-from afl_mujoco.studies.monte_carlo.space import SampleSpace
+from afl_mujoco.studies.monte_carlo.space import RANGES, SampleSpace
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
 
 pytestmark = pytest.mark.slow
 
 ADAPTIVE, LQR = afl.CONTROLLERS["adaptive"], afl.CONTROLLERS["lqr"]
 SHORT = SampleSpace(
-    duration=2.0, last_change=1.0, rail_damping=(2.0, 8.0), cart_mass=(0.1, 0.5), phi=(-1.4, 1.4)
-)
+    duration=2.0, last_change=1.0, cart_mass=(0.1, 0.5), phi=(-1.4, 1.4),
+    imperfections=RANGES | {"rail_damping": (2.0, 8.0)},
+)  # fmt: skip
 """Rigs on which both fall, and soon."""
 
 
@@ -104,10 +105,12 @@ def test_the_counts_are_those_of_the_trials(thirty: Campaign) -> None:
 
 
 def test_a_run_that_settles_is_distinguished_from_one_that_survives() -> None:
+    none = dict.fromkeys(
+        ("rail_friction", "rail_damping", "noise_phi", "noise_phi_dot"), (0.0, 0.0)
+    )
     calm = SampleSpace(
-        **{name: (0.0, 0.0) for name in ("rail_friction", "noise_phi", "noise_phi_dot")},
-        phi=(0.1, 0.2), cart_mass=(1.0, 1.0), half_length=(0.5, 0.5), rail_damping=(0.0, 0.0),
-        duration=8.0, last_change=1.0,
+        phi=(0.1, 0.2), cart_mass=(1.0, 1.0), half_length=(0.5, 0.5), duration=8.0, last_change=1.0,
+        imperfections=RANGES | none,
     )  # fmt: skip
     found = run([LQR], samples=3, space=calm)
     assert found.survival("lqr").count == found.settling("lqr").count == 3

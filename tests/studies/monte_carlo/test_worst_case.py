@@ -13,6 +13,7 @@ from afl_mujoco.studies.monte_carlo import worst_case
 from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
 from afl_mujoco.studies.monte_carlo.search import Budget, minimise
 from afl_mujoco.studies.monte_carlo.space import (
+    RANGES,
     SampleSpace,
     sample_point,
     search_generator,
@@ -127,7 +128,7 @@ def test_a_failure_that_only_the_search_found_is_what_the_nearest_is_looked_for_
 
 def test_nearest_means_failures_by_distance_then_survivors_from_the_hardest(monkeypatch) -> None:
     silent = dict.fromkeys(("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot"), (0.0, 0.0))
-    space = SampleSpace(duration=2.0, last_change=1.0, **silent)
+    space = SampleSpace(duration=2.0, last_change=1.0, imperfections=RANGES | silent)
     found = campaign(space)
     points = [sample_point(space, i, 1) for i in range(20)]
     costs = []
