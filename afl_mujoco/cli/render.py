@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from afl_mujoco.cli.terminal import FILMS, SUCCESS, ScenarioNames, count_bar, separated, typed
+from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.studies.contract import ControllerNames
 
 INDIFFERENT = ("out", "workers")
 """Options that leave the films as they are."""
@@ -29,10 +31,7 @@ class Render:
 
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper and the showcase by default."""
-    controllers: tuple[str, ...] = ("fixed", "adaptive")
-    """Controllers by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
-    partial-linearization; any but -nominal with -estimated after it, told M and l by the estimator;
-    or your own, module:attribute (examples/README.md)."""
+    controllers: ControllerNames = PAPER
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     size: str = "1280x720"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.control.names import KNOWN, SUBJECT
 from afl_mujoco.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 SIMULATORS = ("ode", "exact", "continuous", "sampled")
 
+_HELP = f"Controller by name: {KNOWN} By default that of the file's [replay], else {SUBJECT}."
+ControllerName = Annotated[str | None, tyro.conf.arg(help=_HELP)]
 Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
 
@@ -30,11 +33,7 @@ class Simulate:
 
     scenario: Name = "nominal"
     """Scenario by name, or a TOML file."""
-    controller: str | None = None
-    """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
-    partial-linearization; any but -nominal with -estimated after it, told M and l by the estimator
-    (sampled); or your own, module:attribute (examples/README.md). That of the file's
-    [replay], else adaptive, by default."""
+    controller: ControllerName = None
     simulator: str = "sampled"
     """ode, or a mode of MuJoCo: exact, continuous, sampled."""
     compare: bool = False
@@ -61,7 +60,7 @@ class Simulate:
 
         from afl_mujoco.control.catalogue import find_controller
 
-        name = self.controller or replay.controller or "adaptive"
+        name = self.controller or replay.controller or SUBJECT
         integrator = self.integrator or replay.integrator or "RK4"
         controller = find_controller(name, self.gain_labels)
 

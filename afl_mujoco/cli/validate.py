@@ -44,8 +44,8 @@ class Validate:
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper by default."""
     controllers: tuple[str, ...] = ("fixed", "adaptive")
-    """Controllers by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
-    partial-linearization; or your own, module:attribute (examples/README.md)."""
+    """Controllers by name, as of `afl-mujoco simulate --help` but for -estimated; or your own,
+    module:attribute (examples/README.md)."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     full: bool = False

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
 
 from afl_mujoco.cli.simulate import Name
 from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.control.names import KNOWN, SUBJECT
 from afl_mujoco.errors import InvalidValueError
 
 FRAMES_A_SECOND = 60
@@ -21,9 +25,7 @@ class View:
 
     scenario: Name = "step-step-impulse"
     """Scenario by name, or a TOML file."""
-    controller: str = "adaptive"
-    """Controller by name: fixed, adaptive, each also -retuned or -nominal; lqr, pole-placement,
-    partial-linearization; any but -nominal with -estimated after it; or module:attribute."""
+    controller: Annotated[str, tyro.conf.arg(help=f"Controller by name: {KNOWN}")] = SUBJECT
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     timestep: float = 1e-3

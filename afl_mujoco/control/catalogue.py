@@ -18,6 +18,7 @@ from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
+from afl_mujoco.control.names import ESTIMATED, INFORMED
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -163,13 +164,6 @@ CONTROLLERS: Mapping[str, Controller] = MappingProxyType(_build())
 """Every controller by name; those that end in ``-nominal`` assume constant M and l."""
 
 
-_ESTIMABLE = tuple(name for name in CONTROLLERS if not name.endswith("-nominal"))
-
-ESTIMATED = "-estimated"
-"""Ending of the name of a controller that uses the estimator: ``adaptive-estimated``. Such
-controllers are not in `CONTROLLERS`: only sampled mode supports them."""
-
-
 def as_controller(controller: Any) -> Controller:
     """Return a controller from what the Python functions take.
 
@@ -218,11 +212,11 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
         raise UnknownNameError.among("gain labels", gain_labels, GAIN_LABELS)
     if ":" in name:
         return load_python_controller(name)
-    if (base := name.removesuffix(ESTIMATED)) != name and base in _ESTIMABLE:
+    if (base := name.removesuffix(ESTIMATED)) != name and base in INFORMED:
         controller = find_controller(base, gain_labels)
         return EstimatedController(name=f"{controller.name}{ESTIMATED}", controller=controller)
     if name not in CONTROLLERS:
-        others = (f"({', '.join(_ESTIMABLE)}){ESTIMATED}", "module:attribute")
+        others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
     controller = CONTROLLERS[name]
     return controller if gain_labels == "table2" else controller.relabelled()

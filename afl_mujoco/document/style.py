@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from colorsys import hsv_to_rgb
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import matplotlib
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from afl_mujoco.document import blocks
@@ -30,8 +33,13 @@ CONTROLLERS: Mapping[str, str] = {
     "adaptive-retuned": BLUE,
     "fixed-nominal": PURPLE,
     "adaptive-nominal": GREEN,
+    "lqr": "#882255",
+    "pole-placement": "#332288",
+    "partial-linearization": "#999933",
 }
-"""Colour of each controller."""
+"""Colour of each controller that has its own; Paul Tol's where Okabe and Ito's are spent."""
+
+_SPARE = ("#AA4499", "#661100", "#44AA99", "#DDCC77", GREY)
 
 MODES: Mapping[str, tuple[str, str]] = {
     "mujoco sampled": (VERMILION, "sampled: as deployed, control held"),
@@ -130,6 +138,13 @@ def draw_limit(axis: Axes, limit: float, name: str, colour: str, *, under: bool 
         xytext=(3.0, -2.0 if under else 1.5), va="top" if under else "bottom", fontsize=7.5,
         color=colour,
     )  # fmt: skip
+
+
+def colours(controllers: Iterable[str]) -> dict[str, str]:
+    """Return a colour for each controller of a figure: its own if it has one, no two the same."""
+    golden = (to_hex(hsv_to_rgb(0.618 * i % 1.0, 0.8, 0.6)) for i in count())
+    spare = chain(_SPARE, golden)
+    return {name: CONTROLLERS.get(name) or next(spare) for name in controllers}
 
 
 def colour_of(controller: str) -> str:

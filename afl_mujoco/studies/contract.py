@@ -29,6 +29,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from afl_mujoco.control.names import KNOWN
+
 if TYPE_CHECKING:
     from afl_mujoco.document.blocks import Section
 
@@ -39,6 +41,9 @@ ScenarioNames = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")
 ]
 """Scenarios by name or file, before the options."""
+
+ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by name: {KNOWN}")]
+"""Controllers by name."""
 
 
 def silent(doing: str, done: int, total: int) -> None:

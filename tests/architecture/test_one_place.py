@@ -8,10 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
-TOY = '''
-    stiction: float = _declared(
+TOY = '''    stiction: float = _declared(
         0.0, _not_negative, "N",
         Imperfection(name="stiction", title="stiction", unit="mN", fields={"stiction": 1.0},
             scale=1e3, reference=0.1, benign=0.01, harsh=10.0),
@@ -19,7 +20,7 @@ TOY = '''
         drawn=Draw(11, (0.0, 0.5), "swept, to dusty", "stiction [mN]", 1e3),
     )
     """A toy."""
-    seed: int ='''
+'''
 
 LOOK = """
 from pathlib import Path
@@ -48,16 +49,54 @@ assert "| `stiction` | N | 0 to 0.5 | swept, to dusty |" in found["montecarlo.md
 """
 
 
-def test_an_imperfection_is_declared_once(tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "afl_mujoco", tmp_path / "afl_mujoco")
-    source = tmp_path / "afl_mujoco" / "scenario" / "imperfections.py"
-    before, after = source.read_text().split("\n    seed: int =")
-    source.write_text(before + TOY + after)
-    run = subprocess.run(
-        [sys.executable, "-c", LOOK],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+CONTROLLER_LOOK = """
+from afl_mujoco.control.catalogue import find_controller
+from afl_mujoco.control.names import NAMES
+from afl_mujoco.document.style import colours
+from afl_mujoco.studies.registry import studies
+
+assert find_controller("toy").name == "toy"
+assert find_controller("toy-estimated").name == "toy-estimated"
+assert len(set(colours(NAMES).values())) == len(NAMES)
+for name in ("thresholds", "margins"):
+    assert "toy" in studies()[name].configuration().controllers, name
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A copy of the package."""
+    return shutil.copytree(ROOT / "afl_mujoco", tmp_path / "afl_mujoco")
+
+
+def insert(source: Path, before: str, text: str) -> None:
+    """Put a text before another that stands once in a file."""
+    first, second = source.read_text().split(before)
+    source.write_text(first + text + before + second)
+
+
+def run(package: Path, *arguments: str) -> str:
+    """Return what Python prints with that package."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=package.parent,
+        env={**os.environ, "PYTHONPATH": str(package.parent), "COLUMNS": "200"},
         capture_output=True,
         text=True,
     )
-    assert run.returncode == 0, run.stderr
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_an_imperfection_is_declared_once(package: Path) -> None:
+    insert(package / "scenario" / "imperfections.py", "    seed: int =", TOY)
+    run(package, "-c", LOOK)
+
+
+def test_a_shipped_controller_touches_one_folder(package: Path) -> None:
+    insert(package / "control" / "names.py", ')\n"""State feedbacks', ', "toy"')
+    toy = '    catalogue.append(replace(baselines()[0], name="toy"))\n'
+    insert(package / "control" / "catalogue.py", "    return {controller.name:", toy)
+    run(package, "-c", CONTROLLER_LOOK)
+    for command in ("simulate", "render", "view", "thresholds"):
+        assert ", toy" in run(package, "-m", "afl_mujoco", command, "--help")

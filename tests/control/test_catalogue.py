@@ -15,6 +15,7 @@ from afl_mujoco import (
     control_force,
     find_controller,
 )
+from afl_mujoco.control import names
 from afl_mujoco.control.compiled_controller import scheduled_force
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError, UnknownNameError
 
@@ -27,6 +28,10 @@ TABLE_2 = {
 # (G1) at M = 1, l = 1 is w1 + w2 + w4: sums done by hand.
 AT_ONE = {"switching": 109.938483997, "slope": 1.0019, "boundary_layer": 99.0047}
 NAMES = ("switching", "slope", "boundary_layer")
+
+
+def test_the_names_that_help_shows_are_those_of_the_catalogue():
+    assert tuple(CONTROLLERS) == names.NAMES
 
 
 def test_the_fixed_gains_are_the_paper_s_constants():

@@ -8,7 +8,10 @@ import matplotlib
 import pytest
 from matplotlib.figure import Figure
 
+from afl_mujoco.control.names import NAMES
 from afl_mujoco.document.style import (
+    CONTROLLERS,
+    colours,
     decade_above,
     draw_limit,
     in_words,
@@ -28,6 +31,14 @@ def a_figure() -> Figure:
     axis.set(xlabel="time t [s]", ylabel="z [m]")
     draw_limit(axis, 0.1, "B1", "black")
     return figure
+
+
+def test_no_two_controllers_of_a_figure_share_a_colour() -> None:
+    names = (*NAMES, "adaptive-estimated", "lqr-estimated", "mine.pd", *map(str, range(20)))
+    found = colours(names)
+    assert list(found) == list(names)
+    assert len({colour.lower() for colour in found.values()}) == len(names)
+    assert {name: found[name] for name in CONTROLLERS} == CONTROLLERS
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from afl_mujoco.control.names import REFERENCE, SUBJECT
 from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class Attraction:
     minutes on two cores.
     """
 
-    controllers: tuple[str, ...] = ("adaptive", "lqr")
+    controllers: tuple[str, ...] = (SUBJECT, REFERENCE)
     """Controllers by name; neither a Python controller nor one with the estimator."""
     planes: tuple[str, ...] = ("states", "plants")
     """Maps to draw: states, plants."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
-from afl_mujoco.control.catalogue import ESTIMATED as SUFFIX
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
+from afl_mujoco.control.names import ESTIMATED as SUFFIX
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections

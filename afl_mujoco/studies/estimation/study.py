@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from afl_mujoco.control.names import SUBJECT
 from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ class Estimation:
 
     scenarios: ScenarioNames = ()
     """Scenarios of the paper by name; its four schedules by default."""
-    controller: str = "adaptive"
+    controller: str = SUBJECT
     """Controller by name, without -estimated."""
     seeds: int | None = None
     """Runs under noise, each with its own; 8 by default."""

@@ -8,15 +8,13 @@ from functools import partial
 
 import numpy as np
 
+from afl_mujoco.control.names import REFERENCE, SUBJECT
 from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
 from afl_mujoco.document.numbers import fixed, percent, short
 from afl_mujoco.document.style import in_words
 from afl_mujoco.studies.margins.figures import delay_margins, draw_delay_margins, draw_measured
 from afl_mujoco.studies.margins.measured_delay import REACH, START, TOLERANCE, DelayComparison
 from afl_mujoco.studies.margins.result import Result
-
-SUBJECT, REFERENCE = "adaptive", "lqr"
-"""The controllers that the finding is about, where they were studied."""
 
 _COLUMNS = (
     (Column("Gain down to", number=True), "gain_decrease", 2, 1.0),

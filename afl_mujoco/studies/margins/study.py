@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from afl_mujoco.control.names import INFORMED
 from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
@@ -21,16 +22,8 @@ class MarginsConfiguration:
     a small motion in MuJoCo grows is measured as well. Writes margins.json and figures.
     """
 
-    controllers: tuple[str, ...] = (
-        "fixed",
-        "adaptive",
-        "fixed-retuned",
-        "adaptive-retuned",
-        "lqr",
-        "pole-placement",
-        "partial-linearization",
-    )
-    """Controllers by name, or module:attribute of your own."""
+    controllers: tuple[str, ...] = INFORMED
+    """Controllers by name, but for -estimated, or module:attribute of your own."""
     cart_masses: tuple[float, ...] | None = None
     """Cart masses M of the grid [kg]; the paper's 20 by default."""
     half_lengths: tuple[float, ...] | None = None

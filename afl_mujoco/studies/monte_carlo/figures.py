@@ -2,41 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from afl_mujoco.document.style import (
-    BLACK,
-    BLUE,
-    CONTROLLERS,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    VERMILION,
-    new_figure,
-)
+from afl_mujoco.document.style import colours, new_figure
 from afl_mujoco.studies.monte_carlo.features import features_of, most_separating
 from afl_mujoco.studies.monte_carlo.rates import Rate
 from afl_mujoco.studies.monte_carlo.result import Result
 
 PANELS, COLUMNS, BINS = 6, 3, 5
 
-_SPARE = (VERMILION, PURPLE, BLACK, GREEN, ORANGE, BLUE)
 _MARKERS = "osD^vP"
 
 
 def draw_rates(result: Result) -> Figure:
     """Draw how often each controller survives, and settles, with the intervals."""
     names = [rates.controller for rates in result.controllers]
-    colours = colours_of(names)
+    found = colours(names)
     figure = new_figure(7.5, 1.3 + 0.55 * len(names))
     axis = figure.subplots()
     for row, rates in enumerate(result.controllers):
-        colour = colours[rates.controller]
+        colour = found[rates.controller]
         for rate, up in ((rates.survival, True), (rates.settling, False)):
             place = row + (-0.14 if up else 0.14)
             low, high = (100.0 * x for x in rate.interval)
@@ -100,21 +90,13 @@ def _draw_feature(
     bins = [part for part in np.array_split(np.argsort(values, kind="stable"), BINS) if len(part)]
     medians = np.array([np.median(values[part]) for part in bins])
     shift = 0.012 * float(np.ptp(values))
-    colours = colours_of(failed)
+    found = colours(failed)
     for row, (name, bad) in enumerate(failed.items()):
         rates = [Rate(int(bad[part].sum()), len(part)) for part in bins]
         shares = np.array([100.0 * rate.share for rate in rates])
         ends = 100.0 * np.array([rate.interval for rate in rates]).T
         axis.errorbar(
             medians + shift * (row - 0.5 * (len(failed) - 1)), shares,
-            yerr=np.abs(ends - shares), color=colours[name], marker=_MARKERS[row % len(_MARKERS)],
+            yerr=np.abs(ends - shares), color=found[name], marker=_MARKERS[row % len(_MARKERS)],
             markersize=5.0, linewidth=1.2, elinewidth=1.2, capsize=2.5, label=name,
         )  # fmt: skip
-
-
-def colours_of(names: Mapping[str, object] | Sequence[str]) -> dict[str, str]:
-    """Return a colour for each controller, the usual one where it has one, each its own."""
-    known = {name: CONTROLLERS[name] for name in names if name in CONTROLLERS}
-    spare = [colour for colour in _SPARE if colour not in known.values()]
-    others = [name for name in names if name not in known]
-    return known | {name: spare[i % len(spare)] for i, name in enumerate(others)}

@@ -7,6 +7,7 @@ from functools import partial
 from itertools import islice
 from pathlib import PurePath
 
+from afl_mujoco.control.names import REFERENCE, SUBJECT
 from afl_mujoco.document.blocks import (
     Block,
     Cell,
@@ -29,10 +30,6 @@ from afl_mujoco.studies.monte_carlo.rates import Rate
 from afl_mujoco.studies.monte_carlo.result import ControllerRates, Result
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, ENDINGS
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST
-
-SUBJECT, REFERENCE = "adaptive", "lqr"
-"""The controller that the findings are about where it was studied, and the one it is compared
-with."""
 
 QUESTIONS = {HARDEST: "hardest found", NEAREST: "nearest failure"}
 

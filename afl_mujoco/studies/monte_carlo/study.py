@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from afl_mujoco.studies.contract import Progress, Study, silent
+from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.studies.contract import ControllerNames, Progress, Study, silent
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
@@ -29,8 +30,7 @@ class MonteCarlo:
     replays to the same bits. The whole takes some ten minutes on two cores.
     """
 
-    controllers: tuple[str, ...] = ("adaptive", "lqr")
-    """Controllers by name, or module:attribute of your own."""
+    controllers: ControllerNames = (SUBJECT, REFERENCE)
     samples: int | None = None
     """Hardware samples; 1000 by default. Sample i is the same whatever their number."""
     seed: int = 1

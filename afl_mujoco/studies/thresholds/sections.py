@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
+from afl_mujoco.control.names import REFERENCE, SUBJECT
 from afl_mujoco.document.blocks import (
     Block,
     Cell,
@@ -38,10 +39,6 @@ from afl_mujoco.studies.thresholds.result import (
     Sweep,
     Verdict,
 )
-
-SUBJECT, REFERENCE = "adaptive", "lqr"
-"""The controller that the findings are about where it was studied, and the one it is compared
-with."""
 
 DELAY = "delay"
 

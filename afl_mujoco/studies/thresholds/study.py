@@ -5,10 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
+from afl_mujoco.control.names import AFL, BASELINES, ESTIMATED, SUBJECT
+from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioNames, Study, silent
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.thresholds.result import Result
+
+CONTROLLERS = (
+    *(name for name in AFL if name != "fixed-nominal"),
+    f"{SUBJECT}{ESTIMATED}",
+    *BASELINES,
+)
+"""Studied by default."""
 
 DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
 """Seeds, levels of the scan and tolerance, where not given otherwise."""
@@ -29,18 +37,7 @@ class Thresholds:
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files: each level must be survived in all of them; step-step by
     default."""
-    controllers: tuple[str, ...] = (
-        "fixed",
-        "adaptive",
-        "fixed-retuned",
-        "adaptive-retuned",
-        "adaptive-nominal",
-        "adaptive-estimated",
-        "lqr",
-        "pole-placement",
-        "partial-linearization",
-    )
-    """Controllers by name, or module:attribute of your own."""
+    controllers: ControllerNames = CONTROLLERS
     imperfections: tuple[str, ...] = ()
     """Imperfections by name; all, and all of them combined, by default."""
     seeds: int | None = None

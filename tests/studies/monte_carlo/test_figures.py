@@ -13,7 +13,7 @@ from afl_mujoco.document.blocks import Figure, figures_of
 from afl_mujoco.document.terminal import print_sections
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.features import FEATURES, features_of, most_separating
-from afl_mujoco.studies.monte_carlo.figures import BINS, PANELS, colours_of
+from afl_mujoco.studies.monte_carlo.figures import BINS, PANELS
 from afl_mujoco.studies.monte_carlo.rates import Rate
 from afl_mujoco.studies.monte_carlo.result import result_of
 from afl_mujoco.studies.monte_carlo.sections import sections
@@ -87,18 +87,6 @@ def test_the_rates_are_drawn_with_their_intervals(rubbed: Campaign) -> None:
 def test_nothing_is_said_of_failures_where_there_are_none() -> None:
     assert list(figures(campaign(lqr=[UP] * 3))) == ["montecarlo-rates"]
     assert len(figures(campaign(lqr=[DOWN]))) == 2
-
-
-def test_every_controller_has_its_own_colour() -> None:
-    names = [
-        "adaptive",
-        "fixed",
-        "lqr",
-        "pole-placement",
-        "partial-linearization",
-        "mine.controller",
-    ]
-    assert len(set(colours_of(names).values())) == len(names)
 
 
 def printed(found: Campaign, worst: list[Found]) -> str:
