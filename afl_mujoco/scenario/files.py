@@ -6,13 +6,15 @@ values are those of the scenario's own classes.
 
 from __future__ import annotations
 
+import functools
 import json
+import operator
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tomli_w
 
@@ -30,56 +32,6 @@ from afl_mujoco.scenario.schedules import (
     staircase,
     trapezoid,
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Constant:
-    shape: Literal["constant"] = "constant"
-    value: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Staircase:
-    shape: Literal["staircase"] = "staircase"
-    times: list[float]
-    values: list[float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Trapezoid:
-    shape: Literal["trapezoid"] = "trapezoid"
-    times: list[float]
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class _PiecewiseLinear:
-    shape: Literal["piecewise-linear"] = "piecewise-linear"
-    times: list[float]
-    values: list[float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Joined:
-    shape: Literal["joined"] = "joined"
-    starts: list[float]
-    pieces: list[_Schedule]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Pulse:
-    shape: Literal["pulse"] = "pulse"
-    force: float
-    start: float
-    duration: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Impulse:
-    shape: Literal["impulse"] = "impulse"
-    momentum: float
-    time: float
 
 
 class _NumberOrTable:
@@ -106,20 +58,36 @@ class _ByShape:
         return handler(Annotated[source, Discriminator("shape")])
 
 
-_Schedule = Annotated[
-    _Constant | _Staircase | _Trapezoid | _PiecewiseLinear | _Joined, _ByShape, _NumberOrTable
-]
-_Disturbance = Annotated[_Pulse | _Impulse, _ByShape]
-
-_BUILDERS: Mapping[str, Callable[..., Any]] = {
+_SCHEDULES: Mapping[str, Callable[..., Any]] = {
     "constant": constant,
     "staircase": staircase,
     "trapezoid": trapezoid,
     "piecewise-linear": piecewise_linear,
     "joined": joined,
-    "pulse": ForcePulse,
-    "impulse": Impulse,
 }
+_DISTURBANCES: Mapping[str, Callable[..., Any]] = {"pulse": ForcePulse, "impulse": Impulse}
+_BUILDERS = {**_SCHEDULES, **_DISTURBANCES}
+
+
+def _union(builders: Mapping[str, Callable[..., Any]]) -> Any:
+    """Return the tables of some shapes as pydantic reads them: keys are a builder's arguments."""
+    types = {Sequence[float]: list[float], Sequence[Schedule]: list["_Schedule"]}
+    members: list[Any] = []
+    for shape, builder in builders.items():
+        hints = get_type_hints(builder)
+        keys = [(n, types.get(hint, hint)) for n, hint in hints.items() if n != "return"]
+        own = {"__module__": __name__}  # where pydantic looks for _Schedule
+        table: list[Any] = [("shape", Literal[shape], shape), *keys]
+        members.append(make_dataclass(shape, table, frozen=True, kw_only=True, namespace=own))
+    return Annotated[functools.reduce(operator.or_, members), _ByShape]
+
+
+if TYPE_CHECKING:
+    _Schedule = Any
+    _Disturbance = Any
+else:
+    _Schedule = Annotated[_union(_SCHEDULES), _NumberOrTable]
+    _Disturbance = _union(_DISTURBANCES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,19 +200,19 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
         The scenario; `load_scenario` of a file with this table equals it.
     """
     s = scenario
-    schedules = {
-        name: _PiecewiseLinear(times=list(schedule.times), values=list(schedule.values))
-        for name, schedule in (("cart_mass", s.cart_mass), ("half_length", s.half_length))
+    knots = {
+        name: {"shape": "piecewise-linear", "times": [*one.times], "values": [*one.values]}
+        for name, one in (("cart_mass", s.cart_mass), ("half_length", s.half_length))
     }
-    shapes = {ForcePulse: _Pulse, Impulse: _Impulse}
+    shapes = {builder: shape for shape, builder in _DISTURBANCES.items()}
     table = _File(
         name=s.name,
         pole_mass=s.pole_mass,
         gravity=s.gravity,
         duration=s.duration,
         initial_state=list(s.initial_state),
-        schedule=_Schedules(**schedules),
-        disturbances=[shapes[type(d)](**asdict(d)) for d in s.disturbances],
+        schedule=_Schedules(**knots),
+        disturbances=[{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances],
     )
     found = asdict(table)
     del found["replay"], found["imperfections"]
