@@ -69,25 +69,7 @@ class AFLController(Controller):
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """Return the inputs of the controller along a run: assumed (M, m, l, g), K, lambda, Phi.
-
-        Parameters
-        ----------
-        cart_mass, half_length
-            True M [kg] and l [m], any one shape (...).
-        pole_mass, gravity
-            True m [kg] and g [m/s^2].
-
-        Returns
-        -------
-        ndarray
-            Assumed parameters and gains, shape (..., 7).
-
-        Raises
-        ------
-        GainError
-            If the gain function gives a gain that is not positive.
-        """
+        """As `Controller.inputs_along_run`: M, m, l, g, K, lambda, Phi, the gains positive."""
         inputs = Controller.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
         _require_positive_gains(inputs.reshape(-1, 7))
         return inputs

@@ -42,6 +42,12 @@ INTEGRATORS = {
 """MuJoCo's integrators by their MJCF name."""
 
 
+def require_integrator(name: str) -> None:
+    """Raise if MuJoCo has no such integrator."""
+    if name not in INTEGRATORS:
+        raise UnknownNameError.among("integrator", name, INTEGRATORS)
+
+
 def _load_library() -> None:
     """Make MuJoCo's C functions visible to compiled code."""
     folder = Path(mujoco.__file__).parent
@@ -186,8 +192,7 @@ class CartPoleModel:
         edit: Callable[[mujoco.MjSpec], None] | None = None,
         imperfections: Imperfections = IDEAL,
     ) -> None:
-        if integrator not in INTEGRATORS:
-            raise UnknownNameError.among("integrator", integrator, INTEGRATORS)
+        require_integrator(integrator)
         path = model_file(file)
         try:
             spec = mujoco.MjSpec.from_file(str(path))

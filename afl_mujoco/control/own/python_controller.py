@@ -167,17 +167,7 @@ class PythonController(Controller):
         inputs: NDArray[np.float64],
         times: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the force [N] at each of many states; NaN where the controller has none.
-
-        Parameters
-        ----------
-        states
-            Shape (N, 4).
-        inputs
-            From `inputs_along_run`, shape (N, 4).
-        times
-            When [s], shape (N,); at 0 by default.
-        """
+        """Return the force [N] at each of many states; as of `Controller.forces`."""
         clock_times = np.zeros(len(states)) if times is None else times
         rows = zip(clock_times.tolist(), states, inputs, strict=True)
         return np.array([self.command(*row) for row in rows])

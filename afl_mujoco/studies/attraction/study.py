@@ -71,11 +71,10 @@ class Request(NamedTuple):
 def request_of(configuration: Attraction) -> Request:
     """Return the request of a configuration, or raise."""
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.errors import UnknownNameError
     from afl_mujoco.scenario.parameters import require_distinct
     from afl_mujoco.scenario.sampling import whole_steps
     from afl_mujoco.simulation.attraction.grid import Settling
-    from afl_mujoco.simulation.mujoco_model import INTEGRATORS
+    from afl_mujoco.simulation.mujoco_model import require_integrator
 
     c = configuration
     require_distinct("controller", c.controllers)
@@ -85,8 +84,7 @@ def request_of(configuration: Attraction) -> Request:
     settling = Settling(horizon=c.horizon)
     for name, time in (("dwell", settling.dwell), ("horizon", settling.horizon)):
         whole_steps(name, time, "timestep", c.timestep)
-    if c.integrator not in INTEGRATORS:
-        raise UnknownNameError.among("integrator", c.integrator, INTEGRATORS)
+    require_integrator(c.integrator)
     for controller in controllers:
         _ = controller.compiled  # raises if it has no compiled form
         for grid in maps:  # raises if a gain is not positive

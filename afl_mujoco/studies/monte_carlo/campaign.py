@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
-from afl_mujoco.simulation.mujoco_model import INTEGRATORS
+from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.studies.monte_carlo.rates import Pairing, Rate, pair
 from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
@@ -146,8 +146,7 @@ def require_campaign(
         raise InvalidValueError("samples", "must be at least 1", samples)
     if not 0 <= seed <= LARGEST_SEED:
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
-    if settings.integrator not in INTEGRATORS:
-        raise UnknownNameError.among("integrator", settings.integrator, INTEGRATORS)
+    require_integrator(settings.integrator)
     for thing in ("control_period", "duration"):
         whole_steps(thing, getattr(space, thing), "timestep", settings.timestep)
     masses, lengths = (np.linspace(*bounds, 21) for bounds in (space.cart_mass, space.half_length))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.studies.bisection import Threshold
 from afl_mujoco.studies.delay_margin import LeastMargin
+from afl_mujoco.studies.thresholds.imperfections import TIMESTEP
 
 END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "no force"
 """Ways to fail besides the outcomes of a run."""
@@ -70,14 +71,29 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """How thresholds were searched: names of the scenarios, and as of `sweep.Settings`."""
+    """How thresholds are searched.
 
-    scenarios: tuple[str, ...]
-    seeds: int
-    scan: int
-    tolerance: float
-    integrator: str
-    timestep: float
+    Attributes
+    ----------
+    scenarios
+        Names of the scenarios, in all of which each level must be survived.
+    seeds
+        How many seeds of noise must be survived where there is noise.
+    scan
+        Levels of the scan of each imperfection; and how many levels beside the threshold of
+        survival, half the tolerance apart, must be survived.
+    tolerance
+        Relative width to which bisection narrows a threshold [1].
+    integrator, timestep
+        MuJoCo's, the step [s] where the imperfection does not set it.
+    """
+
+    scenarios: tuple[str, ...] = ()
+    seeds: int = 4
+    scan: int = 13
+    tolerance: float = 0.02
+    integrator: str = "RK4"
+    timestep: float = TIMESTEP
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

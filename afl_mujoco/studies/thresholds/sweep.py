@@ -6,29 +6,27 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 from afl_mujoco.control.catalogue import GainError, find_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own.python_controller import ControllerError
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.mujoco_model import INTEGRATORS
+from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, silent
 from afl_mujoco.studies.delay_margin import least_margin
-from afl_mujoco.studies.thresholds import result
 from afl_mujoco.studies.thresholds.imperfections import (
     COMBINED,
-    TIMESTEP,
     added,
     combined,
     find_imperfection,
@@ -39,6 +37,7 @@ from afl_mujoco.studies.thresholds.result import (
     REFUSED,
     UNSETTLED,
     Result,
+    Settings,
     Sweep,
     Verdict,
 )
@@ -50,45 +49,22 @@ METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi
 """Metrics of a run, in SI units, as of `Rollouts`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
-    """How thresholds are searched.
-
-    Attributes
-    ----------
-    scenarios
-        Each level must be survived in all of them.
-    seeds
-        How many seeds of noise must be survived where there is noise.
-    scan
-        Levels of the scan of each imperfection; and how many levels beside the threshold of
-        survival, half the tolerance apart, must be survived.
-    tolerance
-        Relative width to which bisection narrows a threshold [1].
-    integrator
-        MuJoCo's.
-    """
-
-    scenarios: tuple[Scenario, ...]
-    seeds: int = 4
-    scan: int = 13
-    tolerance: float = 0.02
-    integrator: str = "RK4"
-
-
-Unit = tuple[str, Controller, Settings]
+Scenarios = tuple[Scenario, ...]
+Unit = tuple[str, Controller, Scenarios, Settings]
 
 
 def sweep(unit: Unit) -> Sweep:
     """Return the thresholds of one controller under one imperfection, with some settings."""
-    name, controller, settings = unit
+    name, controller, scenarios, settings = unit
     imperfection = find_imperfection(name)
 
     @functools.cache
     def at(level: float) -> Verdict:
         chance = seeds(imperfection.seeded, settings)
-        real = [imperfections_at(imperfection, level, seed) for seed in chance]
-        return judge(level, real, imperfection.quantum or TIMESTEP, controller, settings)
+        hardware = [imperfections_at(imperfection, level, seed) for seed in chance]
+        runs = on_hardware(scenarios, hardware)
+        own = replace(settings, timestep=imperfection.quantum or settings.timestep)
+        return judge(level, runs, controller, own)
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
         scan = scan_levels(imperfection.benign, imperfection.harsh, settings.scan)
@@ -105,18 +81,18 @@ def sweep(unit: Unit) -> Sweep:
     )
 
 
-def sweep_combined(unit: tuple[Controller, Settings]) -> tuple[Verdict, ...]:
+def sweep_combined(unit: tuple[Controller, Scenarios, Settings]) -> tuple[Verdict, ...]:
     """Return the verdicts on one controller as the imperfections of `added` are added in turn.
 
     The n-th has the first n of them; its level is n.
     """
-    controller, settings = unit
+    controller, scenarios, settings = unit
     found = []
     for count in range(1, len(added()) + 1):
         present = added()[:count]
         chance = seeds(any(one.seeded for one in present), settings)
-        real = [combined(1.0, present, seed) for seed in chance]
-        found.append(judge(float(count), real, TIMESTEP, controller, settings))
+        runs = on_hardware(scenarios, [combined(1.0, present, seed) for seed in chance])
+        found.append(judge(float(count), runs, controller, settings))
     return tuple(found)
 
 
@@ -125,25 +101,18 @@ def seeds(seeded: bool, settings: Settings) -> range:
     return range(settings.seeds if seeded else 1)
 
 
-def judge(
-    level: float,
-    real: Sequence[Imperfections],
-    timestep: float,
-    controller: Controller,
-    settings: Settings,
-) -> Verdict:
-    """Return the verdict on a controller in every scenario, each with every one of `real`.
+def on_hardware(scenarios: Scenarios, hardware: Sequence[Imperfections]) -> list[Scenario]:
+    """Return every scenario with each of some imperfections."""
+    return [replace(s, imperfections=one) for s in scenarios for one in hardware]
 
-    Parameters
-    ----------
-    timestep
-        MuJoCo's step [s].
-    """
-    scenarios = [replace(s, imperfections=r) for s in settings.scenarios for r in real]
+
+def judge(
+    level: float, scenarios: Sequence[Scenario], controller: Controller, settings: Settings
+) -> Verdict:
+    """Return the verdict on a controller at a level, over the scenarios that stand for it."""
+    timestep, integrator = settings.timestep, settings.integrator
     try:
-        runs = run_rollouts(
-            scenarios, controller, timestep=timestep, integrator=settings.integrator
-        )
+        runs = run_rollouts(scenarios, controller, timestep=timestep, integrator=integrator)
     except (ControllerError, GainError) as error:
         return _refused(level, str(error))
     failures = [_failure(runs, i) for i in range(len(runs))]
@@ -194,9 +163,10 @@ def names_of(chosen: Sequence[str]) -> tuple[str, ...]:
 
 
 class Request(NamedTuple):
-    """What is studied: controllers, settings, names of imperfections."""
+    """What is studied: controllers, scenarios, settings, names of imperfections."""
 
     controllers: Sequence[Controller]
+    scenarios: Scenarios
     settings: Settings
     names: Sequence[str]
 
@@ -206,41 +176,45 @@ def request_of(configuration: Thresholds) -> Request:
     c = configuration
     seeds, scan, tolerance = QUICK if c.quick else DEFAULT
     settings = Settings(
-        scenarios=tuple(find_scenario(name) for name in c.scenarios or (SCENARIO,)),
         seeds=seeds if c.seeds is None else c.seeds,
         scan=scan if c.scan is None else c.scan,
         tolerance=tolerance if c.tolerance is None else c.tolerance,
         integrator=c.integrator,
     )
+    scenarios = tuple(find_scenario(name) for name in c.scenarios or (SCENARIO,))
     controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
-    return Request(controllers, settings, require(controllers, settings, c.imperfections))
+    names = require(controllers, scenarios, settings, c.imperfections)
+    return Request(controllers, scenarios, settings, names)
 
 
 def require(
-    controllers: Sequence[Controller], settings: Settings, imperfections: Sequence[str]
+    controllers: Sequence[Controller],
+    scenarios: Scenarios,
+    settings: Settings,
+    imperfections: Sequence[str],
 ) -> tuple[str, ...]:
     """Return the names of the imperfections, or raise at what breaks a rule."""
     names = names_of(imperfections)
     require_distinct("controller", [controller.name for controller in controllers])
-    require_distinct("scenario", [scenario.name for scenario in settings.scenarios])
+    require_distinct("scenario", [scenario.name for scenario in scenarios])
     require_distinct("imperfection", names)
     for name, count, least in (("seeds", settings.seeds, 1), ("scan", settings.scan, 2)):
         if count < least:
             raise InvalidValueError(name, f"must be at least {least}", count)
     if not 1e-4 <= settings.tolerance <= 1.0:
         raise InvalidValueError("tolerance", "must lie in 1e-4 to 1", settings.tolerance)
-    if settings.integrator not in INTEGRATORS:
-        raise UnknownNameError.among("integrator", settings.integrator, INTEGRATORS)
-    for scenario in settings.scenarios:
+    require_integrator(settings.integrator)
+    for scenario in scenarios:
         if scenario.imperfections != IDEAL:
             rule = "must be ideal: remove [imperfections], which this study sets"
             raise InvalidValueError(f"scenario {scenario.name!r}", rule)
-        whole_steps("duration", scenario.duration, "timestep", TIMESTEP)
+        whole_steps("duration", scenario.duration, "timestep", settings.timestep)
     return names
 
 
 def find_thresholds(
     controllers: Sequence[Controller],
+    scenarios: Scenarios,
     settings: Settings,
     imperfections: Sequence[str] = (),
     *,
@@ -249,9 +223,10 @@ def find_thresholds(
     progress: Progress = silent,
 ) -> Result:
     """Find the thresholds of some controllers."""
-    names = require(controllers, settings, imperfections)
-    units = [(name, controller, settings) for name in names for controller in controllers]
-    done, total = itertools.count(1), len(units) + len(controllers)
+    names = require(controllers, scenarios, settings, imperfections)
+    each = [(controller, scenarios, settings) for controller in controllers]
+    units = [(name, *one) for name in names for one in each]
+    done, total = itertools.count(1), len(units) + len(each)
     progress("sweeping", 0, total)
 
     def advance(index: int) -> None:
@@ -259,28 +234,16 @@ def find_thresholds(
 
     with open_executor(workers, cluster) as executor:
         sweeps = compute_all(sweep, units, executor, advance)
-        each = [(controller, settings) for controller in controllers]
         verdicts = compute_all(sweep_combined, each, executor, advance)
-        linear = [
-            controller
-            for controller in controllers
-            if controller.estimator is None and not controller.interpreted
-        ]
-        plants = [(controller, settings.scenarios) for controller in linear if DELAY in names]
+        linear = [one for one in controllers if one.estimator is None and not one.interpreted]
+        plants = [(controller, scenarios) for controller in linear if DELAY in names]
         margins = compute_all(least_margin, plants, executor)
     return Result(
-        settings=result.Settings(
-            scenarios=tuple(scenario.name for scenario in settings.scenarios),
-            seeds=settings.seeds,
-            scan=settings.scan,
-            tolerance=settings.tolerance,
-            integrator=settings.integrator,
-            timestep=TIMESTEP,
-        ),
+        settings=replace(settings, scenarios=tuple(scenario.name for scenario in scenarios)),
         controllers=tuple(controller.name for controller in controllers),
         imperfections=tuple(find_imperfection(name) for name in names),
         sweeps=tuple(sweeps),
         added=tuple(one.name for one in added()),
-        combined={controller.name: v for controller, v in zip(controllers, verdicts, strict=True)},
+        combined={one.name: v for one, v in zip(controllers, verdicts, strict=True)},
         delay_margins=tuple(margin for margin in margins if margin is not None),
     )

@@ -27,7 +27,8 @@ from afl_mujoco.studies.thresholds.sweep import (
 pytestmark = pytest.mark.slow
 
 CASE = replace(afl.SCENARIOS["step-step"], duration=8.0)
-SETTINGS = Settings(scenarios=(CASE,), seeds=2, scan=5, tolerance=0.05)
+CASES = (CASE,)
+SETTINGS = Settings(seeds=2, scan=5, tolerance=0.05)
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 
 
@@ -38,7 +39,7 @@ def simulated(controller, **options: float) -> afl.Trajectory:
 
 
 def test_the_rail_must_be_as_long_as_the_ideal_run_needs():
-    found = sweep(("rail", LQR, SETTINGS))
+    found = sweep(("rail", LQR, CASES, SETTINGS))
     peak = np.abs(simulated(LQR).state[:, 0]).max()
     assert found.survives.fails_at < peak <= found.survives.holds_at
     assert found.survives.holds_at / found.survives.fails_at <= 1.05
@@ -51,7 +52,7 @@ def test_the_rail_must_be_as_long_as_the_ideal_run_needs():
 
 @pytest.mark.parametrize(("name", "field"), [("delay", "delay"), ("force-limit", "force_limit")])
 def test_either_side_of_a_threshold_a_single_run_does_what_the_sweep_says(name, field):
-    found = sweep((name, ADAPTIVE, SETTINGS))
+    found = sweep((name, ADAPTIVE, CASES, SETTINGS))
     assert found.survives.bound == BRACKETED
     assert simulated(ADAPTIVE, **{field: found.survives.holds_at}).outcome.kind == "completed"
     beyond = simulated(ADAPTIVE, **{field: found.survives.fails_at}).outcome
@@ -59,7 +60,7 @@ def test_either_side_of_a_threshold_a_single_run_does_what_the_sweep_says(name, 
 
 
 def test_the_reference_verdict_has_the_figures_of_the_run():
-    verdict = sweep(("actuator-lag", LQR, SETTINGS)).reference
+    verdict = sweep(("actuator-lag", LQR, CASES, SETTINGS)).reference
     run = simulated(LQR, actuator_lag=BY_NAME["actuator-lag"].reference)
     assert verdict.metrics["peak_z"] == np.abs(run.state[:, 0]).max()
     # The peak of the force falls in the first second, long before the run ends early.
@@ -69,12 +70,11 @@ def test_the_reference_verdict_has_the_figures_of_the_run():
 
 def test_the_worst_of_the_scenarios_and_seeds_counts():
     gentle = replace(CASE, name="gentle", initial_state=(0.0, -0.01, 0.0, 0.0))
-    both = replace(SETTINGS, scenarios=(gentle, CASE))
-    alone = sweep(("force-limit", LQR, SETTINGS))
-    combined = sweep(("force-limit", LQR, both))
+    alone = sweep(("force-limit", LQR, CASES, SETTINGS))
+    combined = sweep(("force-limit", LQR, (gentle, CASE), SETTINGS))
     assert combined.survives == alone.survives
     assert combined.failure.scenario == "step-step"
-    easy = sweep(("force-limit", LQR, replace(SETTINGS, scenarios=(gentle,))))
+    easy = sweep(("force-limit", LQR, (gentle,), SETTINGS))
     assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
 
 
@@ -84,8 +84,7 @@ def test_the_figures_of_a_verdict_are_the_largest_of_any_run():
         replace(CASE, name=name, initial_state=(0.0, phi, 0.0, 0.0), duration=2.0)
         for name, phi in starts.items()
     )
-    settings = replace(SETTINGS, scenarios=cases)
-    metrics = judge(1.0, [Imperfections()], 1e-3, LQR, settings).metrics
+    metrics = judge(1.0, cases, LQR, SETTINGS).metrics
     runs = [afl.simulate_mujoco(case, LQR, "sampled") for case in cases]
     assert metrics["peak_z"] == max(np.abs(run.state[:, 0]).max() for run in runs)
     assert metrics["peak_phi"] == max(np.abs(run.state[:, 1]).max() for run in runs)
@@ -94,7 +93,7 @@ def test_the_figures_of_a_verdict_are_the_largest_of_any_run():
 
 
 def test_a_controller_that_computes_no_force_fails_and_says_so():
-    found = sweep(("length-under", ADAPTIVE, replace(SETTINGS, scan=9)))
+    found = sweep(("length-under", ADAPTIVE, CASES, replace(SETTINGS, scan=9)))
     assert found.survives.bound in (LOWER, BRACKETED)
 
     def broken(time, state, belief):
@@ -103,8 +102,8 @@ def test_a_controller_that_computes_no_force_fails_and_says_so():
         return LQR.force(state, belief)
 
     controller = PythonController(name="broken", function=broken)
-    short = replace(SETTINGS, scenarios=(replace(CASE, duration=2.0),), scan=3, tolerance=0.5)
-    found = sweep(("mass-over", controller, short))
+    short = (replace(CASE, duration=2.0),)
+    found = sweep(("mass-over", controller, short, replace(SETTINGS, scan=3, tolerance=0.5)))
     assert found.failure.failure == REFUSED
     assert found.survives.bound == BRACKETED
     assert found.reference.survives
@@ -113,7 +112,7 @@ def test_a_controller_that_computes_no_force_fails_and_says_so():
 def test_imperfections_are_added_one_by_one_and_ends_with_the_rail():
     names = [one.name for one in added()]
     assert names[0] == "control-period" and names[-1] == "rail"
-    verdicts = sweep_combined((LQR, SETTINGS))
+    verdicts = sweep_combined((LQR, CASES, SETTINGS))
     assert len(verdicts) == len(names)
     assert verdicts[0].settles
     assert verdicts[-1].failure == END_STOP
@@ -124,11 +123,9 @@ def test_imperfections_are_added_one_by_one_and_ends_with_the_rail():
 def test_the_numbers_do_not_depend_on_the_workers():
     names, done = ("delay", "noise"), []
     short = (replace(CASE, duration=2.0),)
-    settings = replace(SETTINGS, scenarios=short, scan=3, tolerance=0.5)
-    one = find_thresholds(
-        [LQR, ADAPTIVE], settings, names, progress=lambda *step: done.append(step)
-    )
-    two = find_thresholds([LQR, ADAPTIVE], settings, names, workers=2)
+    asked = ([LQR, ADAPTIVE], short, replace(SETTINGS, scan=3, tolerance=0.5), names)
+    one = find_thresholds(*asked, progress=lambda *step: done.append(step))
+    two = find_thresholds(*asked, workers=2)
     assert one == two
     assert done == [("sweeping", k, 6) for k in range(7)]
     assert one.sweep("noise", "adaptive").imperfection == "noise"
@@ -155,6 +152,7 @@ def test_the_numbers_do_not_depend_on_the_workers():
     ],
 )
 def test_a_setting_that_breaks_its_rule_is_named(changes, names, message):
+    asked = {"scenarios": CASES, **changes}
     with pytest.raises((InvalidValueError, UnknownNameError)) as error:
-        require([LQR], replace(SETTINGS, **changes), names)
+        require([LQR], asked.pop("scenarios"), replace(SETTINGS, **asked), names)
     assert str(error.value).startswith(message)
