@@ -48,8 +48,18 @@ _NO_COMMANDS = no_commands(_IDEAL)
 def _plan(constants, hold):
     """Return the numbers of a control period; built here, for Python would take longer."""
     timestep, pole_mass, gravity = constants
-    endless = Criterion(np.inf, np.inf, np.inf, np.inf, np.inf, 0)
-    return Plan(_FOREVER, hold, timestep, pole_mass, gravity, np.inf, endless)
+    endless = Criterion(
+        fall_angle=np.inf, z=np.inf, phi=np.inf, z_dot=np.inf, phi_dot=np.inf, dwell=0
+    )
+    return Plan(
+        steps=_FOREVER,
+        hold=hold,
+        timestep=timestep,
+        pole_mass=pole_mass,
+        gravity=gravity,
+        rail=np.inf,
+        criterion=endless,
+    )
 
 
 @kernel
