@@ -13,11 +13,11 @@ STUDIES := $(shell sed -n 's/^    name="\(.*\)",$$/\1/p' afl_mujoco/studies/*/st
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
+	@echo "  make NAME       run a study, its options as ARGS=\"...\": $(STUDIES)"
 
 setup: $(READY) ## create .venv (every other target does so by itself)
 
 validate: $(READY) ## compare MuJoCo with the analytic model on every case; pass options as ARGS="..."
-	@$(BIN)/afl-mujoco validate $(ARGS)
 
 proof: $(READY) ## validate, with refinement studies, ledgers, and what the paper leaves out
 	@$(BIN)/afl-mujoco validate --full --out renders/proof $(ARGS)
@@ -28,18 +28,15 @@ render: $(READY) ## film every scenario with both controllers, and a showcase (1
 view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS="step-step --controller fixed"
 	@$(BIN)/afl-mujoco view $(ARGS)
 
-report: $(READY) ## make renders/validation/report.html anew, with the films of make render
+report: $(READY) ## make renders/validation/report.html anew from what is there, with the films of make render
 	@$(BIN)/afl-mujoco report $(ARGS)
-
-robustness: $(READY) ## what happens when the loop is not ideal, into the report (30 minutes, ARGS="--quick": 5): thresholds, montecarlo, attraction, margins, estimation, each a target too
-	@$(BIN)/afl-mujoco thresholds $(ARGS)
-	@$(BIN)/afl-mujoco montecarlo $(ARGS)
-	@$(BIN)/afl-mujoco attraction $(ARGS)
-	@$(BIN)/afl-mujoco margins $(ARGS)
-	@$(BIN)/afl-mujoco estimation $(ARGS)
 
 $(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
+
+# Every study but the first, which is validate.
+robustness: ## every study but validate: what happens when the loop is not ideal (30 minutes, ARGS="--quick": 5)
+	@for study in $(filter-out validate,$(STUDIES)); do $(MAKE) --no-print-directory $$study || exit; done
 
 docs: $(READY) ## print the tables of the documentation from the code
 	@$(BIN)/python -m afl_mujoco.studies.verification.criteria_table docs/verification.md

@@ -57,6 +57,14 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def remove_file(path: Path) -> None:
+    """Remove a file if it is there."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise FileError.cannot_be("written", path, error) from None
+
+
 def output_folder(path: str | Path) -> Path:
     """Return `path` as a folder that exists and can be written, made with its parents if missing.
 

@@ -1,8 +1,6 @@
 """Fixtures that more than one folder uses."""
 
 import os
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +16,6 @@ from afl_mujoco import (
 from afl_mujoco.cli.main import main
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-
-sys.path.insert(0, str(Path(__file__).parent))  # for `page_case`, `program`, `survival_case`
 
 SEED = 20260
 BACKEND = choose_backend()  # before a test imports mujoco

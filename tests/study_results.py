@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from page_case import NASTY
 
 from afl_mujoco.document.blocks import Section
 from afl_mujoco.simulation.attraction.grid import AttractionMap, Settling, state_grid
@@ -27,6 +26,7 @@ from afl_mujoco.studies.thresholds import result as thresholds_result
 from afl_mujoco.studies.thresholds.imperfections import find_imperfection
 from afl_mujoco.studies.thresholds.result import END_STOP, UNSETTLED, Sweep, Verdict
 from afl_mujoco.studies.thresholds.sweep import added
+from tests.verification_result import NASTY, make_result
 
 CONTROLLERS = ("adaptive", "lqr")
 
@@ -275,6 +275,7 @@ def estimation() -> estimation_result.Result:
 
 
 RESULTS = {
+    "validate": make_result,
     "thresholds": thresholds, "montecarlo": monte_carlo, "attraction": attraction,
     "margins": margins, "estimation": estimation,
 }  # fmt: skip

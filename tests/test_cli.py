@@ -8,11 +8,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from program import interrupt, run
 
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.cli.regression import Regression
+from tests.program import interrupt, run
 
 SHORT = """
 name = "short"
@@ -128,16 +128,16 @@ BAD_ARGUMENTS = {
     "unknown command": (["validat"], "Unrecognized options: validat"),
     "no command": (
         [],
-        "Expected one of {validate, report, simulate, render, view, tune, thresholds, montecarlo, "
-        "attraction, margins, estimation, regression}",
+        "Expected one of {validate, thresholds, montecarlo, attraction, margins, estimation, "
+        "report, simulate, render, view, tune, regression}",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],
-        "nowhere/report.json cannot be read: no such file or directory: run afl-mujoco validate",
+        "nowhere must hold a result: run afl-mujoco validate",
     ),
     "films that are not understood": (
         ["validate", "short.toml", "--films", "films"],
-        "films/films.json does not list films: 'schema' is missing: run afl-mujoco render",
+        "films/films.json does not list films: films is missing: run afl-mujoco render",
     ),
     "unknown simulator": (
         ["simulate", "short.toml", "--simulator", "drake"],
@@ -188,8 +188,10 @@ def test_validate_writes_a_report_that_passes(folder: Path) -> None:
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "pass"
     written = {p.name for p in (folder / "out").iterdir()}
-    texts = {"report.json", "report.md", "junit.xml", "report.html"}
-    assert written == texts | {"curves.npz", "figures"}
+    texts = {"report.json", "report.md", "report.npz", "junit.xml", "report.html"}
+    figures = {name for name in written if name.endswith((".svg", ".png"))}
+    assert written == texts | figures
+    assert "report-response-1-short.svg" in figures
     assert report["command"] == "afl-mujoco validate short.toml"
     page = (folder / "out" / "report.html").read_bytes()
     result = run("report", "out", cwd=folder)
@@ -214,7 +216,7 @@ def test_what_reproduces_a_validation_names_every_option_that_matters_and_no_oth
         " ".join(said[3:]) == "--controllers adaptive --gain-labels table1 --control-period 0.002"
     )
     written = {p.name for p in (folder / "out").iterdir()}
-    assert written == {"report.json", "report.md", "junit.xml", "curves.npz"}
+    assert written == {"report.json", "report.md", "report.npz", "junit.xml"}
 
 
 def test_validate_exits_with_1_when_a_check_fails(folder: Path) -> None:

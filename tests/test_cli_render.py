@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 
 import pytest
-from program import interrupt, run
 
 from afl_mujoco.cli import main
 from afl_mujoco.errors import GraphicsError
 from afl_mujoco.graphics import require_display
+from tests.program import interrupt, run
 
 pytestmark = pytest.mark.slow
 

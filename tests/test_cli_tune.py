@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
-from program import interrupt, run
 
 from afl_mujoco.control.gain_table import GainTable
+from tests.program import interrupt, run
 
 pytestmark = pytest.mark.slow
 

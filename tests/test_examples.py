@@ -7,12 +7,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from program import run as start
 
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.thresholds.result import REFUSED
+from tests.program import run as start
 
 pytestmark = pytest.mark.slow
 

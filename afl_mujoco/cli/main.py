@@ -17,14 +17,13 @@ from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.study import study_commands
 from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
 from afl_mujoco.cli.tune import Tune
-from afl_mujoco.cli.validate import Validate
 from afl_mujoco.cli.view import View
 from afl_mujoco.errors import AflMujocoError
 
 PROGRAM = "afl-mujoco"
 
-BEFORE, AFTER = (Validate, Report, Simulate, Render, View, Tune), (Regression,)
-"""Commands before and after those of the studies."""
+OTHERS = (Report, Simulate, Render, View, Tune, Regression)
+"""Commands behind those of the studies."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -62,7 +61,7 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 def _parse(arguments: Sequence[str] | None) -> Any:
     """Parse the arguments; bad ones end the program with one line."""
-    commands: Any = Union[(*BEFORE, *study_commands(), *AFTER)]
+    commands: Any = Union[(*study_commands(), *OTHERS)]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):

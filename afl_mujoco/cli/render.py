@@ -7,10 +7,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from afl_mujoco.cli.terminal import FILMS, SUCCESS, ScenarioNames, count_bar, separated, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, count_bar, separated, typed
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.studies.contract import ControllerNames
+from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
 
 INDIFFERENT = ("out", "workers")
 """Options that leave the films as they are."""

@@ -8,34 +8,29 @@ from typing import Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import FILMS, ROBUSTNESS, SUCCESS, VALIDATION
+from afl_mujoco.cli.terminal import FILMS, RESULTS, SUCCESS
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Make report.html anew from a validation's files, when there are new films or studies.
+    """Make report.html anew from every result of a folder, as when there are new films.
 
     Example: afl-mujoco report renders/validation --films renders
 
-    Nothing is computed: report.json, curves.npz and the figures of the folder make the page.
+    Nothing is computed: the results and figures of the folder make the page.
     """
 
-    folder: Folder = VALIDATION
-    """Folder that `afl-mujoco validate` wrote."""
+    folder: Folder = RESULTS
+    """Folder that the studies wrote, `afl-mujoco validate` among them."""
     films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes."""
-    robustness: Path = ROBUSTNESS
-    """Folder with the results of the studies, such as `afl-mujoco thresholds` writes."""
 
     def run(self) -> int:
         """Read what is there, write the page."""
-        from afl_mujoco.cli.study import sections_in
-        from afl_mujoco.reporting.page.folder import write_page
-        from afl_mujoco.reporting.page.inputs.films import load_films
+        from afl_mujoco.cli.page import write_page
 
-        films = load_films(self.films, self.folder)
-        page = write_page(self.folder, films, sections_in(self.robustness), self.robustness)
+        page = write_page(self.folder, self.films)
         print(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
         return SUCCESS

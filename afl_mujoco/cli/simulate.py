@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +15,9 @@ from afl_mujoco.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
+    from afl_mujoco.document.blocks import Section
     from afl_mujoco.scenario.scenario import Scenario
+    from afl_mujoco.simulation.metrics import Metrics
     from afl_mujoco.simulation.trajectory import Trajectory
 
 SIMULATORS = ("ode", "exact", "continuous", "sampled")
@@ -65,8 +68,8 @@ class Simulate:
         controller = find_controller(name, self.gain_labels)
 
         from afl_mujoco.document.style import save_figure
+        from afl_mujoco.document.terminal import print_sections
         from afl_mujoco.files import output_folder
-        from afl_mujoco.reporting.tables import print_metrics
         from afl_mujoco.simulation.figures import draw_runs
         from afl_mujoco.simulation.metrics import metrics, nominal_scales, with_objective
 
@@ -80,13 +83,8 @@ class Simulate:
         save_scenario(scenario, folder / f"{scenario.name}.toml", replay=as_run)
         save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
         scales = nominal_scales(self.timestep)
-        print_metrics(
-            {
-                run.simulator: with_objective(metrics(scenario, controller, run), scales)
-                for run in runs
-            },
-            {run.simulator: str(run.outcome) for run in runs},
-        )
+        figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
+        print_sections([_section(f"{scenario.name}, {controller.name}", runs, figures)], folder)
         print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
         return SUCCESS
 
@@ -107,3 +105,24 @@ class Simulate:
             control_period=self.control_period,
             integrator=integrator,
         )
+
+
+def _section(title: str, runs: Sequence[Trajectory], figures: Sequence[Metrics]) -> Section:
+    """Return how runs ended, and their metrics side by side."""
+    from afl_mujoco.document.blocks import Column, Section, Table
+    from afl_mujoco.document.numbers import short
+    from afl_mujoco.simulation.metrics import UNITS
+
+    columns = [Column(run.simulator, number=True) for run in runs]
+    rows = [
+        (name, unit, *(short(figure[name], 6) for figure in figures))
+        for name, unit in UNITS.items()
+        if name in figures[0]
+    ]
+    outcomes = ("outcome", "", *(str(run.outcome) for run in runs))
+    table = Table(
+        caption="Metrics",
+        columns=(Column("metric"), Column("unit"), *columns),
+        rows=[outcomes, *rows],
+    )
+    return Section(title, "metrics", (table,))

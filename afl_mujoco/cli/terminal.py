@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import tyro
 
@@ -16,14 +16,8 @@ if TYPE_CHECKING:
 
 SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-FILMS, VALIDATION = Path("renders"), Path("renders/validation")
-ROBUSTNESS = Path("renders/robustness")
-"""Where films, the report and the results of studies are written by default."""
-
-ScenarioNames = Annotated[
-    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")
-]
-"""Scenarios by name or file, before the options."""
+FILMS, RESULTS = Path("renders"), Path("renders/validation")
+"""Where films, and the results of studies with their page, are written by default."""
 
 
 def separated(value: Any) -> Any:
@@ -61,23 +55,21 @@ def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
         yield lambda done: bar.update(task, completed=done)
 
 
-def typed(
-    command: str, options: Any, leave_out: Collection[str], *, positional: bool = True
-) -> str:
+def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
     """Return a command as typed into a shell, options that are not the default written out."""
-    named = list(fields(options))
-    words = ["afl-mujoco", command]
-    if positional:
-        words += getattr(options, named.pop(0).name)
-    for option in named:
+    hints = get_type_hints(type(options), include_extras=True)
+    names: list[str] = []
+    words: list[str] = []
+    for option in fields(options):
         value = getattr(options, option.name)
-        if option.name in leave_out or value == option.default:
-            continue
-        name = option.name.replace("_", "-")
-        words.append(f"--no-{name}" if value is False else f"--{name}")
-        if not isinstance(value, bool):
-            words += [str(x) for x in (value if isinstance(value, tuple) else (value,))]
-    return shlex.join(words)
+        if tyro.conf.Positional in getattr(hints[option.name], "__metadata__", ()):
+            names += value
+        elif value != option.default and option.name not in leave_out:
+            name = option.name.replace("_", "-")
+            words.append(f"--no-{name}" if value is False else f"--{name}")
+            if not isinstance(value, bool):
+                words += [str(x) for x in (value if isinstance(value, tuple) else (value,))]
+    return shlex.join(["afl-mujoco", command, *names, *words])
 
 
 def _bar() -> Progress:

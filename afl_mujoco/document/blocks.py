@@ -1,20 +1,70 @@
-"""What a report consists of: sections that hold text, findings, tables, figures and commands."""
+"""What a report consists of: sections of text, findings, tables, figures, charts and films."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import PurePath
-from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
-
-from afl_mujoco.document.pictures import Picture
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-Status = Literal["", "good", "neutral", "bad"]
-"""How a cell is to be taken: shown as a tag where it is not empty."""
+Status = Literal["", "good", "neutral", "bad", "open"]
+"""How a cell is to be taken: shown as a tag where it is not empty; "open" is not decided."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether everything that was judged holds.
+
+    Attributes
+    ----------
+    passed
+        Whether it does.
+    text
+        How much was judged, and how much fails.
+    meaning
+        What may be concluded, and what not.
+    """
+
+    kind: ClassVar[str] = "verdict"
+
+    passed: bool
+    text: str
+    meaning: str = ""
+
+    @property
+    def word(self) -> str:
+        """Pass or fail."""
+        return "PASS" if self.passed else "FAIL"
+
+
+@dataclass(frozen=True, slots=True)
+class Tag:
+    """A name with a status: what it says in full stands where its anchor is."""
+
+    name: str
+    status: Status
+    anchor: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Many judgements at a glance."""
+
+    kind: ClassVar[str] = "tally"
+
+    title: str
+    tags: Sequence[Tag]
+
+    @property
+    def counts(self) -> dict[tuple[Status, str], int]:
+        """How many tags there are of each status and meaning."""
+        found = [(tag.status, tag.meaning) for tag in self.tags]
+        return {one: found.count(one) for one in dict.fromkeys(found)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +90,33 @@ class Finding:
         What it is about, in a few words.
     text
         The sentence, with the markup of `Text`.
+    evidence
+        Anchor of what bears it out, where that is elsewhere.
     """
 
     kind: ClassVar[str] = "finding"
 
     lead: str
     text: str
+    evidence: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """A label and what stands for it, with the markup of `Text`."""
+
+    label: str
+    text: str
+    anchor: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """A list of labels, each with its text."""
+
+    kind: ClassVar[str] = "facts"
+
+    facts: Sequence[Fact]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +134,41 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
+class Bar:
+    """A stretch on a scale from 0 to 1, with a mark and, where given, a point."""
+
+    low: float
+    high: float
+    mark: float
+    point: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of a table, its text taken literally."""
+    """A cell of a table, its text taken literally.
+
+    Attributes
+    ----------
+    text
+        What it says.
+    status, code, strong
+        How that is set.
+    note
+        What stands below it, with the markup of `Text`; a terminal leaves it out.
+    anchor, link
+        What links to the cell point to; what the cell points to.
+    bar
+        What a page draws above the text.
+    """
 
     text: str
     status: Status = ""
     code: bool = False
     strong: bool = False
+    note: str = ""
+    anchor: str = ""
+    link: str = ""
+    bar: Bar | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +185,8 @@ class Table:
         One cell for each column; a string is a cell without status.
     summary
         If not empty, the page folds the table behind this line, and the terminal leaves it out.
+    stacked
+        Whether a narrow page puts the cells of a row below each other: for cells of much text.
     """
 
     kind: ClassVar[str] = "table"
@@ -94,6 +195,7 @@ class Table:
     columns: Sequence[Column]
     rows: Sequence[Sequence[Cell | str]]
     summary: str = ""
+    stacked: bool = False
 
     @property
     def cells(self) -> Iterator[list[tuple[Column, Cell]]]:
@@ -131,6 +233,62 @@ class Figure:
     def files(self) -> dict[str, str]:
         """Names of its files by their format."""
         return {suffix: f"{self.name}.{suffix}" for suffix in ("svg", "png")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chart:
+    """Curves that a page draws so that one can zoom into them.
+
+    Attributes
+    ----------
+    anchor
+        Of the chart, which no other has.
+    title
+        A heading.
+    quantities
+        Key, symbol and words of what can be shown.
+    data
+        What the page's script draws.
+    """
+
+    kind: ClassVar[str] = "chart"
+
+    anchor: str
+    title: str
+    quantities: Sequence[tuple[str, str, str]]
+    data: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Film:
+    """A film, in the page if it is small, linked beside it otherwise.
+
+    Attributes
+    ----------
+    title, caption
+        What it shows, and how that came about.
+    file
+        The film, an MP4.
+    poster
+        A still; None for none.
+    width, height
+        Of a frame [pixels].
+    command
+        What makes it.
+    wide
+        Whether it needs the whole width of a page.
+    """
+
+    kind: ClassVar[str] = "film"
+
+    title: str
+    caption: str
+    file: Path
+    poster: Path | None
+    width: int
+    height: int
+    command: str
+    wide: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +329,10 @@ class Section:
         What links within the report point to.
     blocks
         What it holds, further sections included.
+    folded
+        Whether the page folds it behind its heading and the terminal leaves it out.
+    aside
+        What stands beside the heading.
     """
 
     kind: ClassVar[str] = "section"
@@ -178,6 +340,13 @@ class Section:
     title: str
     anchor: str
     blocks: Sequence[Block]
+    folded: bool = False
+    aside: str = ""
+
+    @property
+    def parts(self) -> list[Section]:
+        """The sections directly in it."""
+        return [block for block in self.blocks if isinstance(block, Section)]
 
     def walk(self) -> Iterator[Block]:
         """Return its blocks and those of the sections in it, in their order."""
@@ -187,7 +356,9 @@ class Section:
                 yield from block.walk()
 
 
-Block: TypeAlias = Text | Finding | Table | Figure | Picture | Command | Section
+Block: TypeAlias = (
+    Verdict | Tally | Text | Finding | Facts | Table | Figure | Chart | Film | Command | Section
+)
 
 
 def figures_of(sections: Sequence[Section]) -> list[Figure]:

@@ -1,23 +1,29 @@
-"""Sections as HTML: a part of a page, or one page that holds all it needs and works offline."""
+"""Sections as HTML: one page that holds all it needs and works offline."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib import resources
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
-from jinja2 import BaseLoader, ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from afl_mujoco.document import blocks, numbers
+from afl_mujoco.document.films import show_films
 from afl_mujoco.document.markup import CODE, EMPHASIS, LINK, spans
-from afl_mujoco.document.pictures import Picture, data_uri, find_picture
+from afl_mujoco.document.pictures import data_uri, find_picture
 
 PACKAGE = "afl_mujoco.document"
+
+Part: TypeAlias = tuple[Sequence[blocks.Section], Path]
+"""Sections, and the folder of their figures."""
 
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
@@ -26,47 +32,80 @@ _ICON = (
 _TAGS = {CODE: "code", EMPHASIS: "em"}
 
 
-def write_sections(sections: Sequence[blocks.Section], folder: Path, level: int = 2) -> Markup:
-    """Return sections as a part of a page, its first headings of a level from 1 to 6.
+def to_html(
+    title: str,
+    parts: Sequence[Part],
+    page_folder: Path,
+    *,
+    lede: str = "",
+    verdict: blocks.Verdict | None = None,
+) -> str:
+    """Return a page, the same bytes each time.
 
-    The pictures, from the files in `folder`, are inside it; a missing one is said to be missing.
+    Pictures and small films are inside it; a missing one is said to be missing.
+
+    Parameters
+    ----------
+    page_folder
+        Where the page will be: large films are linked from there.
+    lede
+        What stands below the title.
+    verdict
+        What the title and the contents name.
     """
-    pictures = {figure.name: _picture(figure, folder) for figure in blocks.figures_of(sections)}
-    template = environment().get_template("sections.html.j2")
-    return Markup(template.render(sections=sections, pictures=pictures, folder=folder, level=level))
-
-
-def to_html(title: str, sections: Sequence[blocks.Section], folder: Path) -> str:
-    """Return sections as a page of its own; arguments as of `write_sections`."""
-    body = write_sections(sections, folder)
-    template = environment().get_template("document.html.j2")
-    return template.render(**frame(), title=title, sections=sections, body=body) + "\n"
-
-
-def frame() -> Mapping[str, Any]:
-    """Return what every page has around its content: policy, style, script, icon."""
+    sections = [section for found, _ in parts for section in found]
+    every = [block for section in sections for block in section.walk()]
+    films = show_films([block for block in every if isinstance(block, blocks.Film)], page_folder)
+    template = _environment().get_template("sections.html.j2")
+    body = [
+        template.render(
+            sections=found, folder=folder, films=films,
+            pictures={
+                figure.name: find_picture(figure.files, folder)
+                for figure in blocks.figures_of(found)
+            },
+        )
+        for found, folder in parts
+    ]  # fmt: skip
     style, script = _style(), _script()
-    policy, icon = content_policy(style, script), data_uri("image/svg+xml", _ICON.encode())
-    return {"policy": policy, "style": style, "script": script, "icon": icon}
+    return (
+        _environment()
+        .get_template("document.html.j2")
+        .render(
+            policy=content_policy(style, script),
+            style=style,
+            script=script,
+            icon=data_uri("image/svg+xml", _ICON.encode()),
+            generator=f"afl_mujoco {version('afl_mujoco')}",
+            title=title,
+            lede=lede,
+            verdict=verdict,
+            contents=sections,
+            body=Markup("\n".join(body)),
+            charts=[block for block in every if isinstance(block, blocks.Chart)],
+        )
+        + "\n"
+    )
 
 
-def environment(*loaders: BaseLoader) -> Environment:
-    """Return the templates of `loaders` and this package, which escape whatever they are given."""
+@cache
+def _environment() -> Environment:
+    """Return the templates, which escape whatever they are given."""
     made = Environment(
-        loader=ChoiceLoader([*loaders, PackageLoader(PACKAGE)]),
+        loader=PackageLoader(PACKAGE),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(
-        short=numbers.short,
-        fixed=numbers.fixed,
-        percent=numbers.percent,
-        upper_first=numbers.sentence,
-        marked=_marked,
-    )
+    made.filters.update(short=numbers.short, fixed=numbers.fixed, marked=_marked, runs=_runs)
     return made
+
+
+def _runs(found: Sequence[blocks.Block]) -> Iterator[tuple[str, list[blocks.Block]]]:
+    """Return blocks as stretches of one kind."""
+    for kind, run in itertools.groupby(found, key=lambda block: block.kind):
+        yield kind, list(run)
 
 
 def content_policy(style: str, script: str) -> str:
@@ -76,12 +115,6 @@ def content_policy(style: str, script: str) -> str:
         f"default-src 'none'; img-src {beside}; media-src {beside}; "
         f"style-src {_hash(style)}; script-src {_hash(script)}; base-uri 'none'; form-action 'none'"
     )
-
-
-def _picture(figure: blocks.Figure, folder: Path) -> Picture | None:
-    """Return a figure's picture, if its files are there."""
-    words = {"title": figure.title, "caption": figure.caption, "alt": figure.alt}
-    return find_picture({**words, **figure.files}, folder)
 
 
 def _marked(text: str) -> Markup:

@@ -8,9 +8,8 @@ from pathlib import PurePath
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, Span, spans
-from afl_mujoco.document.pictures import Picture
 
-MARKS = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ "}
+MARKS = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>|])")
 
@@ -24,7 +23,10 @@ def _section(section: blocks.Section, level: int) -> list[str]:
     """Return a section's paragraphs."""
     parts = [f"{'#' * level} {_plain(section.title)}"]
     for block in section.blocks:
-        parts += _section(block, level + 1) if isinstance(block, blocks.Section) else [_part(block)]
+        if isinstance(block, blocks.Section):
+            parts += _section(block, level + 1)
+        elif not isinstance(block, blocks.Chart):  # it needs a page's script
+            parts.append(_part(block))
     return parts
 
 
@@ -39,8 +41,15 @@ def _part(block: blocks.Block) -> str:
     if isinstance(block, blocks.Figure):
         picture = f"![{_plain(block.alt)}]({block.files['png'].replace(' ', '%20')})"
         return f"{picture}\n\n**{_plain(block.title)}.** {_plain(block.caption)}"
-    if isinstance(block, Picture):
-        return f"**{_plain(block.title)}.** {_plain(block.caption)}"
+    if isinstance(block, blocks.Verdict):
+        return f"**{block.word}**: {_plain(block.text)}. {_marked(block.meaning)}".rstrip()
+    if isinstance(block, blocks.Tally):
+        said = (f"{MARKS[tag.status]}{_plain(tag.name)} {tag.meaning}" for tag in block.tags)
+        return f"{_plain(block.title)}: {'; '.join(said)}"
+    if isinstance(block, blocks.Facts):
+        return "\n".join(f"- **{_plain(f.label)}** {_marked(f.text)}" for f in block.facts)
+    if isinstance(block, blocks.Film):
+        return f"**{_plain(block.title)}.** {_marked(block.caption)} `{block.command}` makes it."
     if isinstance(block, blocks.Table):
         return _table(block)
     raise TypeError(block)
@@ -61,8 +70,8 @@ def _table(table: blocks.Table) -> str:
 
 def _cell(cell: blocks.Cell) -> str:
     """Return a cell with its status."""
-    text = cell.text.replace("\n", " ")
-    return MARKS[cell.status] + _styled(cell, text)
+    text = MARKS[cell.status] + _styled(cell, cell.text.replace("\n", " "))
+    return f"{text}<br>{_marked(cell.note)}".replace("\n", " ") if cell.note else text
 
 
 def _styled(cell: blocks.Cell, text: str) -> str:

@@ -6,7 +6,6 @@ import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
 
 from afl_mujoco.errors import FileError
 
@@ -14,53 +13,25 @@ LARGE = 400_000
 """Size from which a vector drawing gives way to its bitmap, if that is smaller [bytes]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure as a page shows it.
+    """A figure as a page has it: its data URI, and the size of the bitmap [pixels]."""
 
-    Attributes
-    ----------
-    place
-        Where it belongs, for a page that sorts its figures; empty elsewhere.
-    title, caption, alt
-        What it shows.
-    source
-        Its data URI.
-    width, height
-        Of the bitmap [pixels].
-    """
-
-    kind: ClassVar[str] = "picture"
-
-    place: str
-    title: str
-    caption: str
-    alt: str
     source: str
     width: int
     height: int
 
 
-def find_picture(entry: Mapping[str, Any], folder: Path) -> Picture | None:
-    """Return a figure, None if its files are not there; arguments as of `load_picture`."""
-    there = all((folder / entry[kind]).exists() for kind in ("svg", "png"))
-    return load_picture(entry, folder) if there else None
-
-
-def load_picture(entry: Mapping[str, Any], folder: Path, place: str = "") -> Picture:
-    """Read a figure, as vectors unless these are large."""
-    svg, png = (_read(folder / entry[kind]) for kind in ("svg", "png"))
+def find_picture(files: Mapping[str, str], folder: Path) -> Picture | None:
+    """Return a figure as vectors unless these are large; None if its files are not there."""
+    paths = {kind: folder / name for kind, name in files.items()}
+    if not all(path.exists() for path in paths.values()):
+        return None
+    svg, png = (_read(paths[kind]) for kind in ("svg", "png"))
     vectors = len(svg) <= max(LARGE, len(png))
     width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
-    return Picture(
-        place=place,
-        title=entry["title"],
-        caption=entry["caption"],
-        alt=entry["alt"],
-        source=data_uri("image/svg+xml", svg) if vectors else data_uri("image/png", png),
-        width=width,
-        height=height,
-    )
+    source = data_uri("image/svg+xml", svg) if vectors else data_uri("image/png", png)
+    return Picture(source, width, height)
 
 
 def _read(path: Path) -> bytes:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from colorsys import hsv_to_rgb
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -85,31 +84,6 @@ _RC: Any = {
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drawn:
-    """A figure with its words.
-
-    Attributes
-    ----------
-    name
-        Of its files, without suffix.
-    title
-        A heading.
-    caption
-        What is drawn, and which figure of the paper it answers to.
-    alt
-        What one sees, with numbers, for those who do not see it.
-    figure
-        The figure.
-    """
-
-    name: str
-    title: str
-    caption: str
-    alt: str
-    figure: Figure
-
-
 @contextmanager
 def styled() -> Iterator[None]:
     """Draw in the style of all figures; also a decorator."""
@@ -186,24 +160,12 @@ def save_figure(figure: Figure, path: Path) -> None:
         figure.savefig(temporary, dpi=PNG_DPI, format=kind, metadata=dated)
 
 
-def write_drawn(drawn: Drawn, folder: Path) -> dict[str, str]:
-    """Write a figure as SVG and PNG, and return its words and the names of its files."""
-    lay_out(drawn.figure)
-    files = {suffix: f"{drawn.name}.{suffix}" for suffix in ("svg", "png")}
-    for file in files.values():
-        save_figure(drawn.figure, folder / file)
-    words = {key: getattr(drawn, key) for key in ("name", "title", "caption", "alt")}
-    return {**words, **files}
-
-
-def write_figures(figures: Iterable[blocks.Figure], folder: Path) -> list[Path]:
-    """Draw figures and write each as SVG and PNG into a folder that exists; return the files."""
-    written = []
-    for figure in figures:
-        with styled():
-            drawing = figure.draw()
-        lay_out(drawing)
-        for name in figure.files.values():
-            save_figure(drawing, folder / name)
-            written.append(folder / name)
-    return written
+def write_figure(figure: blocks.Figure, folder: Path) -> list[Path]:
+    """Draw a figure and write it as SVG and PNG into a folder that exists; return the files."""
+    with styled():
+        drawing = figure.draw()
+    lay_out(drawing)
+    paths = [folder / name for name in figure.files.values()]
+    for path in paths:
+        save_figure(drawing, path)
+    return paths

@@ -13,25 +13,37 @@ from rich.text import Text as RichText
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, spans
-from afl_mujoco.document.pictures import Picture
 
 WIDTH = 160
 """Columns where there is no terminal that has a width."""
 
 STYLES = {CODE: "cyan", EMPHASIS: "italic"}
-STATUS_STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red"}
-MARKS = {"": "", "good": "", "neutral": "◐ ", "bad": "✗ "}
+STATUS_STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "magenta"}
+MARKS = {"": "", "good": "", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
 """Before a cell, so that its status does not depend on colour alone."""
+
+NOT_SHOWN = (blocks.Chart, blocks.Film)
+"""What a terminal has no way to show."""
 
 
 def print_sections(
     sections: Sequence[blocks.Section], folder: Path, console: Console | None = None
 ) -> None:
-    """Print sections, their files in `folder`; of a folded table and a figure only what it is."""
-    if console is None:
-        console = Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    """Print sections, their files in `folder`: no notes, and of what is folded only what it is."""
     for section in sections:
-        _print_section(section, folder, console)
+        if not section.folded:
+            _print_section(section, folder, console or _console())
+
+
+def print_verdict(verdict: blocks.Verdict) -> None:
+    """Print a verdict in one line."""
+    colour = "bold green" if verdict.passed else "bold red"
+    _console().print(RichText(f"{verdict.word}: {verdict.text}", style=colour))
+
+
+def _console() -> Console:
+    """Return the terminal, or what stands for one."""
+    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
 
 
 def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
@@ -39,7 +51,9 @@ def _print_section(section: blocks.Section, folder: Path, console: Console) -> N
     console.print(RichText(f"\n{section.title}", style="bold"))
     for block in section.blocks:
         if isinstance(block, blocks.Section):
-            _print_section(block, folder, console)
+            print_sections([block], folder, console)
+        elif isinstance(block, NOT_SHOWN) or (isinstance(block, blocks.Text) and block.note):
+            continue
         elif isinstance(block, blocks.Table) and not block.summary:
             console.print(_table(block))
         else:
@@ -58,8 +72,16 @@ def _line(block: blocks.Block, folder: Path) -> RichText:
         return RichText(f"[{block.summary}: {len(block.rows)} rows, not shown here]", style="dim")
     if isinstance(block, blocks.Figure):
         return RichText(f"[{block.title}: {folder / block.files['png']}]", style="dim")
-    if isinstance(block, Picture):
-        return RichText(f"[{block.title}]", style="dim")
+    if isinstance(block, blocks.Verdict):
+        return RichText(f"{block.word}: {block.text}", style="bold")
+    if isinstance(block, blocks.Tally):
+        said = (f"{count} {meaning}" for (_, meaning), count in block.counts.items())
+        return RichText(f"{block.title}: {', '.join(said)}")
+    if isinstance(block, blocks.Facts):
+        return RichText("\n").join(
+            RichText(f"{fact.label}: ", style="bold").append_text(_marked(fact.text))
+            for fact in block.facts
+        )
     raise TypeError(block)
 
 

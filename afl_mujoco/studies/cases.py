@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -67,10 +66,6 @@ class Run:
     outcome: str
     metrics: Metrics
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the run as plain data."""
-        return asdict(self)
-
 
 def case_name(case: Case) -> str:
     """Return what a progress bar calls a case."""
@@ -113,11 +108,8 @@ def require_runnable(
     scenarios: Sequence[Scenario],
     controllers: Sequence[Controller],
     settings: Settings,
-    workers: int,
 ) -> None:
-    """Raise if a campaign cannot be run as asked; arguments as of `run_campaign`."""
-    if workers < 1:
-        raise InvalidValueError("workers", "must be at least 1", workers)
+    """Raise if some scenarios cannot be run with some controllers in every simulator."""
     require_distinct("scenario", [s.name for s in scenarios])
     require_distinct("controller", [c.name for c in controllers])
     require_no_estimator(controllers)

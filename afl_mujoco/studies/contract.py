@@ -10,7 +10,8 @@ A study is a package of this folder:
 ``result.py``
     ``Result``, a frozen dataclass of types that pydantic supports, and of `Array`.
 ``sections.py``
-    ``sections(result)``: the only place that puts the study into words.
+    ``sections(result)``: the only place that puts the study into words; ``verdict(result)`` for a
+    study that judges, whose command ends with it and fails where it does.
 ``files.py``
     Only for a study that writes more than figures: ``require(folder)`` raises before the run,
     ``write(result, folder)`` returns what it wrote.
@@ -32,7 +33,7 @@ import tyro
 from afl_mujoco.control.names import KNOWN
 
 if TYPE_CHECKING:
-    from afl_mujoco.document.blocks import Section
+    from afl_mujoco.document.blocks import Section, Verdict
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many parts of it are done, and how many there are."""
@@ -57,13 +58,15 @@ class Study:
     Attributes
     ----------
     name
-        Of its command and its files.
+        Of its command.
     title
         In the contents of a report.
     order
         Place among the studies, the least first.
     schema
         Of its result: raised whenever an older file can no longer be read.
+    stem
+        How the names of its files begin; its name by default.
     configuration
         The dataclass of its options.
     check
@@ -80,6 +83,11 @@ class Study:
     configuration: type
     check: Callable[[Any], None]
     run: Callable[..., Any]
+    stem: str = ""
+
+    def __post_init__(self) -> None:
+        """Name the files after the study where nothing else is said."""
+        object.__setattr__(self, "stem", self.stem or self.name)
 
     @property
     def command(self) -> str:
@@ -100,6 +108,11 @@ class Study:
         """Return what a report says of a result."""
         found: Sequence[Section] = self._module("sections").sections(result)
         return found
+
+    def verdict(self, result: Any) -> Verdict | None:
+        """Return whether what a result judges holds; None if it judges nothing."""
+        judge = getattr(self._module("sections"), "verdict", None)
+        return judge(result) if judge else None
 
     def require_folder(self, folder: Path) -> None:
         """Raise if what the folder holds would be lost, or is in the way of its files."""

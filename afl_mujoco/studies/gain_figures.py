@@ -21,7 +21,8 @@ from afl_mujoco.control.gain_function import (
     shipped_file,
 )
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.document.style import Drawn, new_figure, save_figure, styled
+from afl_mujoco.document import blocks
+from afl_mujoco.document.style import new_figure, save_figure, styled
 
 SYMBOLS = {"switching": "K [m/s²]", "slope": "λ [1/s]", "boundary_layer": "Φ [m/s³]"}
 MASSES = (0.1, 0.5, 1.0, 2.0)
@@ -31,7 +32,6 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 MARKERS = ("o", "s", "^", "D")
 
 
-@styled()
 def draw_gain_table(table: GainTable, fits: dict[str, GainFunction]) -> Figure:
     """Draw the analogue of the paper's Figs. 2 to 4.
 
@@ -95,12 +95,12 @@ def _draw_slopes(axes: Axes, table: GainTable, fits: dict[str, GainFunction]) ->
     axes.legend(ncols=2, fontsize=9, loc="upper right")
 
 
-def draw_shipped_gains() -> Drawn:
-    """Draw the table and the functions that come with the package."""
-    table, text = GainTable.shipped(), shipped_file("gain_functions.json").read_text("utf-8")
-    spans = [f"{SYMBOLS[name]} {_span(table.column(name))}" for name in GAIN_NAMES]
-    return Drawn(
-        name="gain-table",
+def gains_figure(name: str) -> blocks.Figure:
+    """Return the table and the functions that come with the package."""
+    table = GainTable.shipped()
+    spans = [f"{SYMBOLS[gain]} {_span(table.column(gain))}" for gain in GAIN_NAMES]
+    return blocks.Figure(
+        name=name,
         title="Optimal gains and the functions fitted to them",
         caption="Analogue of the paper's Figs. 2 to 4: the gains that minimise the objective (O1) "
         f"for each of {len(table.rows)} plants, found anew (surface), beside the paper's gain "
@@ -108,8 +108,14 @@ def draw_shipped_gains() -> Drawn:
         "the functions fitted to it.",
         alt="Three surfaces over M and l, each with a wire frame, and below them a panel of λ "
         f"over l. Over the table the optima span {', '.join(spans)}.",
-        figure=draw_gain_table(table, _fits(json.loads(text))),
+        draw=_draw_shipped,
     )
+
+
+def _draw_shipped() -> Figure:
+    """Draw what comes with the package."""
+    text = shipped_file("gain_functions.json").read_text("utf-8")
+    return draw_gain_table(GainTable.shipped(), _fits(json.loads(text)))
 
 
 def _span(values: NDArray[np.float64]) -> str:
@@ -136,7 +142,9 @@ def main(folder: Path) -> None:
     """Draw the table and the functions that are in a folder."""
     table = GainTable.load(folder / "gain_table.json")
     functions = json.loads((folder / "gain_functions.json").read_text(encoding="utf-8"))
-    save_figure(draw_gain_table(table, _fits(functions)), folder / "gain_table.png")
+    with styled():
+        figure = draw_gain_table(table, _fits(functions))
+    save_figure(figure, folder / "gain_table.png")
     print(f"wrote {folder / 'gain_table.png'}")
 
 

@@ -2,58 +2,37 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import platform
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    PlainSerializer,
-    PlainValidator,
-    SerializationInfo,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-)
 
-from afl_mujoco.document.blocks import Command, Section, figures_of
+from afl_mujoco.document.blocks import Command, Figure, Section, Verdict, figures_of
 from afl_mujoco.document.markdown import to_markdown
-from afl_mujoco.document.style import write_figures
+from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
+from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.files import atomic_file, write_text
-from afl_mujoco.studies.contract import Study
+from afl_mujoco.studies.arrays import packed, unpacked
+from afl_mujoco.studies.contract import Progress, Study, silent
 from afl_mujoco.studies.registry import studies
 
-PACKAGES = ("afl_mujoco", "control", "mujoco", "numpy", "scipy", "numba")
+PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Whose versions are kept."""
 
 
-def _store(array: NDArray[Any], info: SerializationInfo) -> str:
-    """Set an array apart for the npz, and return its name there."""
-    context: Any = info.context
-    name = f"array-{len(context)}"
-    context[name] = np.asarray(array)
-    return name
-
-
-def _fetch(value: Any, info: ValidationInfo) -> NDArray[Any]:
-    """Return an array by its name in the npz."""
-    arrays: Any = info.context or {}
-    if isinstance(value, str) and value in arrays:
-        found: NDArray[Any] = arrays[value]
-        return found
-    raise ValueError(f"must be the name of an array of the npz, got {value!r}")
-
-
-Array = Annotated[NDArray[Any], PlainValidator(_fetch), PlainSerializer(_store)]
-"""A field of a result that is kept in the npz beside the JSON."""
+HEADER = ("schema", "study", "command", "versions", "files")
+"""What stands before the fields of a result."""
 
 
 def versions() -> dict[str, str]:
@@ -73,12 +52,20 @@ class Record:
         What found it, as typed into a shell.
     versions
         Of the packages that did.
+    files
+        Beside its JSON, once it has been read.
     """
 
     study: Study
     result: Any
     command: str
     versions: Mapping[str, str] = field(default_factory=versions)
+    files: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Whether what it judged holds; None if it judges nothing."""
+        return self.study.verdict(self.result)
 
     @property
     def sections(self) -> list[Section]:
@@ -88,20 +75,32 @@ class Record:
         return [replace(first, blocks=(*first.blocks, made)), *rest]
 
 
-def save_record(record: Record, folder: Path) -> list[Path]:
+def save_record(
+    record: Record,
+    folder: Path,
+    *,
+    figures: bool = True,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> list[Path]:
     """Write a record in place of an older one of its study, and return what was written.
 
     Every file is complete before the older record goes; the JSON, which names the others, is last.
+
+    Parameters
+    ----------
+    figures
+        Whether to draw the figures.
+    workers
+        Processes that draw them; the files do not depend on it.
     """
     study, sections = record.study, record.sections
-    arrays: dict[str, NDArray[Any]] = {}
-    adapter: TypeAdapter[Any] = TypeAdapter(study.result_type)
-    result = adapter.dump_python(record.result, mode="json", context=arrays)
+    result, arrays = packed(study.result_type, record.result)
     with _staging(folder) as staging:
-        write_figures(figures_of(sections), staging)
-        write_text(staging / f"{study.name}.md", to_markdown(sections))
+        _draw(figures_of(sections) if figures else [], staging, workers, progress)
+        write_text(staging / f"{study.stem}.md", to_markdown(sections))
         if arrays:
-            with atomic_file(staging / f"{study.name}.npz") as file, file.open("wb") as stream:
+            with atomic_file(staging / f"{study.stem}.npz") as file, file.open("wb") as stream:
                 np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
         staged = sorted(path.name for path in staging.iterdir())
         text = _as_json(record, result, staged)
@@ -109,12 +108,26 @@ def save_record(record: Record, folder: Path) -> list[Path]:
         others = study.write_files(record.result, folder)
         for name in staged:
             (staging / name).replace(folder / name)
-    path = folder / f"{study.name}.json"
+    path = folder / f"{study.stem}.json"
     write_text(path, text)  # last: it names the others
     return [path, *(folder / name for name in staged), *others]
 
 
-def _as_json(record: Record, result: Any, files: Sequence[str]) -> str:
+def _draw(figures: Sequence[Figure], folder: Path, workers: int, progress: Progress) -> None:
+    """Draw figures and write them into a folder."""
+    if not figures:
+        return
+    drawn, total = itertools.count(1), len(figures)
+    with open_executor(min(workers, total)) as executor:
+        compute_all(
+            partial(write_figure, folder=folder),
+            figures,
+            executor,
+            lambda _: progress("drawing", next(drawn), total),
+        )
+
+
+def _as_json(record: Record, result: Mapping[str, Any], files: Sequence[str]) -> str:
     """Return a record as text, or raise if a number is not finite."""
     data = {
         "schema": record.study.schema,
@@ -122,14 +135,14 @@ def _as_json(record: Record, result: Any, files: Sequence[str]) -> str:
         "command": record.command,
         "versions": dict(record.versions),
         "files": list(files),
-        "result": result,
+        **result,
     }
     return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def load_record(study: Study, folder: Path) -> Record:
     """Return the record of a study in a folder."""
-    path, again = folder / f"{study.name}.json", f"run {study.command}"
+    path, again = folder / f"{study.stem}.json", f"run {study.command}"
     with reading(path, f"is no result of {study.command}", again):
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
         found = (data["study"], data["schema"])
@@ -138,24 +151,25 @@ def load_record(study: Study, folder: Path) -> Record:
             raise ValueError(f"{rule}, got {found[0]!r} and {found[1]!r}")
         if not isinstance(data["command"], str):
             raise ValueError("command must be a text")
-        context = _arrays(folder / f"{study.name}.npz")
-        try:
-            adapter: TypeAdapter[Any] = TypeAdapter(study.result_type)
-            result = adapter.validate_python(data["result"], context=context)
-        except ValidationError as error:
-            raise ValueError(_first(error)) from None
-    return Record(study=study, result=result, command=data["command"], versions=data["versions"])
+        arrays = _arrays(folder / f"{study.stem}.npz")
+        given = {key: value for key, value in data.items() if key not in HEADER}
+        result = unpacked(study.result_type, given, arrays)
+        versions = {str(name): str(number) for name, number in data["versions"].items()}
+        files = tuple(str(name) for name in data["files"])
+    return Record(
+        study=study, result=result, command=data["command"], versions=versions, files=files
+    )
 
 
 def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:
     """Return every record that a folder holds, but for one study's; the folder may be missing."""
-    there = [s for s in studies().values() if (folder / f"{s.name}.json").is_file()]
+    there = [s for s in studies().values() if (folder / f"{s.stem}.json").is_file()]
     return [load_record(study, folder) for study in there if study.name != leave_out]
 
 
 def remove_record(study: Study, folder: Path) -> None:
     """Remove an older record: its JSON, and the files beside it that it lists as its own."""
-    path = folder / f"{study.name}.json"
+    path = folder / f"{study.stem}.json"
     try:
         with reading(path, "is no record"):
             listed = [str(name) for name in json.loads(path.read_text(encoding="utf-8"))["files"]]
@@ -171,7 +185,7 @@ def remove_record(study: Study, folder: Path) -> None:
 
 def _is_of(study: Study, name: str) -> bool:
     """Return whether a name is that of a file of a study, beside its JSON."""
-    return Path(name).name == name and name.split(".")[0].split("-")[0] == study.name
+    return Path(name).name == name and name.split(".")[0].split("-")[0] == study.stem
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -180,13 +194,6 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
         return {}
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
-
-
-def _first(error: ValidationError) -> str:
-    """Return the first of what pydantic objects to, in one line."""
-    said = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in ("result", *said["loc"]))
-    return f"{place}: {said['msg'][:1].lower()}{said['msg'][1:]}"
 
 
 def _no_number(name: str) -> NoReturn:

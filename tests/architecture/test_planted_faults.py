@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planted_faults import load_faults
+from tests.planted_faults import load_faults
 
 
 def test_every_fault_can_be_planted() -> None:

@@ -7,7 +7,6 @@ import math
 import pytest
 
 from afl_mujoco.document.numbers import fixed, limit, percent, scientific, short
-from afl_mujoco.reporting.page.checks import margin
 
 
 @pytest.mark.parametrize(
@@ -49,25 +48,3 @@ def test_shares_and_columns() -> None:
     assert fixed(-0.04, 1) == "0.0"
     assert fixed(-66.49, 1) == "−66.5"
     assert fixed(None, 1) == fixed(math.inf, 1) == fixed(math.nan, 1) == "–"
-
-
-@pytest.mark.parametrize(
-    ("value", "most", "passed", "text"),
-    [
-        (1e-13, 1e-11, True, "100 times below"),
-        (3.4e-7, 1e-8, False, "34 times above"),
-        (0.0, 0.0, True, "0, as it must be"),
-        (0.0, 1e-9, True, "exactly 0"),
-        (1.0, 0.0, False, "must be 0"),
-        (None, 1e-9, False, "no finite value"),
-        (1e-9, 1e-9, True, "at the limit"),
-    ],
-)
-def test_a_margin_says_how_far_the_limit_is(
-    value: float | None, most: float, passed: bool, text: str
-) -> None:
-    found = margin(value, most, passed)
-    assert found.text == text
-    assert 0.0 <= found.filled <= 1.0
-    if most:
-        assert (found.filled <= found.limit + 1e-12) is passed

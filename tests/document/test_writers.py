@@ -11,19 +11,26 @@ import pytest
 from rich.console import Console
 
 from afl_mujoco.document.blocks import (
+    Bar,
     Cell,
+    Chart,
     Column,
     Command,
+    Fact,
+    Facts,
     Figure,
     Finding,
     Section,
     Table,
+    Tag,
+    Tally,
     Text,
+    Verdict,
     figures_of,
 )
-from afl_mujoco.document.html import to_html, write_sections
+from afl_mujoco.document.html import to_html
 from afl_mujoco.document.markdown import to_markdown
-from afl_mujoco.document.style import new_figure, write_figures
+from afl_mujoco.document.style import new_figure, write_figure
 from afl_mujoco.document.terminal import print_sections
 
 NASTY = "<script>alert(1)</script> [red] | a_b"
@@ -42,21 +49,39 @@ def table(summary: str = "") -> Table:
         rows=(
             ("first", "1.5", Cell("stays", "good")),
             (NASTY, "−2", Cell("falls", "bad")),
-            ("third", "0", Cell("rests", "neutral")),
+            ("third", "0", Cell("rests", "neutral", note="as *told*")),
+            (
+                Cell("fourth", anchor="fourth"),
+                Cell("half", bar=Bar(0.0, 0.5, 0.9, point=0.4)),
+                Cell("unclear", "open", link="part"),
+            ),
         ),
         summary=summary,
     )
 
 
+CHART = Chart(
+    anchor="curve",
+    title="A curve",
+    quantities=(("z", "z", "position"),),
+    data={"shortcuts": [{"label": "start", "from": 0.0, "to": 1.0}]},
+)
 LINE = Figure(name="a-line", title="A line", caption="It rises.", alt="a line", draw=draw)
 SECTION = Section(
     "Study",
     "study",
     (
+        Verdict(False, "1 of 3 fails", "Nothing rests on it."),
+        Tally(
+            "Three at a glance",
+            (Tag("T1", "good", "part", "right"), Tag("T2", "open", "part", "unknown")),
+        ),
         Finding("In short", "It holds with `--quick` and *without*."),
+        Facts((Fact("mass", "1 kg at [Part](#part)"),)),
         Text(f"Given: {NASTY}"),
         table(),
         Section("Part", "part", (table("All rows"), LINE)),
+        Section("Behind", "behind", (Text("in the depth"), CHART), folded=True, aside="beside"),
         Command("Made by", "afl-mujoco study 'my file.toml'"),
     ),
 )
@@ -68,16 +93,21 @@ def terminal(section: Section) -> str:
     return stream.getvalue()
 
 
+def html(folder: Path) -> str:
+    return to_html("Report", [([SECTION], folder)], folder)
+
+
 @pytest.fixture
 def page(tmp_path: Path) -> str:
-    write_figures(figures_of([SECTION]), tmp_path)
-    return to_html("Report", [SECTION], tmp_path)
+    for figure in figures_of([SECTION]):
+        write_figure(figure, tmp_path)
+    return html(tmp_path)
 
 
 WRITERS: dict[str, Callable[[Path], str]] = {
     "terminal": lambda folder: terminal(SECTION),
     "Markdown": lambda folder: to_markdown([SECTION]),
-    "HTML": lambda folder: re.sub(r"<[^>]*>", "", to_html("Report", [SECTION], folder)),
+    "HTML": lambda folder: re.sub(r"<[^>]*>", "", html(folder)),
 }
 
 
@@ -86,7 +116,8 @@ def test_every_writer_says_titles_findings_cells_and_commands(writer: str, tmp_p
     said = WRITERS[writer](tmp_path)
     for text in (
         "Study", "Part", "In short", "--quick", "without", "How far each goes", "distance", "−2",
-        "stays", "falls", "rests", "All rows", "A line",
+        "stays", "falls", "rests", "All rows", "A line", "FAIL", "1 of 3 fails", "unclear",
+        "Three at a glance", "right", "unknown", "mass", "1 kg at Part",
     ):  # fmt: skip
         assert text in said, text
     assert "afl-mujoco study" in said
@@ -98,7 +129,23 @@ def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are()
     assert "✗ falls" in said and "◐ rests" in said
     assert NASTY in said
     assert said.count("first") == 1  # the folded table is left out
-    assert "[All rows: 3 rows, not shown here]" in said
+    assert "[All rows: 4 rows, not shown here]" in said
+
+
+def test_what_is_folded_or_moves_is_for_a_page(page: str) -> None:
+    assert "in the depth" not in terminal(SECTION)
+    assert "A curve" not in to_markdown([SECTION]) + terminal(SECTION)
+    assert "in the depth" in to_markdown([SECTION])
+    assert '<details class="folded" id="behind">' in page and "beside" in page
+    assert '<script type="application/json" id="curve-curves">' in page
+    assert 'data-from="0.0" data-to="1.0"' in page
+
+
+def test_a_cell_has_its_note_anchor_link_and_bar(page: str) -> None:
+    assert 'id="fourth"' in page and 'class="bar "' in page
+    assert "as <em>told</em>" in page
+    assert "rests<br>as *told*" in to_markdown([SECTION])
+    assert "as told" not in terminal(SECTION)
 
 
 def test_a_row_does_not_repeat_the_name_of_the_row_above_on_the_terminal() -> None:
@@ -129,4 +176,4 @@ def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> No
 
 
 def test_a_figure_without_its_files_is_said_to_be_missing(tmp_path: Path) -> None:
-    assert "The figure “A line” is missing" in write_sections([SECTION], tmp_path)
+    assert "The figure “A line” is missing" in html(tmp_path)

@@ -133,7 +133,7 @@ SIMULATORS = {
     "exact": lambda s, c: simulate_mujoco(s, c, "exact"),
     "continuous": lambda s, c: simulate_mujoco(s, c, "continuous"),
     "dm_control": lambda s, c: load(s),
-    "validate": lambda s, c: require_runnable([s], [c], Settings(), 1),
+    "validate": lambda s, c: require_runnable([s], [c], Settings()),
 }
 
 

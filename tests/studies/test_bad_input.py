@@ -9,14 +9,13 @@ from typing import get_type_hints
 
 import pytest
 import tyro
-from page_case import make_curves, make_report
-from program import run
 
 from afl_mujoco.studies.contract import Study
 from afl_mujoco.studies.registry import studies
-from afl_mujoco.studies.verification.curves import save_curves
+from tests.program import run
 
 ALL = list(studies())
+STEMS = {name: study.stem for name, study in studies().items()} | {"dice": "dice"}
 NAMES = [*ALL, "dice"]  # the toy study passes as well, without a line of its own
 
 
@@ -106,54 +105,46 @@ def test_an_unknown_option_and_an_option_that_is_no_number(
 @pytest.mark.parametrize("name", NAMES)
 def test_an_output_folder_that_is_a_file(toy: str, refuses, tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")
-    assert "output folder file cannot be written: " in refuses(name, "--quick", "--out", "file")
+    assert "output folder file cannot be written: " in refuses(name, "--out", "file")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_folder_where_the_result_belongs(toy: str, refuses, tmp_path: Path, name: str) -> None:
-    (tmp_path / "held" / f"{name}.json").mkdir(parents=True)
-    said = refuses(name, "--quick", "--out", "held")
-    assert f"held/{name}.json must be a file, is a folder" in said
-
-
-@pytest.fixture
-def validated(tmp_path: Path) -> Path:
-    """A report that studies are put into."""
-    folder = tmp_path / "renders" / "validation"
-    folder.mkdir(parents=True)
-    (folder / "report.json").write_text(json.dumps(make_report(second="mine")))
-    save_curves(folder / "curves.npz", make_curves(second="mine"))
-    return folder
+    (tmp_path / "held" / f"{STEMS[name]}.json").mkdir(parents=True)
+    said = refuses(name, "--out", "held")
+    assert f"held/{STEMS[name]}.json must be a file, is a folder" in said
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_result_of_another_schema_names_the_command_that_makes_it_anew(
-    toy: str, refuses, tmp_path: Path, validated: Path, name: str
+    toy: str, refuses, tmp_path: Path, name: str
 ) -> None:
-    folder = tmp_path / "renders" / "robustness"
-    folder.mkdir()
-    text = json.dumps({"schema": 0, "study": name, "command": "", "figures": []})
-    (folder / f"{name}.json").write_text(text)
+    folder = tmp_path / "renders" / "validation"
+    folder.mkdir(parents=True)
+    text = json.dumps({"schema": 0, "study": name, "command": "", "files": []})
+    (folder / f"{STEMS[name]}.json").write_text(text)
     said = refuses("report")
-    assert f"robustness/{name}.json is no result of afl-mujoco {name}: " in said
+    assert f"validation/{STEMS[name]}.json is no result of afl-mujoco {name}: " in said
     assert said.endswith(f"got '{name}' and 0: run afl-mujoco {name}")
     other = "margins" if name != "margins" else "estimation"
-    assert f"run afl-mujoco {name}" in refuses(other, "--quick")  # before anything slow
+    assert f"run afl-mujoco {name}" in refuses(other)  # before anything slow
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_films_that_are_not_understood(refuses, tmp_path: Path, validated: Path, name: str) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_films_that_are_not_understood(toy: str, refuses, tmp_path: Path, name: str) -> None:
     (tmp_path / "films.json").write_text("{}")
-    said = refuses(name, "--quick", "--films", ".")
-    assert "films.json does not list films: 'schema' is missing: run afl-mujoco render" in said
-
-
-def test_a_folder_of_results_that_is_not_there(refuses, validated: Path) -> None:
-    said = refuses("report", "--robustness", "nosuch")
-    assert "nosuch must be a folder of results, is not" in said
+    said = refuses(name, "--films", ".", "--out", "out")
+    assert "films.json does not list films: films is missing: run afl-mujoco render" in said
 
 
 CASES = {
+    "validate": [
+        (["nominal", "nominal"], "scenario names must differ, got 'nominal' twice"),
+        (["--controllers", "fixed", "fixed"], "controller names must differ, got 'fixed' twice"),
+        (["--controllers", "fixed-estimated"], "controller 'fixed-estimated'"),
+        (["--timestep", "-0.001"], "timestep must be positive, got -0.001"),
+        (["real.toml"], "scenario 'real' has imperfections, which only sampled mode simulates"),
+    ],
     "thresholds": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
         (["--imperfections", "gravity"], "imperfection must be one of control-period, delay, "),

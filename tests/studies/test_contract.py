@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page_case import make_curves, make_report
 
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.record import load_record, save_record
 from afl_mujoco.studies.registry import find_study, studies
-from afl_mujoco.studies.verification.curves import save_curves
+from tests.study_results import record
 
 ROOT = Path(__file__).parents[2]
 TOY = Path(__file__).parent / "toy"
@@ -42,7 +41,9 @@ def test_it_gets_a_command_files_a_terminal_and_markdown(
     assert "Every throw" in output and "Fair dice." in output
     assert "Made by: afl-mujoco dice nominal --throws 3" in output
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"dice.json", "dice.npz", "dice.md", "dice.svg", "dice.png"}
+    assert written == {
+        "dice.json", "dice.npz", "dice.md", "dice.svg", "dice.png", "report.html",
+    }  # fmt: skip
     text = (tmp_path / "out" / "dice.md").read_text()
     assert "| 0 | 3 |" in text and "![3 throws.](dice.png)" in text
 
@@ -68,21 +69,22 @@ def test_it_has_help_with_an_example_and_the_options_of_its_run(toy: str, capsys
     assert "--workers" in said and "--out" in said and "--cluster" not in said
 
 
-def test_it_is_put_into_the_report(toy: str, command_line, tmp_path: Path) -> None:
+def test_it_is_put_into_the_page_beside_what_is_there(
+    toy: str, command_line, tmp_path: Path
+) -> None:
     folder = tmp_path / "renders" / "validation"
     folder.mkdir(parents=True)
-    (folder / "report.json").write_text(json.dumps(make_report(second="mine")))
-    save_curves(folder / "curves.npz", make_curves(second="mine"))
+    save_record(record("validate"), folder, figures=False)
     code, output, _ = command_line(toy)
-    assert code == 0 and "wrote renders/validation/report.html" in output
+    assert code == 0 and "renders/validation/report.html" in output
     page = (folder / "report.html").read_text()
-    assert '<h3 id="dice">Dice</h3>' in page and 'href="#dice"' in page
-    assert "<em>Fair</em> dice." in page
+    assert '<h2 id="dice">Dice</h2>' in page and 'href="#dice"' in page
+    assert "<em>Fair</em> dice." in page and "all 22 checks hold" in page
     assert page.count("The mean is") == 2  # in the section, and at the top of the page
     assert command_line("report")[0] == 0
     assert (folder / "report.html").read_text() == page
-    code, output, _ = command_line(toy, "--out", "own")
-    assert code == 0 and "afl-mujoco report --robustness own puts it into a report" in output
+    code, output, _ = command_line(toy, "--out", "own", "--no-page")
+    assert code == 0 and not list((tmp_path / "own").glob("*.[hps][tnv][mg]*"))
     assert (folder / "report.html").read_text() == page
 
 
@@ -101,7 +103,8 @@ def test_an_unknown_study_is_named_with_what_was_meant() -> None:
 def test_every_study_has_what_the_contract_asks_for(study) -> None:
     assert "Example: afl-mujoco " + study.name in study.configuration.__doc__
     assert study.configuration()  # every option has a default
-    assert "quick" in {field.name for field in fields(study.configuration)}
+    options = {field.name for field in fields(study.configuration)}
+    assert "quick" in options or study.name == "validate"  # which is quick, and has --full
     assert fields(study.result_type)
 
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import study_results
 
 from afl_mujoco.document import style
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record
 from afl_mujoco.studies.registry import find_study
+from tests import study_results
 
 NAMES = tuple(study_results.RESULTS)
 
@@ -44,7 +44,7 @@ def same(one: Any, other: Any) -> bool:
 def test_a_record_comes_back_as_it_was(name: str, tmp_path: Path) -> None:
     record = study_results.record(name)
     written = save_record(record, tmp_path)
-    assert written[0] == tmp_path / f"{name}.json"
+    assert written[0] == tmp_path / f"{record.study.stem}.json"
     again = load_record(record.study, tmp_path)
     assert same(again.result, record.result)
     assert (again.command, dict(again.versions)) == (record.command, dict(record.versions))
@@ -134,9 +134,9 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
         ('{"schema": 2, "study": "margins"}', "'command' is missing"),
         ('{"schema": 2, "study": "margins", "command": 3}', "command must be a text"),
         (
-            '{"schema": 2, "study": "margins", "command": "", "versions": {}, '
-            '"result": {"control_period": "long"}}',
-            "result.control_period: input should be a valid number",
+            '{"schema": 2, "study": "margins", "command": "", "versions": {}, "files": [], '
+            '"control_period": "long"}',
+            "control_period: input should be a valid number",
         ),
         ('{"schema": NaN}', "NaN is no number of JSON"),
     ],
@@ -156,3 +156,47 @@ def test_a_folder_need_not_be_there_or_hold_a_record(tmp_path: Path) -> None:
     assert load_records(tmp_path / "nowhere") == []
     remove_record(find_study("margins"), tmp_path)
     assert names(tmp_path) == set()
+
+
+def _truncated(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:500])
+
+
+def _of_objects(path: Path) -> None:
+    np.savez(path, **{"maps/0/outcome": np.array([{}], dtype=object)})
+
+
+def _of_one_array(path: Path) -> None:
+    with path.open("wb") as stream:
+        np.save(stream, np.ones(2))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        _truncated,
+        _of_objects,
+        lambda path: path.write_text("no zip file"),
+        lambda path: np.savez(path, other=np.ones(2)),
+        _of_one_array,
+        lambda path: path.unlink(),
+    ],
+    ids=["truncated", "objects", "text", "other names", "npy", "gone"],
+)
+def test_arrays_that_are_spoilt_are_one_line_with_what_mends_it(tmp_path: Path, spoil) -> None:
+    save_record(study_results.record("attraction"), tmp_path, figures=False)
+    spoil(tmp_path / "attraction.npz")
+    with pytest.raises(FileError) as error:
+        load_records(tmp_path)
+    said = str(error.value)
+    assert said.startswith(str(tmp_path / "attraction.json"))
+    assert said.endswith("run afl-mujoco attraction")
+    assert "\n" not in said
+
+
+def test_arrays_are_called_by_their_place(tmp_path: Path) -> None:
+    save_record(study_results.record("validate"), tmp_path, figures=False)
+    with np.load(tmp_path / "report.npz", allow_pickle=False) as file:
+        assert {"curves/step-step/fixed/time", "curves/step-step/fixed/states/ode"} <= set(
+            file.files
+        )

@@ -14,12 +14,6 @@ const near = new IntersectionObserver((seen) => {
 }, { rootMargin: "300px" });
 for (const charts of document.querySelectorAll(".charts")) near.observe(charts);
 
-for (const button of document.querySelectorAll("[data-all]")) {
-  button.addEventListener("click", () => {
-    for (const scenario of document.querySelectorAll(".scenario")) scenario.open = button.dataset.all === "open";
-  });
-}
-
 // What scrolls by itself is a stop for the keyboard, what does not need to is none.
 const fits = new ResizeObserver((seen) => {
   for (const { target } of seen) {

@@ -16,8 +16,8 @@ from afl_mujoco.simulation.attraction.grid import (
     AttractionMap,
     Grid,
 )
+from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.attraction.comparison import INSIDE, ON_BORDER, Comparison
-from afl_mujoco.studies.record import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

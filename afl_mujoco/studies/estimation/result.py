@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.estimation.loops import Loop, Runs, Unit, run_case
 from afl_mujoco.studies.estimation.tracking import FOUND, WINDOWS, Tracking
-from afl_mujoco.studies.record import Array
 
 UNTIL, EVERY = 12.0, 4
 """Until when curves are kept [s], nothing happens after that; and which instants of them."""

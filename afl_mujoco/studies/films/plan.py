@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from afl_mujoco.control.controller import Controller
@@ -11,6 +11,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.films.film import RESULT_TIME, TITLE_TIME
+from afl_mujoco.studies.films.listing import Entry
 from afl_mujoco.studies.films.replay import Deployment, frame_times
 from afl_mujoco.studies.films.scene import require_size
 
@@ -89,24 +90,24 @@ class Film:
         """How many frames it has."""
         return self.running + sum(self.title_frames)
 
-    def describe(self) -> dict[str, Any]:
-        """Return its entry in the index."""
+    @property
+    def entry(self) -> Entry:
+        """Its entry in the list of films."""
         scenarios = {scenario.name for scenario, _ in self.runs}
-        return {
-            "file": self.file,
-            "poster": self.poster,
-            "kind": self.kind,
-            "title": self.title,
-            "scenario": scenarios.pop() if len(scenarios) == 1 else None,
-            "controllers": list(dict.fromkeys(c.name for _, c in self.runs)),
-            "width": self.size[0],
-            "height": self.size[1],
-            "fps": self.fps,
-            "frames": self.frames,
-            "duration": self.frames / self.fps,
-            "deployment": asdict(self.deployment),
-            "command": self.command,
-        }
+        return Entry(
+            file=self.file,
+            poster=self.poster,
+            kind=self.kind,
+            title=self.title,
+            scenario=scenarios.pop() if len(scenarios) == 1 else None,
+            controllers=tuple(dict.fromkeys(c.name for _, c in self.runs)),
+            width=self.size[0],
+            height=self.size[1],
+            fps=self.fps,
+            frames=self.frames,
+            deployment=self.deployment,
+            command=self.command,
+        )
 
 
 def plan(

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError, InvalidValueError, reading
+from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.execution.executors import open_executor
-from afl_mujoco.files import write_text
 from afl_mujoco.studies.films import film as films
+from afl_mujoco.studies.films.listing import REMOVE, list_film, load_listing
 from afl_mujoco.studies.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
 from afl_mujoco.studies.films.replay import Replay, record
 from afl_mujoco.studies.films.video import write_picture, write_video
-
-INDEX = "films.json"
-"""File beside the films that says what they show."""
 
 POSTER_TIME = 1.2
 """Instant of the still that stands for a film [s]: the pole is under way."""
@@ -78,7 +73,7 @@ def make_films(
     workers: int = 1,
     progress: Callable[[int], None] = lambda frames: None,
 ) -> list[Path]:
-    """Make films and say in the folder's index what they show.
+    """Make films and say in the folder's list what they show.
 
     A film is made in a hidden folder and moved when it is whole; an interrupt leaves the films
     that were finished, listed, and nothing else.
@@ -86,7 +81,7 @@ def make_films(
     workers = min(workers, len(planned))
     if workers > 1:  # else each process would draw with as many threads as there are cores
         os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
-    _listed(folder / INDEX)  # a list that cannot be read is refused before anything is filmed
+    load_listing(folder, REMOVE)  # a list that cannot be read is refused before anything is filmed
     with _hidden(folder) as t:
         hidden, done = Path(t), itertools.count(1)
         each = (lambda: progress(next(done))) if workers == 1 else None
@@ -169,16 +164,4 @@ def _publish(film: Film, hidden: Path, folder: Path) -> None:
             (hidden / name).replace(folder / name)
         except OSError as error:
             raise FileError.cannot_be("written", folder / name, error) from None
-    kept = [entry for entry in _listed(folder / INDEX) if entry["file"] != film.file]
-    entries = sorted([*kept, film.describe()], key=lambda entry: str(entry["file"]))
-    text = json.dumps({"schema": 1, "films": entries}, indent=1, allow_nan=False)
-    write_text(folder / INDEX, text + "\n")
-
-
-def _listed(index: Path) -> list[dict[str, Any]]:
-    """Return the entries of an index whose films are there; none if there is no such file."""
-    if not index.exists():
-        return []
-    with reading(index, "is no list of films; remove it"):
-        entries = json.loads(index.read_text(encoding="utf-8"))["films"]
-        return [entry for entry in entries if (index.parent / entry["file"]).is_file()]
+    list_film(folder, film.entry)

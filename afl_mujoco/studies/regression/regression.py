@@ -75,7 +75,7 @@ def record_all(
     progress
         Called with the name of each case as it is done.
     """
-    require_runnable(scenarios, controllers, SETTINGS, workers)
+    require_runnable(scenarios, controllers, SETTINGS)
     cases = [(s, c, SETTINGS) for s in scenarios for c in controllers]
     scales = nominal_scales(SETTINGS.timestep)
     with open_executor(min(workers, len(cases))) as executor:

@@ -44,6 +44,6 @@ def judge(case: Case) -> Judged:
             {name: runs[name] for name in REPORTED},
             timestep=settings.timestep,
             parts=parts,
-            energy=explanation.ledger.energy if explanation.ledger else {},
+            energy=explanation.energy,
         ),
     )

@@ -1,24 +1,19 @@
-"""Curves over time for figures: some instants of a campaign's runs, and their file."""
+"""Curves over time for figures: some instants of the runs of a case."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from functools import partial
-from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError, reading
-from afl_mujoco.files import atomic_file
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.arrays import Array
 
 REFERENCE = "ode"
 """The run from which the others' differences are measured."""
@@ -30,7 +25,7 @@ SPARSE = 0.02
 """Spacing of the instants elsewhere [s]."""
 
 _PLAIN = ("cart_mass", "half_length", "push")
-_GROUPS = {"state": "states", "force": "forces", "part": "parts", "energy": "energy"}
+_GROUPS = ("states", "forces", "parts", "energy")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,33 +56,30 @@ class Curves:
 
     scenario: str
     controller: str
-    time: NDArray[np.float64]
-    cart_mass: NDArray[np.float64]
-    half_length: NDArray[np.float64]
-    push: NDArray[np.float64]
-    states: Mapping[str, NDArray[np.float64]]
-    forces: Mapping[str, NDArray[np.float64]]
-    parts: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    energy: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    time: Array
+    cart_mass: Array
+    half_length: Array
+    push: Array
+    states: Mapping[str, Array]
+    forces: Mapping[str, Array]
+    parts: Mapping[str, Array] = field(default_factory=dict)
+    energy: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check their shapes."""
-        for name in ("time", *_PLAIN):
-            object.__setattr__(self, name, _frozen(getattr(self, name)))
-        for name in _GROUPS.values():
-            group = {key: _frozen(array) for key, array in getattr(self, name).items()}
-            object.__setattr__(self, name, MappingProxyType(group))
+        """Check the shapes."""
         count, instants = len(self.time), len(self.energy.get("time", ()))
         reached = {name: len(states) for name, states in self.states.items()}
         wanted: dict[str, tuple[int, ...]] = {name: (count,) for name in ("time", *_PLAIN)}
-        wanted |= {f"state/{name}": (min(k, count), 4) for name, k in reached.items()}
-        wanted |= {f"force/{name}": (k,) for name, k in reached.items()}
-        wanted |= {f"part/{name}": (count,) for name in self.parts}
+        wanted |= {f"states/{name}": (min(k, count), 4) for name, k in reached.items()}
+        wanted |= {f"forces/{name}": (k,) for name, k in reached.items()}
+        wanted |= {f"parts/{name}": (count,) for name in self.parts}
         wanted |= {f"energy/{name}": (instants,) for name in self.energy}
         found = {key: array.shape for key, array in self.arrays().items()}
         if found != wanted:
             odd = sorted(k for k in wanted | found if wanted.get(k) != found.get(k))
             raise InvalidValueError(f"curve {odd[0]}", f"must have shape {wanted.get(odd[0])}")
+        if not len(self.states.get(REFERENCE, ())):
+            raise InvalidValueError("curve states", f"must hold a run of {REFERENCE!r}")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Curves):
@@ -99,16 +91,11 @@ class Curves:
             and all(np.array_equal(mine[key], theirs[key], equal_nan=True) for key in mine)
         )
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A mapping proxy cannot be pickled, and an unpickled array could be written to.
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return partial(Curves, **values | {g: dict(values[g]) for g in _GROUPS.values()}), ()
-
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Return every array by its key in the file, which names no scenario or controller."""
+        """Return every array by its name."""
         found = {name: getattr(self, name) for name in ("time", *_PLAIN)}
-        for prefix, name in _GROUPS.items():
-            found |= {f"{prefix}/{key}": array for key, array in getattr(self, name).items()}
+        for group in _GROUPS:
+            found |= {f"{group}/{key}": array for key, array in getattr(self, group).items()}
         return found
 
 
@@ -158,47 +145,6 @@ def select_curves(
         parts={name: np.abs(part).max(axis=1)[kept] for name, part in parts.items()},
         energy=energy,
     )
-
-
-def save_curves(path: Path, curves: Sequence[Curves]) -> None:
-    """Write curves to an npz file, whole or not at all.
-
-    A key is ``scenario/controller/`` and then ``time``, ``cart_mass``, ``half_length``, ``push``,
-    ``state/simulator``, ``force/simulator``, ``part/source`` or ``energy/entry``.
-    """
-    arrays = {
-        f"{one.scenario}/{one.controller}/{key}": array
-        for one in curves
-        for key, array in one.arrays().items()
-    }
-    with atomic_file(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **arrays)
-
-
-def load_curves(path: Path) -> tuple[Curves, ...]:
-    """Read curves that `save_curves` wrote."""
-    found: dict[tuple[str, str], dict[str, Any]] = {}
-    with reading(path, "does not hold curves"):
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            for key in file.files:
-                scenario, controller, name = key.split("/", 2)
-                values = found.setdefault((scenario, controller), defaultdict(dict))
-                prefix, _, rest = name.partition("/")
-                if rest:
-                    values[_GROUPS[prefix]][rest] = file[key]
-                else:
-                    values[name] = file[key]
-        return tuple(
-            Curves(**{"states": {}, "forces": {}, **values}, scenario=scenario, controller=name)
-            for (scenario, name), values in found.items()
-        )
-
-
-def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a copy that cannot be written to."""
-    copy = np.array(array, dtype=np.float64)
-    copy.flags.writeable = False
-    return copy
 
 
 def _rows(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program import interrupt, run
 
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
+from tests.program import interrupt, run
 
 pytestmark = pytest.mark.slow
 

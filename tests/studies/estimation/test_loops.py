@@ -146,4 +146,4 @@ def test_two_workers_write_the_same_bytes_as_one(tmp_path, command_line):
     for one in (tmp_path / "1").iterdir():
         assert one.read_bytes() == (tmp_path / "2" / one.name).read_bytes()
     suffixes = {path.suffix for path in (tmp_path / "2").iterdir()}
-    assert suffixes == {".json", ".npz", ".md", ".svg", ".png"}
+    assert suffixes == {".json", ".npz", ".md", ".svg", ".png", ".html"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import resource
 import subprocess
 from dataclasses import replace
@@ -16,8 +15,9 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.studies.films.film import RESULT_TIME, TITLE_TIME
+from afl_mujoco.studies.films.listing import LISTING, load_listing
 from afl_mujoco.studies.films.plan import COMPARISON, SHOWCASE, SINGLE, plan
-from afl_mujoco.studies.films.renderer import INDEX, make_films, write_stills
+from afl_mujoco.studies.films.renderer import make_films, write_stills
 from afl_mujoco.studies.films.replay import Deployment, record
 from afl_mujoco.studies.films.video import write_video
 
@@ -58,7 +58,7 @@ def test_every_film_decodes_with_each_of_its_frames(graphics, films, tmp_path):
         moved = [np.abs(b - a).max() for a, b in itertools.pairwise(running)]
         assert min(moved) > 16, "two frames in a row are the same"
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
-        [INDEX, *(film.file for film in films), *(film.poster for film in films)]
+        [LISTING, *(film.file for film in films), *(film.poster for film in films)]
     )
 
 
@@ -66,13 +66,13 @@ def test_the_index_keeps_what_is_there_and_says_what_it_shows(graphics, films, t
     make_films(films[:1], tmp_path)
     make_films(films[2:3], tmp_path)
     make_films(films[:1], tmp_path)
-    entries = json.loads((tmp_path / INDEX).read_text())["films"]
-    assert entries == sorted([films[0].describe(), films[2].describe()], key=lambda e: e["file"])
+    entries = load_listing(tmp_path)
+    assert entries == tuple(sorted((films[0].entry, films[2].entry), key=lambda e: e.file))
     (tmp_path / films[0].file).unlink()
     make_films(films[2:3], tmp_path)
-    assert len(json.loads((tmp_path / INDEX).read_text())["films"]) == 1
-    (tmp_path / INDEX).write_text("[]")
-    with pytest.raises(FileError, match=r"films\.json is no list of films; remove it"):
+    assert len(load_listing(tmp_path)) == 1
+    (tmp_path / LISTING).write_text("[]")
+    with pytest.raises(FileError, match=r"films\.json does not list films: .*: remove it"):
         make_films(films[:1], tmp_path)
 
 
@@ -122,10 +122,10 @@ def test_a_scenario_shorter_than_a_frame_is_refused(growing):
 
 
 def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, tmp_path):
-    (tmp_path / INDEX).write_text("{}")
-    with pytest.raises(FileError, match=r"films\.json is no list of films; remove it"):
+    (tmp_path / LISTING).write_text("{}")
+    with pytest.raises(FileError, match=r"films\.json does not list films: .*: remove it"):
         make_films(films, tmp_path)
-    assert [p.name for p in tmp_path.iterdir()] == [INDEX]
+    assert [p.name for p in tmp_path.iterdir()] == [LISTING]
 
 
 def test_a_run_that_has_fallen_stands_still_without_forces(growing):

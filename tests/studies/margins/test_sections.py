@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import study_results
 from rich.console import Console
 
 from afl_mujoco.document.blocks import Finding, Text, figures_of
 from afl_mujoco.document.terminal import print_sections
 from afl_mujoco.studies.margins.sections import sections
+from tests import study_results
 
 RESULT = study_results.margins()
 

@@ -78,6 +78,6 @@ def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> No
     assert content["command"] == (
         "afl-mujoco margins --controllers lqr --cart-masses 1.0 --half-lengths 0.5 --no-measure"
     )
-    delay = content["result"]["margins"]["lqr"]["continuous"]["delay"][0][0]
+    delay = content["margins"]["lqr"]["continuous"]["delay"][0][0]
     assert f"{1e3 * delay:.2f}" in output
     assert "Delay [ms]" in output

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program import interrupt, run
 
 import afl_mujoco as afl
+from tests.program import interrupt, run
 
 pytestmark = pytest.mark.slow
 

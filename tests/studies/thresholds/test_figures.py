@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import study_results
 from matplotlib.colors import to_rgba
 
 from afl_mujoco.document.blocks import figures_of
 from afl_mujoco.studies.thresholds import classes, figures
 from afl_mujoco.studies.thresholds.sections import sections
+from tests import study_results
 
 RESULT = study_results.thresholds()
 NAMES = list(study_results.SWEEPS)

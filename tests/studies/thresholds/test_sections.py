@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import study_results
 from rich.console import Console
 
 from afl_mujoco.document.blocks import Finding, Section
 from afl_mujoco.document.terminal import print_sections
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER
 from afl_mujoco.studies.thresholds.sections import sections
+from tests import study_results
 
 
 def found(*arguments: Any, **changes: tuple[str, float, bool]) -> dict[str, str]:

@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from program import interrupt, run
+
+from tests.program import interrupt, run
 
 pytestmark = pytest.mark.slow
 

@@ -11,10 +11,11 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.studies.cases import REPORTED, Settings, closed_loop_runs
-from afl_mujoco.studies.verification.campaign import Report, run_campaign
+from afl_mujoco.studies.verification.campaign import verify
 from afl_mujoco.studies.verification.checks import closed_loop_checks as closed
 from afl_mujoco.studies.verification.checks import equation_checks as equations
 from afl_mujoco.studies.verification.criteria import CRITERIA
+from afl_mujoco.studies.verification.result import Result, verdict_of
 
 SHORT = dataclasses.replace(
     afl.SCENARIOS["step-trapezoid"],
@@ -29,17 +30,17 @@ SETTINGS = Settings()
 
 
 @pytest.fixture(scope="module")
-def report() -> Report:
-    return run_campaign([SHORT], [afl.CONTROLLERS[c] for c in ("fixed", "adaptive")], SETTINGS)
+def report() -> Result:
+    return verify([SHORT], [afl.CONTROLLERS[c] for c in ("fixed", "adaptive")], SETTINGS)
 
 
-def test_every_check_holds_on_a_short_scenario_with_everything_in_it(report: Report) -> None:
+def test_every_check_holds_on_a_short_scenario_with_everything_in_it(report: Result) -> None:
     assert report.failed_checks == ()
     assert report.passed
 
 
 def test_the_report_has_each_check_of_each_pair_and_the_equation_checks_once(
-    report: Report,
+    report: Result,
 ) -> None:
     once = ("A1", "A2", "A3", "A7", "A7z")
     ids = ("A5", "B1", "B2", "B2b", "B3", "B5")
@@ -52,45 +53,40 @@ def test_the_report_has_each_check_of_each_pair_and_the_equation_checks_once(
     ]
 
 
-def test_two_workers_give_the_same_report_as_one(report: Report) -> None:
+def test_two_workers_give_the_same_report_as_one(report: Result) -> None:
     controllers = [afl.CONTROLLERS[c] for c in ("fixed", "adaptive")]
-    assert run_campaign([SHORT], controllers, SETTINGS, workers=2) == report
+    assert verify([SHORT], controllers, SETTINGS, workers=2) == report
 
 
-def test_the_report_has_curves_of_each_pair_and_says_what_its_settings_were(
-    report: Report,
+def test_the_report_has_curves_of_each_case_and_says_what_its_settings_were(
+    report: Result,
 ) -> None:
-    assert [(c.scenario, c.controller) for c in report.curves] == [
-        ("short", "fixed"),
-        ("short", "adaptive"),
-    ]
-    assert all(tuple(c.states) == tuple(c.forces) == REPORTED for c in report.curves)
-    data = dataclasses.replace(report, command="make validate").to_dict()
-    assert data["settings"] == {"timestep": 1e-3, "control_period": 1e-3, "full": False}
-    assert data["command"] == "make validate"
-    assert data["studies"] == []
-    assert "curves" not in data
-    for budget, curves in zip(data["error_budgets"], report.curves, strict=True):
-        assert curves.parts["total"].max() == budget["total"]
+    assert list(report.curves) == ["short/fixed", "short/adaptive"]
+    for one in report.curves.values():
+        assert tuple(one.states) == tuple(one.forces) == REPORTED
+    assert report.settings == Settings(timestep=1e-3, control_period=1e-3, full=False)
+    assert report.scenarios == (SHORT,)
+    assert report.studies == report.ledgers == report.omissions == ()
+    for budget, curves in zip(report.error_budgets, report.curves.values(), strict=True):
+        assert curves.parts["total"].max() == budget.total
 
 
-def test_at_its_worst_the_parts_of_the_difference_add_up_to_it(report: Report) -> None:
-    for explanation in report.explanations:
-        assert explanation.budget is not None
-        worst = dataclasses.asdict(explanation.budget.at_worst)
+def test_at_its_worst_the_parts_of_the_difference_add_up_to_it(report: Result) -> None:
+    for budget in report.error_budgets:
+        worst = dataclasses.asdict(budget.at_worst)
         assert (worst.pop("state"), 0.0 < worst.pop("time") < SHORT.duration) == ("phi_dot", True)
         total = worst.pop("total")
-        assert abs(total) == explanation.budget.total
+        assert abs(total) == budget.total
         assert sum(worst.values()) == pytest.approx(total, rel=1e-12)
 
 
 def test_the_objective_of_the_fixed_gains_on_the_nominal_plant_is_three() -> None:
-    nominal = run_campaign([afl.SCENARIOS["nominal"]], [afl.CONTROLLERS["fixed"]], SETTINGS)
+    nominal = verify([afl.SCENARIOS["nominal"]], [afl.CONTROLLERS["fixed"]], SETTINGS)
     assert nominal.runs[0].metrics["objective"] == 3.0
 
 
-def test_an_empty_report_does_not_pass() -> None:
-    assert not Report(checks=(), runs=()).passed
+def test_without_checks_nothing_passes() -> None:
+    assert verdict_of(()) == "fail"
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1.1e-9], ids=["nan", "inf", "above"])
@@ -105,7 +101,7 @@ def test_nothing_runs_when_a_setting_cannot_work(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(
         AflMujocoError, match=r"^timestep 0\.003 s must divide control_period 0\.01 s"
     ):
-        run_campaign([SHORT], [afl.CONTROLLERS["fixed"]], Settings(3e-3, 1e-2))
+        verify([SHORT], [afl.CONTROLLERS["fixed"]], Settings(3e-3, 1e-2))
 
 
 def test_a_start_beyond_the_fall_is_refused_by_name_and_value() -> None:
@@ -113,7 +109,7 @@ def test_a_start_beyond_the_fall_is_refused_by_name_and_value() -> None:
     with pytest.raises(
         AflMujocoError, match=r"initial phi must lie inside \(-pi/2, pi/2\).*got -1\.6 rad"
     ):
-        run_campaign([fallen], [afl.CONTROLLERS["fixed"]], SETTINGS)
+        verify([fallen], [afl.CONTROLLERS["fixed"]], SETTINGS)
 
 
 def test_runs_that_fell_at_once_leave_nothing_to_compare_and_fail() -> None:

@@ -184,7 +184,7 @@ def test_the_search_finds_the_optimum_in_the_shipped_contest() -> None:
 def test_the_ledger_has_the_twelve_claims_in_order_or_none() -> None:
     ledger = judge_claims(as_published(), SCALES, 2, in_process)
     assert [claim.id for claim in ledger.claims] == [f"C{k}" for k in range(1, 13)]
-    assert set(ledger.comparisons_as_data()) == {"published", "retuned"}
+    assert set(ledger.comparisons) == {"published", "retuned"}
     incomplete = {k: v for k, v in as_published().items() if k != ("nominal", "fixed")}
     assert judge_claims(incomplete, SCALES, 2, in_process).claims == ()
 

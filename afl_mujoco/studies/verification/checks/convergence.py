@@ -69,33 +69,42 @@ class Refinement:
     ----------
     scenario, controller
         What was simulated; ``"any"`` where it does not depend on them.
-    name
-        What was refined.
     study
-        The errors.
+        What was refined.
+    steps
+        The steps [s], decreasing.
+    errors
+        The largest error of any state at each; ``None`` where it is not finite.
+    order
+        What they show; ``None`` if they have no slope.
     expected
         The order they should show.
     """
 
     scenario: str = "any"
     controller: str = "any"
-    name: str
-    study: Study
+    study: str
+    steps: tuple[float, ...]
+    errors: tuple[float | None, ...]
+    order: float | None
     expected: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the study as plain data; what is not finite is ``None``."""
-        errors = self.study.errors
+    @property
+    def deviation(self) -> float:
+        """How far the order is from the one expected; NaN without an order."""
+        return math.nan if self.order is None else abs(self.order - self.expected)
+
+    @classmethod
+    def of(cls, found: Study, **what: Any) -> Refinement:
+        """Return a study for the report; arguments as the other fields."""
+        errors = found.errors
         sloped = all(math.isfinite(error) and error > 0.0 for error in errors)
-        return {
-            "scenario": self.scenario,
-            "controller": self.controller,
-            "study": self.name,
-            "steps": list(self.study.steps),
-            "errors": [error if math.isfinite(error) else None for error in errors],
-            "order": self.study.order if sloped else None,
-            "expected": self.expected,
-        }
+        return cls(
+            steps=found.steps,
+            errors=tuple(error if math.isfinite(error) else None for error in errors),
+            order=found.order if sloped else None,
+            **what,
+        )
 
 
 def studied(scenario: Scenario) -> Scenario:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,10 +95,6 @@ class ErrorBudget:
     def residual_share(self) -> float:
         """The residual as a share of the total; 0 if there is no difference at all."""
         return self.residual / self.total if self.total else 0.0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the budget as plain data."""
-        return {**asdict(self), "residual_share": self.residual_share}
 
 
 def budget_curves(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -65,10 +64,6 @@ class Omission:
     stretching_rod: float
     momenta_kept: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the effects as plain data."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
@@ -82,6 +77,8 @@ class Explanation:
         The tables; ``None`` for a run that did not complete.
     studies
         The refinement studies behind B2o, B4 and B4s.
+    energy
+        The ledger of energy over time, as of `ledger`; empty without a ledger.
     """
 
     checks: tuple[Check, ...] = ()
@@ -89,6 +86,7 @@ class Explanation:
     ledger: Ledger | None = None
     omission: Omission | None = None
     studies: tuple[Refinement, ...] = ()
+    energy: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 def explain(
@@ -119,31 +117,32 @@ def explain(
     part = studied(scenario)
     reference = simulate_ode(part, controller, sample_period=STEPS[0])
     sampled, residue = sampled_study(part, controller, reference)
+    continuous = continuous_study(part, controller, reference)
     studies = {
-        "continuous": continuous_study(part, controller, reference),
+        "continuous": continuous,
         "sampled": sampled,
         "schedule": schedule_study(part, controller),
     }
     refinements = tuple(
-        Refinement(
-            scenario=scenario.name, controller=controller.name, name=name, study=study,
-            expected=ORDERS[name],
+        Refinement.of(
+            study, study=name, expected=ORDERS[name],
+            scenario=scenario.name, controller=controller.name,
         )
         for name, study in studies.items()
         if study is not None
     )  # fmt: skip
-    book = ledger(part, controller)
+    book, energy = ledger(part, controller)
     agreement, omission = _omission(part, controller, reference)
     values |= {
         "A6e": book.energy_residual,
         "A6p": book.momentum_residual,
         "B4r": residue,
-        "B6": refinements[0].study.reduction,
+        "B6": continuous.reduction,
         "B7": agreement,
-        **{ORDER_CHECKS[r.name]: abs(r.study.order - r.expected) for r in refinements},
+        **{ORDER_CHECKS[r.study]: r.deviation for r in refinements},
     }
     checks = _judge(values, scenario, controller)
-    return Explanation(checks, budget, book, omission, refinements)
+    return Explanation(checks, budget, book, omission, refinements, energy)
 
 
 def _judge(

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -45,9 +44,6 @@ class Ledger:
     energy_residual, momentum_residual
         The largest, over the run, of what MuJoCo's energy [J] and momentum [N s] gained and the
         ledger did not book.
-    energy
-        Over time [J]: ``time`` [s], ``gained`` (MuJoCo's own), ``work``, ``ramps``, ``jumps``, and
-        what is left, ``residual``; shape (E,) each.
     """
 
     scenario: str
@@ -60,22 +56,21 @@ class Ledger:
     momentum_of_jumps: float
     energy_residual: float
     momentum_residual: float
-    energy: Mapping[str, NDArray[np.float64]] = field(
-        default_factory=dict, compare=False, repr=False
-    )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the ledger as plain data, without the curves."""
-        rows = asdict(self)
-        del rows["energy"]
-        return rows
 
 
-def ledger(scenario: Scenario, controller: Controller) -> Ledger:
+def ledger(
+    scenario: Scenario, controller: Controller
+) -> tuple[Ledger, dict[str, NDArray[np.float64]]]:
     """Run exact mode with the ledger beside it and close the ledger along the run.
 
     Work and impulse are those of the forces that MuJoCo applied; energy and momentum are MuJoCo's
     own; what a parameter change adds is booked by the analytic energy and momentum.
+
+    Returns
+    -------
+    tuple
+        The ledger, and that of energy over time [J]: ``time`` [s], ``gained`` (MuJoCo's own),
+        ``work``, ``ramps``, ``jumps``, and what is left, ``residual``; shape (E,) each.
     """
     model = CartPoleModel(scenario.parameters_at(0.0), edit=_measure_energy)
     change = ParameterChange()
@@ -113,7 +108,7 @@ def _close(
     controller: Controller,
     times: NDArray[np.float64],
     states: NDArray[np.float64],
-) -> Ledger:
+) -> tuple[Ledger, dict[str, NDArray[np.float64]]]:
     """Compare what MuJoCo's energy and momentum gained with what was booked."""
     measured = np.array(
         [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=True)]
@@ -122,7 +117,7 @@ def _close(
     momentum = states[:, [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]].sum(axis=1)
     gained = measured - measured[0]
     last = states[-1].tolist()
-    return Ledger(
+    closed = Ledger(
         scenario=scenario.name,
         controller=controller.name,
         work=last[_WORK],
@@ -133,15 +128,15 @@ def _close(
         momentum_of_jumps=last[_JUMP_MOMENTUM],
         energy_residual=float(np.abs(gained[:, 0] - energy).max()),
         momentum_residual=float(np.abs(gained[:, 1] - momentum).max()),
-        energy={
-            "time": times,
-            "gained": gained[:, 0],
-            "work": states[:, _WORK],
-            "ramps": states[:, _RAMP_ENERGY],
-            "jumps": states[:, _JUMP_ENERGY],
-            "residual": gained[:, 0] - energy,
-        },
     )
+    return closed, {
+        "time": times,
+        "gained": gained[:, 0],
+        "work": states[:, _WORK],
+        "ramps": states[:, _RAMP_ENERGY],
+        "jumps": states[:, _JUMP_ENERGY],
+        "residual": gained[:, 0] - energy,
+    }
 
 
 def _measured(

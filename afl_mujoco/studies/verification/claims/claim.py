@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 REPRODUCED, IN_PART = "reproduced", "reproduced in part"
 NOT_REPRODUCED, UNDETERMINED = "not reproduced", "cannot be determined"
@@ -36,10 +35,6 @@ class Claim:
     here: float | None
     verdict: str
     why: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the row as plain data."""
-        return asdict(self)
 
 
 def verdict(share: float, enough: float = 1.0, least: float = 0.0) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.simulation.batch import ObjectiveScales
+from afl_mujoco.studies.contract import Progress, silent
 from afl_mujoco.studies.verification.claims.claim import Claim
 from afl_mujoco.studies.verification.claims.gains import (
     fit_claim,
@@ -43,11 +44,7 @@ class Ledger:
     """
 
     claims: tuple[Claim, ...] = ()
-    comparisons: Mapping[str, Comparison] | None = None
-
-    def comparisons_as_data(self) -> dict[str, Any]:
-        """Return the comparisons as plain data."""
-        return {name: asdict(found) for name, found in (self.comparisons or {}).items()}
+    comparisons: Mapping[str, Comparison] = field(default_factory=dict)
 
 
 def decidable(runs: Runs) -> bool:
@@ -60,7 +57,7 @@ def judge_claims(
     scales: ObjectiveScales,
     schedules: int,
     executor: Executor,
-    progress: Callable[[str], None] = lambda done: None,
+    progress: Progress = silent,
 ) -> Ledger:
     """Judge the claims; nothing if the runs do not decide them.
 
@@ -72,9 +69,14 @@ def judge_claims(
     if not decidable(runs):
         return Ledger()
     units = [(index, scales) for index in range(schedules)]
-    c9, comparisons = schedules_claim(
-        compute_all(objectives_on_schedule, units, executor, lambda _: progress("schedules"))
+    done = itertools.count(1)
+    objectives = compute_all(
+        objectives_on_schedule,
+        units,
+        executor,
+        lambda _: progress("random schedules", next(done), schedules),
     )
+    c9, comparisons = schedules_claim(objectives)
     table = GainTable.shipped()
     claims = (
         linearisation_claim(),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from afl_mujoco.document import blocks
 from afl_mujoco.document.style import (
     BLACK,
     BLUE,
@@ -16,14 +18,11 @@ from afl_mujoco.document.style import (
     ORANGE,
     PURPLE,
     VERMILION,
-    Drawn,
     decade_above,
     in_words,
     new_figure,
-    styled,
 )
-
-Row = Mapping[str, Any]
+from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget
 
 DARK = "#404040"
 """Colour of what is not explained."""
@@ -47,54 +46,65 @@ _ZERO = 2e-16
 """Where a part that is zero is drawn on the logarithmic axis, which names it."""
 
 
-@styled()
-def draw_budget(budgets: Sequence[Row]) -> Drawn:
-    """Draw the worst budget as a linear waterfall, and every part of all on a logarithmic axis."""
-    worst = max(budgets, key=lambda budget: abs(budget["at_worst"]["total"]))
-    figure = new_figure(11.0, max(4.0, 1.9 + 0.235 * len(budgets)))
-    falls, dots = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    _draw_waterfall(falls, worst)
-    _draw_dots(dots, budgets)
-    handles, labels = dots.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
-    at = worst["at_worst"]
-    shares = ", ".join(f"{words} {in_words(at[key])}" for key, (words, _, _) in SOURCES.items())
-    most = max(budget["residual_share"] for budget in budgets)
-    return Drawn(
-        name="budget",
+def budget_figure(budgets: Sequence[ErrorBudget]) -> blocks.Figure:
+    """Return the worst budget as a linear waterfall, and every part of all, logarithmic."""
+    worst = _worst(budgets)
+    at = worst.at_worst
+    shares = ", ".join(
+        f"{words} {in_words(getattr(at, key))}" for key, (words, _, _) in SOURCES.items()
+    )
+    most = max(budget.residual_share for budget in budgets)
+    return blocks.Figure(
+        name="report-budget",
         title="What the difference consists of",
         caption=f"Left: the run as deployed that is farthest from the ideal ODE ({_name(worst)}), "
-        f"at the instant and in the state where it is, t = {at['time']:g} s and "
-        f"{SYMBOLS[at['state']]}: there the signed parts add up to the total. Right: the largest "
+        f"at the instant and in the state where it is, t = {at.time:g} s and "
+        f"{SYMBOLS[at.state]}: there the signed parts add up to the total. Right: the largest "
         "of any state at any instant [m, rad, m/s, rad/s] of the total and of each part alone, in "
         "every run; they are not of one instant and need not add up.",
-        alt=f"Waterfall of {_name(worst)} in {UNITS[at['state']]}: {shares}; total "
-        f"{in_words(at['total'])}. Beside it a row of dots for each of {len(budgets)} runs; what "
+        alt=f"Waterfall of {_name(worst)} in {UNITS[at.state]}: {shares}; total "
+        f"{in_words(at.total)}. Beside it a row of dots for each of {len(budgets)} runs; what "
         f"is not explained is at most {100 * most:.2g} % of a run's total.",
-        figure=figure,
+        draw=partial(_draw, budgets),
     )
 
 
-def _name(budget: Row) -> str:
+def _draw(budgets: Sequence[ErrorBudget]) -> Figure:
+    """Draw the waterfall beside the dots."""
+    figure = new_figure(11.0, max(4.0, 1.9 + 0.235 * len(budgets)))
+    falls, dots = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+    _draw_waterfall(falls, _worst(budgets))
+    _draw_dots(dots, budgets)
+    handles, labels = dots.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _worst(budgets: Sequence[ErrorBudget]) -> ErrorBudget:
+    """Return the budget of the largest difference."""
+    return max(budgets, key=lambda budget: abs(budget.at_worst.total))
+
+
+def _name(budget: ErrorBudget) -> str:
     """Return what a budget belongs to."""
-    return f"{budget['scenario']}, {budget['controller']}"
+    return f"{budget.scenario}, {budget.controller}"
 
 
-def _draw_waterfall(axis: Axes, budget: Row) -> None:
+def _draw_waterfall(axis: Axes, budget: ErrorBudget) -> None:
     """Draw the signed parts one after another, and the total that they reach."""
-    at = budget["at_worst"]
-    heights = [at[key] for key in SOURCES]
+    at = budget.at_worst
+    heights = [getattr(at, key) for key in SOURCES]
     bottoms = np.concatenate([[0.0], np.cumsum(heights)])
     names = [words for words, _, _ in SOURCES.values()]
     colours = [colour for _, colour, _ in SOURCES.values()]
     rows = np.arange(len(names))
     axis.barh(rows, heights, left=bottoms[:-1], color=colours, height=0.62)
-    axis.barh(len(names), at["total"], color=_TOTAL[1], height=0.62)
-    for row, value in enumerate([*heights, at["total"]]):
-        end = bottoms[row + 1] if row < len(names) else at["total"]
+    axis.barh(len(names), at.total, color=_TOTAL[1], height=0.62)
+    for row, value in enumerate([*heights, at.total]):
+        end = bottoms[row + 1] if row < len(names) else at.total
         axis.plot([end, end], [row, row + 1.0 * (row < len(names))], color=GREY, linewidth=0.7)
         axis.annotate(
-            in_words(value), (0.5 * at["total"], row), ha="center", va="center", fontsize=8.0,
+            in_words(value), (0.5 * at.total, row), ha="center", va="center", fontsize=8.0,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.9},
         )  # fmt: skip
     low, high = min(0.0, *bottoms), max(0.0, *bottoms)
@@ -102,22 +112,22 @@ def _draw_waterfall(axis: Axes, budget: Row) -> None:
     axis.set_yticks([*rows, len(names)], [*names, "total"])
     axis.invert_yaxis()
     axis.grid(axis="y", visible=False)
-    axis.set_xlabel(f"MuJoCo as deployed - ODE, {SYMBOLS[at['state']]} [{UNITS[at['state']]}]")
-    axis.set_title(f"{_name(budget)}, t = {at['time']:g} s")
+    axis.set_xlabel(f"MuJoCo as deployed - ODE, {SYMBOLS[at.state]} [{UNITS[at.state]}]")
+    axis.set_title(f"{_name(budget)}, t = {at.time:g} s")
 
 
-def _draw_dots(axis: Axes, budgets: Sequence[Row]) -> None:
+def _draw_dots(axis: Axes, budgets: Sequence[ErrorBudget]) -> None:
     """Draw total and parts of every run."""
     rows = np.arange(len(budgets))
     for key, (words, colour, marker) in {"total": _TOTAL, **SOURCES}.items():
-        values = np.array([budget[key] for budget in budgets])
+        values = np.array([getattr(budget, key) for budget in budgets])
         axis.plot(
             np.maximum(values, _ZERO), rows, marker, color=colour, label=words,
             markersize=_SIZES.get(key, 5.0), markeredgewidth=1.2, linestyle="none",
             markerfacecolor="none" if key == "disturbance_timing" else colour,
         )  # fmt: skip
     axis.set_xscale("log")
-    most = max(1.0, decade_above(max(budget["total"] for budget in budgets) or 1.0))
+    most = max(1.0, decade_above(max(budget.total for budget in budgets) or 1.0))
     axis.set_xlim(_LEAST, most)
     powers = list(range(-14, round(np.log10(most)) + 1, 2))
     ticks = [f"$10^{{{power}}}$" for power in powers]

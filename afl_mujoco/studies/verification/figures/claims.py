@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import partial
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from afl_mujoco.document import blocks
 from afl_mujoco.document.style import (
     BLACK,
     BLUE,
     GREY,
     ORANGE,
     VERMILION,
-    Drawn,
     in_words,
     new_figure,
-    styled,
 )
 from afl_mujoco.studies.verification.claims.claim import (
     IN_PART,
     NOT_REPRODUCED,
     REPRODUCED,
     UNDETERMINED,
+    Claim,
 )
-
-Row = Mapping[str, Any]
 
 VERDICTS: Mapping[str, tuple[str, str]] = {
     REPRODUCED: ("o", BLUE),
@@ -45,21 +43,35 @@ _LONGEST = 88
 """Characters of a line."""
 
 
-@styled()
-def draw_claims(claims: Sequence[Row], interval: Sequence[float] | None) -> Drawn:
-    """Draw a row for each claim: verdict, words, and the two numbers.
+def claims_figure(claims: Sequence[Claim], interval: Sequence[float] | None) -> blocks.Figure:
+    """Return a row for each claim: verdict, words, and the two numbers.
 
     Parameters
     ----------
     interval
         95 % confidence interval of the share in C9, if known.
     """
+    counts = {verdict: [c.id for c in claims if c.verdict == verdict] for verdict in VERDICTS}
+    said = "; ".join(f"{verdict}: {', '.join(ids)}" for verdict, ids in counts.items() if ids)
+    return blocks.Figure(
+        name="report-claims",
+        title="What is left of the paper's claims",
+        caption="Each claim of the paper with its verdict, the paper's number (open) and the one "
+        "found here (filled), and the 95 % confidence interval of the share in C9. The "
+        "improvements of C3 to C6 are those of the paper's Table 3.",
+        alt=f"{said}. " + " ".join(map(_in_words, claims)),
+        draw=partial(_draw, claims, interval),
+    )
+
+
+def _draw(claims: Sequence[Claim], interval: Sequence[float] | None) -> Figure:
+    """Draw the rows."""
     figure = new_figure(11.0, 0.47 * len(claims) + 1.4)
     words, numbers = figure.subplots(1, 2, width_ratios=(1.15, 1.0), sharey=True)
     for row, claim in enumerate(claims):
         _draw_words(words, row, claim)
-        if claim["figure"].endswith(PERCENT):
-            _draw_numbers(numbers, row, claim, interval if claim["id"] == "C9" else None)
+        if claim.figure.endswith(PERCENT):
+            _draw_numbers(numbers, row, claim, interval if claim.id == "C9" else None)
         else:
             _write_numbers(numbers, row, claim)
     words.set(xlim=(0.0, 1.0), ylim=(len(claims) - 0.5, -0.5))
@@ -73,35 +85,25 @@ def draw_claims(claims: Sequence[Row], interval: Sequence[float] | None) -> Draw
     numbers.spines["left"].set_visible(False)
     numbers.set_yticks([row - 0.5 for row in range(1, len(claims))])
     _draw_legend(figure)
-    counts = {verdict: [c["id"] for c in claims if c["verdict"] == verdict] for verdict in VERDICTS}
-    said = "; ".join(f"{verdict}: {', '.join(ids)}" for verdict, ids in counts.items() if ids)
-    return Drawn(
-        name="claims",
-        title="What is left of the paper's claims",
-        caption="Each claim of the paper with its verdict, the paper's number (open) and the one "
-        "found here (filled), and the 95 % confidence interval of the share in C9. The "
-        "improvements of C3 to C6 are those of the paper's Table 3.",
-        alt=f"{said}. " + " ".join(map(_in_words, claims)),
-        figure=figure,
-    )
+    return figure
 
 
-def _draw_words(axis: Axes, row: int, claim: Row) -> None:
+def _draw_words(axis: Axes, row: int, claim: Claim) -> None:
     """Draw the verdict's mark, the claim's name, what it says, and what its numbers count."""
-    marker, colour = VERDICTS[claim["verdict"]]
+    marker, colour = VERDICTS[claim.verdict]
     axis.plot(0.015, row, marker=marker, color=colour, markersize=9.0, clip_on=False)
-    axis.text(0.045, row, claim["id"], va="center", fontweight="bold")
+    axis.text(0.045, row, claim.id, va="center", fontweight="bold")
     said, counted = (
-        textwrap.shorten(claim[key], _LONGEST, placeholder=" …") for key in ("claim", "figure")
+        textwrap.shorten(text, _LONGEST, placeholder=" …") for text in (claim.claim, claim.figure)
     )
     axis.text(0.115, row - 0.02, said, va="bottom", fontsize=8.5)
     axis.text(0.115, row + 0.06, counted, va="top", fontsize=7.5, color=GREY)
 
 
-def _draw_numbers(axis: Axes, row: int, claim: Row, interval: Sequence[float] | None) -> None:
+def _draw_numbers(axis: Axes, row: int, claim: Claim, interval: Sequence[float] | None) -> None:
     """Draw the two numbers of a claim that is counted in percent."""
-    paper, here = claim["paper"], claim["here"]
-    _, colour = VERDICTS[claim["verdict"]]
+    paper, here = claim.paper, claim.here
+    _, colour = VERDICTS[claim.verdict]
     if paper is not None and here is not None:
         axis.plot([paper, here], [row, row], color=GREY, linewidth=1.0, zorder=2)
     if interval is not None:
@@ -116,10 +118,10 @@ def _draw_numbers(axis: Axes, row: int, claim: Row, interval: Sequence[float] | 
             _write_value(axis, row, here)
 
 
-def _span(claims: Sequence[Row]) -> tuple[float, float]:
+def _span(claims: Sequence[Claim]) -> tuple[float, float]:
     """Return the ends of the axis in per cent: 0, 100 and every number lie inside."""
-    counted = [claim for claim in claims if claim["figure"].endswith(PERCENT)]
-    found = [claim[key] for claim in counted for key in ("paper", "here")]
+    counted = [claim for claim in claims if claim.figure.endswith(PERCENT)]
+    found = [value for claim in counted for value in (claim.paper, claim.here)]
     known = [0.0, 100.0, *(value for value in found if value is not None)]
     margin = 0.12 * (max(known) - min(known))
     return min(known) - margin, max(known) + margin
@@ -134,21 +136,21 @@ def _write_value(axis: Axes, row: int, value: float) -> None:
     )  # fmt: skip
 
 
-def _write_numbers(axis: Axes, row: int, claim: Row) -> None:
+def _write_numbers(axis: Axes, row: int, claim: Claim) -> None:
     """Write the two numbers of a claim that is not counted in percent."""
     white = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
     axis.text(50.0, row, _numbers(claim), va="center", ha="center", fontsize=8.5, bbox=white)
 
 
-def _numbers(claim: Row) -> str:
+def _numbers(claim: Claim) -> str:
     """Return the two numbers in words."""
-    paper, here = ("–" if claim[k] is None else in_words(claim[k]) for k in ("paper", "here"))
+    paper, here = ("–" if x is None else in_words(x) for x in (claim.paper, claim.here))
     return f"paper {paper}, here {here}"
 
 
-def _in_words(claim: Row) -> str:
+def _in_words(claim: Claim) -> str:
     """Say the numbers of a claim."""
-    return f"{claim['id']} ({claim['figure']}): {_numbers(claim)}."
+    return f"{claim.id} ({claim.figure}): {_numbers(claim)}."
 
 
 def _draw_legend(figure: Figure) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
+from afl_mujoco.document import blocks
 from afl_mujoco.document.style import (
     BLACK,
     BLUE,
@@ -18,13 +20,11 @@ from afl_mujoco.document.style import (
     GREY,
     TIME,
     VERMILION,
-    Drawn,
     colour_of,
     decade_above,
     draw_limit,
     in_words,
     new_figure,
-    styled,
 )
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import Curves
@@ -41,9 +41,29 @@ _BOOKED: Mapping[str, tuple[str, str, Any]] = {
 _GAINED: Any = {"color": GREY, "marker": "o", "markersize": 3.5, "linestyle": "none", "alpha": 0.7}
 
 
-@styled()
-def draw_energy(cases: Sequence[Sequence[Curves]]) -> Drawn:
-    """Draw the ledger of each case: above the last controller's, below what is left of all."""
+def energy_figure(cases: Sequence[Sequence[Curves]]) -> blocks.Figure:
+    """Return each scenario's ledger: above the last controller's, below what is left of all."""
+    return blocks.Figure(
+        name="report-energy",
+        title="Where the energy comes from",
+        caption="Above: what MuJoCo's own energy gained (dots), what the analytic equations book "
+        "for it (colours), and the sum of that (black line). Below: what is not booked, with the "
+        f"limit of A6e, drawn at {in_words(FLOOR)} J if it is less. The ledger is closed every "
+        "0.1 s, until half a second after the last change.",
+        alt=f"{2 * len(cases)} panels. In the upper ones the sum runs through the dots. "
+        + " ".join(_in_words(curves[-1]) for curves in cases)
+        + f" What is not booked is at most {in_words(_left(cases))} J.",
+        draw=partial(_draw, cases),
+    )
+
+
+def _left(cases: Sequence[Sequence[Curves]]) -> float:
+    """Return the most that is not booked [J]."""
+    return max(float(np.abs(one.energy["residual"]).max()) for curves in cases for one in curves)
+
+
+def _draw(cases: Sequence[Sequence[Curves]]) -> Figure:
+    """Draw the columns."""
     figure = new_figure(2.75 * len(cases) + 0.6, 5.8)
     axes = figure.subplots(2, len(cases), sharex="col", sharey="row", squeeze=False)
     for (above, below), curves in zip(axes.T, cases, strict=True):
@@ -58,24 +78,11 @@ def draw_energy(cases: Sequence[Sequence[Curves]]) -> Drawn:
         below.yaxis.set_major_locator(LogLocator(numticks=6))
         below.minorticks_off()
         below.set(xlabel=TIME, xlim=(0.0, float(one.energy["time"][-1])))
-    every = [one for curves in cases for one in curves]
-    left = max(float(np.abs(one.energy["residual"]).max()) for one in every)
-    axes[1, 0].set_ylim(FLOOR, decade_above(10.0 * max(left, CRITERIA["A6e"].limit)))
+    axes[1, 0].set_ylim(FLOOR, decade_above(10.0 * max(_left(cases), CRITERIA["A6e"].limit)))
     axes[0, 0].set_ylabel("energy since t = 0 [J]")
     axes[1, 0].set_ylabel("|not booked| [J]")
     _draw_legend(figure, cases[0])
-    return Drawn(
-        name="energy",
-        title="Where the energy comes from",
-        caption="Above: what MuJoCo's own energy gained (dots), what the analytic equations book "
-        "for it (colours), and the sum of that (black line). Below: what is not booked, with the "
-        f"limit of A6e, drawn at {in_words(FLOOR)} J if it is less. The ledger is closed every "
-        "0.1 s, until half a second after the last change.",
-        alt=f"{2 * len(cases)} panels. In the upper ones the sum runs through the dots. "
-        + " ".join(_in_words(curves[-1]) for curves in cases)
-        + f" What is not booked is at most {in_words(left)} J.",
-        figure=figure,
-    )
+    return figure
 
 
 def _draw_ledger(axis: Axes, one: Curves) -> None:

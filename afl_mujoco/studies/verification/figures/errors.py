@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
+from afl_mujoco.document import blocks
 from afl_mujoco.document.style import (
     BLUE,
     GREEN,
     MODES,
     TIME,
-    Drawn,
     decade_above,
     draw_limit,
     in_words,
     new_figure,
-    styled,
 )
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import REFERENCE, Curves
@@ -37,9 +38,24 @@ FLOOR = 1e-17
 _WIDTHS = {"mujoco sampled": 1.6, "mujoco continuous": 1.3, "mujoco exact": 1.0}
 
 
-@styled()
-def draw_errors(curves: Sequence[Curves]) -> Drawn:
-    """Draw the largest difference of any state over time, a panel for each run."""
+def errors_figure(curves: Sequence[Curves]) -> blocks.Figure:
+    """Return the largest difference of any state over time, a panel for each case."""
+    said = ", ".join(f"{mode.split()[1]} {_span(curves, mode)}" for mode in MODES)
+    return blocks.Figure(
+        name="report-errors",
+        title="How far MuJoCo is from the ODE",
+        caption="The largest difference of any state [m, rad, m/s, rad/s] between MuJoCo and the "
+        f"ideal ODE, in each mode of MuJoCo. Each point is the largest in its 1/{BINS} of the "
+        f"run, drawn at {in_words(FLOOR)} if it is less. Dashed: the limits of B1 (exact) and B2 "
+        "(continuous).",
+        alt=f"{len(curves)} panels on a logarithmic axis, three curves in each. Their largest "
+        f"values, from the least to the most over the panels: {said}.",
+        draw=partial(_draw, curves),
+    )
+
+
+def _draw(curves: Sequence[Curves]) -> Figure:
+    """Draw the panels."""
     controllers = len({one.controller for one in curves})
     width = min(len(curves), max(1, COLUMNS // controllers) * controllers)
     height = -(-len(curves) // width)
@@ -60,18 +76,7 @@ def draw_errors(curves: Sequence[Curves]) -> Drawn:
         loc="outside lower center",
         ncols=3 if width == COLUMNS else 1,
     )
-    said = ", ".join(f"{mode.split()[1]} {_span(curves, mode)}" for mode in MODES)
-    return Drawn(
-        name="errors",
-        title="How far MuJoCo is from the ODE",
-        caption="The largest difference of any state [m, rad, m/s, rad/s] between MuJoCo and the "
-        f"ideal ODE, in each mode of MuJoCo. Each point is the largest in its 1/{BINS} of the "
-        f"run, drawn at {in_words(FLOOR)} if it is less. Dashed: the limits of B1 (exact) and B2 "
-        "(continuous).",
-        alt=f"{len(curves)} panels on a logarithmic axis, three curves in each. Their largest "
-        f"values, from the least to the most over the panels: {said}.",
-        figure=figure,
-    )
+    return figure
 
 
 def difference(one: Curves, mode: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

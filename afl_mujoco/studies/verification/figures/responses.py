@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from afl_mujoco.document import blocks
 from afl_mujoco.document.style import (
     BLACK,
     GREY,
@@ -19,11 +21,9 @@ from afl_mujoco.document.style import (
     MASS,
     STATE_LABELS,
     TIME,
-    Drawn,
     colour_of,
     in_words,
     new_figure,
-    styled,
 )
 from afl_mujoco.studies.verification.curves import REFERENCE, Curves
 
@@ -45,9 +45,10 @@ _LABELS = (*STATE_LABELS, "force F [N]")
 _DASHES = ((0.0, (4.0, 3.0)), (0.0, (1.2, 1.8)), (0.0, (6.0, 2.0, 1.0, 2.0)))
 
 
-@styled()
-def draw_response(name: str, heading: str, curves: Sequence[Curves], hold: float) -> Drawn:
-    """Draw a scenario under each controller: M and l, the four states, the force.
+def response_figure(
+    name: str, heading: str, curves: Sequence[Curves], hold: float
+) -> blocks.Figure:
+    """Return a scenario under each controller: M and l, the four states, the force.
 
     Parameters
     ----------
@@ -55,6 +56,18 @@ def draw_response(name: str, heading: str, curves: Sequence[Curves], hold: float
         How long the control is held [s].
     """
     until = max(map(_settled, curves))
+    return blocks.Figure(
+        name=name,
+        title=curves[0].scenario,
+        caption=f"{heading} {_drawn(curves, hold)}{_ending(curves, until)}",
+        alt=f"Eight panels over {until:g} s: M, l, the four states, and the force, whose first "
+        f"{FIRST:g} s stand apart. {' '.join(map(_peaks, curves))} {_closeness(curves)}",
+        draw=partial(_draw_response, curves, until),
+    )
+
+
+def _draw_response(curves: Sequence[Curves], until: float) -> Figure:
+    """Draw the eight panels."""
     figure = new_figure(9.6, 9.0)
     axes = figure.subplots(4, 2, height_ratios=(0.55, 1.0, 1.0, 1.0))
     schedules = ((MASS, curves[0].cart_mass), (LENGTH, curves[0].half_length))
@@ -75,26 +88,35 @@ def draw_response(name: str, heading: str, curves: Sequence[Curves], hold: float
         axis.tick_params(labelbottom=False)
     figure.align_ylabels()
     _draw_legend(figure, curves, pushed=bool(curves[0].push.any()))
-    return Drawn(
-        name=name,
-        title=curves[0].scenario,
-        caption=f"{heading} {_drawn(curves, hold)}{_ending(curves, until)}",
-        alt=f"Eight panels over {until:g} s: M, l, the four states, and the force, whose first "
-        f"{FIRST:g} s stand apart. {' '.join(map(_peaks, curves))} {_closeness(curves)}",
-        figure=figure,
-    )
+    return figure
 
 
-@styled()
-def draw_impulse(cases: Sequence[Sequence[Curves]], hold: float) -> Drawn:
-    """Draw angle, position and force around the disturbance, a column for each case.
+def impulse_figure(cases: Sequence[Sequence[Curves]], hold: float) -> blocks.Figure:
+    """Return angle, position and force around the disturbance, a column for each scenario.
 
     Parameters
     ----------
     hold
         How long the control is held [s].
     """
-    figure = new_figure(2.7 * len(cases) + 0.7, 6.6)
+    every = [one for curves in cases for one in curves]
+    return blocks.Figure(
+        name="report-impulse",
+        title="The disturbance",
+        caption=f"Analogue of the paper's Fig. 11: {', '.join(c[0].scenario for c in cases)}, "
+        f"disturbed by a force of {_strongest(every[0].push):g} N on the cart for 0.1 s at "
+        "t = 10 s (decision D6). "
+        f"{_drawn(cases[0], hold)}",
+        alt=f"{3 * len(cases)} panels from {WINDOW[0]:g} to {WINDOW[1]:g} s: angle, position and "
+        f"force in each scenario. After the disturbance: {' '.join(map(_deflections, cases))} "
+        f"{_closeness(every)}",
+        draw=partial(_draw_impulse, cases),
+    )
+
+
+def _draw_impulse(cases: Sequence[Sequence[Curves]]) -> Figure:
+    """Draw the columns."""
+    figure = new_figure(max(2.7 * len(cases) + 0.7, 4.8), 6.6)
     axes = figure.subplots(3, len(cases), sharex=True, sharey="row", squeeze=False)
     for panels, curves in zip(axes.T, cases, strict=True):
         for axis, column in zip(panels, (1, 0, FORCE), strict=True):
@@ -103,19 +125,8 @@ def draw_impulse(cases: Sequence[Sequence[Curves]], hold: float) -> Drawn:
         _draw_push(panels[2], curves[0], WINDOW)
         panels[0].set_title(curves[0].scenario)
         panels[2].set_xlabel(TIME)
-    _draw_legend(figure, cases[0], pushed=True)
-    every = [one for curves in cases for one in curves]
-    return Drawn(
-        name="impulse",
-        title="The disturbance",
-        caption="Analogue of the paper's Fig. 11: the four cases struck by a force of "
-        f"{_strongest(every[0].push):g} N on the cart for 0.1 s at t = 10 s (decision D6). "
-        f"{_drawn(cases[0], hold)}",
-        alt=f"{3 * len(cases)} panels from {WINDOW[0]:g} to {WINDOW[1]:g} s: angle, position and "
-        f"force in each case. After the disturbance: {' '.join(map(_deflections, cases))} "
-        f"{_closeness(every)}",
-        figure=figure,
-    )
+    _draw_legend(figure, cases[0], pushed=True, columns=2 if len(cases) == 1 else 5)
+    return figure
 
 
 def _column(one: Curves, simulator: str, column: int) -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +166,9 @@ def _draw_push(axis: Axes, one: Curves, window: tuple[float, float]) -> None:
     )
 
 
-def _draw_legend(figure: Figure, curves: Sequence[Curves], *, pushed: bool) -> None:
+def _draw_legend(
+    figure: Figure, curves: Sequence[Curves], *, pushed: bool, columns: int = 5
+) -> None:
     """Draw the legend below the figure."""
     handles: dict[str, Artist] = {}
     for one, dashes in zip(curves, _DASHES * len(curves), strict=False):
@@ -168,7 +181,7 @@ def _draw_legend(figure: Figure, curves: Sequence[Curves], *, pushed: bool) -> N
         handles["disturbing force"] = Patch(color=GREY, alpha=0.4)
     figure.legend(
         list(handles.values()), list(handles), loc="outside lower center",
-        ncols=len(handles) if len(handles) <= 5 else 4,
+        ncols=len(handles) if len(handles) <= columns else min(columns, 4),
         handlelength=3.0,
     )  # fmt: skip
 

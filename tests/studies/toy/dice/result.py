@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from afl_mujoco.studies.record import Array
+from afl_mujoco.studies.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

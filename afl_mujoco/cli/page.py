@@ -1,0 +1,156 @@
+"""The page of a folder: every result and every film that is found there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from afl_mujoco.errors import FileError
+
+if TYPE_CHECKING:
+    from afl_mujoco.document.blocks import Section
+    from afl_mujoco.studies.record import Record
+
+PAGE = "report.html"
+TITLE = "Cart-pole controllers in MuJoCo"
+LEDE = (
+    "A cart-pole whose mass and length change while it moves: what was run, what was found, and "
+    "the commands that repeat it."
+)
+
+NOTATION = {
+    "z, z′": "position and velocity of the cart, m and m/s",
+    "φ, φ′": "angle of the pole from upright and its rate, rad and rad/s; at negative φ the pole "
+    "leans toward +z",
+    "M, m, l": "mass of the cart and of the pole, kg; half-length, from pivot to centre of mass, m "
+    "(decision D1)",
+    "F": "force of the controller on the cart, N",
+    "K, λ, Φ": "switching gain, slope of the sliding surface, width of the boundary layer",
+    "OF": "the paper's objective: ∫|z| dt, ∫|φ| dt and max |F|, each divided by its value for the "
+    "fixed gains on the nominal plant, added (D4)",
+    "ideal equations": "“ode”: the paper's equations, integrated by DOP853 to 12 digits, restarted "
+    "at every breakpoint",
+    "exact mode": "MuJoCo's dynamics under that same integrator: only the model can differ",
+    "continuous mode": "MuJoCo under RK4 at a fixed step, controller and schedule in every stage",
+    "sampled mode": "MuJoCo as deployed: the force held over each control period, M and l set at "
+    "the middle of each step",
+    "fixed, adaptive": "the paper's constant gains, and its gains as functions of M and l; "
+    "“-retuned” ones were found here, “-nominal” ones assume M = 1 kg, l = 0.5 m (D7)",
+    "settling, overshoot": "when a state enters 2 % of its peak for good; how far it goes beyond "
+    "zero",
+}
+"""What symbols and words mean."""
+
+
+def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
+    """Raise at what could not be put into a page, before anything slow.
+
+    Parameters
+    ----------
+    leave_out
+        Study whose result will be replaced.
+    """
+    from afl_mujoco.studies.films.listing import load_listing
+    from afl_mujoco.studies.record import load_records
+
+    if (folder / PAGE).is_dir():
+        raise FileError(str(folder / PAGE), "must be a file, is a folder")
+    load_listing(films)
+    load_records(folder, leave_out=leave_out)
+
+
+def write_page(folder: Path, films: Path) -> Path:
+    """Write the page of a folder, whole or not at all; nothing is computed."""
+    from afl_mujoco.document.html import to_html
+    from afl_mujoco.files import write_text
+    from afl_mujoco.studies.films.sections import sections as film_sections
+    from afl_mujoco.studies.record import load_records
+
+    records = load_records(folder)
+    if not records:
+        raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
+    found = [section for record in records for section in record.sections]
+    parts = [
+        ([_overview(records, found), *found], folder),
+        (film_sections(films), films),
+        ([_reproduce(records), _notation()], folder),
+    ]
+    verdict = next((record.verdict for record in records if record.verdict), None)
+    write_text(folder / PAGE, to_html(TITLE, parts, folder, lede=LEDE, verdict=verdict))
+    return folder / PAGE
+
+
+def _overview(records: Sequence[Record], sections: Sequence[Section]) -> Section:
+    """Return the verdicts, the tallies and the findings of all sections."""
+    from afl_mujoco.document.blocks import Finding, Section, Tally
+
+    verdicts = [record.verdict for record in records if record.verdict]
+    tallies = [b for section in sections for b in section.walk() if isinstance(b, Tally)]
+    findings = [
+        replace(block, evidence=holder.anchor)
+        for section in sections
+        for holder in _with_parts(section)
+        for block in holder.blocks
+        if isinstance(block, Finding)
+    ]
+    title = "Verdict and findings" if verdicts else "Findings"
+    return Section(title, "findings", (*verdicts, *tallies, *findings))
+
+
+def _with_parts(section: Section) -> Iterator[Section]:
+    """Return a section and those in it."""
+    yield section
+    for part in section.parts:
+        yield from _with_parts(part)
+
+
+def _reproduce(records: Sequence[Record]) -> Section:
+    """Return what made each result."""
+    from afl_mujoco.document.blocks import Cell, Column, Section, Table, Text
+
+    packages = dict.fromkeys(name for record in records for name in record.versions)
+    text = Text(
+        "The commands that made the numbers of this page; the same inputs give the same bytes, "
+        "from any number of workers. The page itself is made from the files beside it, without "
+        "computing anything, by `afl-mujoco report`."
+    )
+    commands = Table(
+        caption="Commands",
+        columns=(Column("Result"), Column("Command"), Column("Files beside this page")),
+        rows=[
+            (
+                record.study.title,
+                Cell(record.command, code=True),
+                ", ".join((f"{record.study.stem}.json", *_data(record))),
+            )
+            for record in records
+        ],
+        stacked=True,
+    )
+    versions = Table(
+        caption="Versions",
+        columns=(Column("Package"), *(Column(record.study.title) for record in records)),
+        rows=[(name, *(record.versions.get(name, "–") for record in records)) for name in packages],
+    )
+    return Section("Reproduce", "reproduce", (text, commands, versions))
+
+
+def _data(record: Record) -> list[str]:
+    """Return the files of a record but its figures."""
+    return [name for name in record.files if not name.endswith((".svg", ".png"))]
+
+
+def _notation() -> Section:
+    """Return what the symbols and words mean."""
+    from afl_mujoco.document.blocks import Fact, Facts, Section, Text
+
+    return Section(
+        "Notation",
+        "notation",
+        (
+            Facts([Fact(label, text) for label, text in NOTATION.items()]),
+            Text("Nothing on this page is fetched from a network.", note=True),
+        ),
+    )

@@ -1,1 +1,0 @@
-"""What we show: tables and figures."""

@@ -1,0 +1,91 @@
+"""The list of the films of a folder, films.json."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from afl_mujoco.files import read_json, write_json
+from afl_mujoco.studies.films.replay import Deployment
+
+LISTING = "films.json"
+"""File beside the films that says what they show."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A film in the list.
+
+    Attributes
+    ----------
+    file, poster
+        Names of the film and of the picture that stands for it, beside the list.
+    kind, title
+        What it shows.
+    scenario
+        Its scenario; ``None`` if it shows more than one.
+    controllers
+        In it.
+    width, height
+        Of a frame [px].
+    fps, frames
+        Frames a second, and how many there are.
+    deployment
+        How the controller is deployed.
+    command
+        What makes it, as typed into a shell.
+    """
+
+    file: str
+    poster: str
+    kind: str
+    title: str
+    scenario: str | None
+    controllers: tuple[str, ...]
+    width: int
+    height: int
+    fps: int
+    frames: int
+    deployment: Deployment
+    command: str
+
+    def __post_init__(self) -> None:
+        """Raise unless the files lie beside the list and the sizes can be."""
+        for name in (self.file, self.poster):
+            if Path(name).is_absolute() or ".." in Path(name).parts:
+                raise ValueError(f"must lie beside {LISTING}, got {name!r}")
+        if not self.file.endswith(".mp4"):
+            raise ValueError(f"must end in .mp4, got {self.file!r}")
+        if min(self.width, self.height, self.fps, self.frames) < 1:
+            raise ValueError("must have positive width, height, fps and frames")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listing:
+    """The films of a folder."""
+
+    schema: int = 1
+    films: tuple[Entry, ...]
+
+
+def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Entry, ...]:
+    """Return the films of a folder, none if it has no list; `then` mends one that is broken."""
+    path = folder / LISTING
+    if not path.is_file():
+        return ()
+    return read_json(path, Listing, "does not list films", then).films
+
+
+REMOVE = "remove it"
+"""What mends a list in the way of new films."""
+
+
+def list_film(folder: Path, entry: Entry) -> None:
+    """Put a film in the list of a folder, in place of one of its name; those gone are left out."""
+    kept = [
+        other
+        for other in load_listing(folder, REMOVE)
+        if other.file != entry.file and (folder / other.file).is_file()
+    ]
+    films = tuple(sorted((*kept, entry), key=lambda one: one.file))
+    write_json(folder / LISTING, Listing(films=films))

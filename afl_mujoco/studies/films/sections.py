@@ -1,0 +1,51 @@
+"""The films of a folder in a report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from afl_mujoco.document.blocks import Block, Film, Section, Text
+from afl_mujoco.document.numbers import sentence
+from afl_mujoco.studies.films.listing import Entry, load_listing
+from afl_mujoco.studies.films.plan import SINGLE
+
+
+def sections(folder: Path) -> list[Section]:
+    """Return what a report shows of a folder's films; nothing if there are none."""
+    entries = load_listing(folder)
+    if not entries:
+        return []
+    scenarios = dict.fromkeys(entry.scenario for entry in entries if entry.scenario)
+    blocks: list[Block] = [
+        Text("MuJoCo's cart-pole as deployed; its ghost is the ideal ODE. Times are real times.")
+    ]
+    blocks += _films([entry for entry in entries if not entry.scenario], folder)
+    blocks += [
+        Section(
+            scenario,
+            f"films-{number}",
+            _films([entry for entry in entries if entry.scenario == scenario], folder),
+            folded=True,
+        )
+        for number, scenario in enumerate(scenarios, start=1)
+    ]
+    return [Section("Films", "films", blocks)]
+
+
+def _films(entries: Sequence[Entry], folder: Path) -> list[Film]:
+    """Return films, the wide ones first."""
+    found = [
+        Film(
+            title=entry.title,
+            caption=f"{sentence(entry.deployment.describe())}.",
+            file=folder / entry.file,
+            poster=folder / entry.poster,
+            width=entry.width,
+            height=entry.height,
+            command=entry.command,
+            wide=entry.kind != SINGLE,
+        )
+        for entry in entries
+    ]
+    return sorted(found, key=lambda film: not film.wide)

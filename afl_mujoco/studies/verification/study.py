@@ -1,0 +1,96 @@
+"""The configuration of the verification, and its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from afl_mujoco.control.names import PAPER
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.controller import Controller
+    from afl_mujoco.scenario.scenario import Scenario
+    from afl_mujoco.studies.cases import Settings
+    from afl_mujoco.studies.verification.result import Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validate:
+    """Compare MuJoCo with the analytic model and give a verdict.
+
+    Example: afl-mujoco validate step-step my-scenario.toml --controllers fixed adaptive
+
+    Writes report.html, which needs no other file; report.json, report.md, report.npz, junit.xml and
+    figures. Exit code 0 if every check holds, 1 if one fails.
+    """
+
+    scenarios: ScenarioNames = ()
+    """Scenarios by name, or TOML files; all nine of the paper by default."""
+    controllers: tuple[str, ...] = PAPER
+    """Controllers by name, as of `afl-mujoco simulate --help` but for -estimated; or your own,
+    module:attribute (examples/README.md)."""
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+    full: bool = False
+    """Add refinement studies, ledgers, a second method, and what the paper's physics leaves out."""
+    timestep: float = 1e-3
+    """Physics step of MuJoCo [s]."""
+    control_period: float | None = None
+    """How long sampled mode holds the force [s], a multiple of the timestep; one by default."""
+
+
+def check(configuration: Validate) -> None:
+    """Raise at what breaks a rule."""
+    from afl_mujoco.scenario.catalogue import SCENARIOS
+    from afl_mujoco.scenario.files import find_scenario
+
+    for name in configuration.scenarios or SCENARIOS:  # before what is slow to import
+        find_scenario(name)
+
+    from afl_mujoco.studies.cases import require_runnable
+
+    require_runnable(*_asked(configuration))
+
+
+def run(configuration: Validate, *, workers: int = 1, progress: Progress = silent) -> Result:
+    """Judge every scenario with every controller.
+
+    Parameters
+    ----------
+    workers
+        Processes to share the work among; the result does not depend on it.
+    progress
+        Called with what is being done, how many parts of it are done, and how many there are.
+    """
+    from afl_mujoco.studies.verification.campaign import verify
+
+    return verify(*_asked(configuration), workers=workers, progress=progress)
+
+
+def _asked(configuration: Validate) -> tuple[list[Scenario], list[Controller], Settings]:
+    """Return what a configuration asks for."""
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.scenario.catalogue import SCENARIOS
+    from afl_mujoco.scenario.files import find_scenario
+    from afl_mujoco.studies.cases import Settings
+
+    asked = configuration
+    period = asked.timestep if asked.control_period is None else asked.control_period
+    return (
+        [find_scenario(name) for name in asked.scenarios or SCENARIOS],
+        [find_controller(name, asked.gain_labels) for name in asked.controllers],
+        Settings(timestep=asked.timestep, control_period=period, full=asked.full),
+    )
+
+
+STUDY = Study(
+    name="validate",
+    title="MuJoCo against the equations",
+    order=0,
+    schema=1,
+    configuration=Validate,
+    check=check,
+    run=run,
+    stem="report",
+)

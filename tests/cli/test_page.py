@@ -1,0 +1,243 @@
+"""The page says what the report says, to everyone, and nothing else happens in it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import itertools
+import json
+import re
+from collections import Counter
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco.cli.page import PAGE, require_page, write_page
+from afl_mujoco.errors import FileError
+from afl_mujoco.studies.record import Record, save_record
+from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.verification.result import Result
+from tests import study_results
+from tests.verification_result import NASTY, film_entry, make_result, write_listing
+
+VOID = {"meta", "link", "img", "input", "br", "path", "circle", "use", "rect"}
+
+
+class Outline(HTMLParser):
+    """Elements with their attributes, and the text that a reader sees."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.raw: dict[str, list[str]] = {"style": [], "script": []}
+        self.open: list[str] = []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag, f"</{tag}> closes something else"
+
+    def handle_data(self, data: str) -> None:
+        inside = self.open[-1] if self.open else ""
+        (self.raw[inside] if inside in self.raw else self.texts).append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", "".join(self.texts)).strip()
+
+    def named(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def written(folder: Path, result: Result, films: Path = Path("nowhere"), **more: bool) -> str:
+    """Write a verification and its page; return the page."""
+    study = find_study("validate")
+    record = Record(study=study, result=result, command="afl-mujoco validate 'my scenario.toml'")
+    save_record(record, folder, **more)
+    return write_page(folder, films).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a result of every study, and films beside it."""
+    folder = tmp_path_factory.mktemp("renders")
+    (folder / "a.mp4").write_bytes(bytes(1_234_567))
+    (folder / "large.mp4").write_bytes(bytes(2_000_000))
+    names = ("a.mp4", "large.mp4", "gone.mp4")
+    write_listing(folder, *(film_entry(name, title=f"{name} {NASTY}") for name in names))
+    return study_results.write_records(folder)
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> str:
+    return write_page(folder, folder).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def outline(page: str) -> Outline:
+    return Outline(page)
+
+
+def test_the_same_files_give_the_same_bytes(page: str, folder: Path) -> None:
+    assert write_page(folder, folder).read_text(encoding="utf-8") == page
+
+
+def test_the_verdict_comes_first_then_the_findings_then_every_study(outline: Outline) -> None:
+    text = outline.text[outline.text.index("PASS all 22 checks hold") :]
+    order = [
+        "PASS all 22 checks hold", "The paper's 12 claims", "Agreement.", "What holds.",
+        "Checks Agreement.", "Scenarios Every", "Error budget As deployed",
+        "The paper's claims The paper's claims.",
+        "Decisions Where", "Films MuJoCo", "Reproduce The commands", "Notation z",
+    ]  # fmt: skip
+    places = [text.index(title) for title in order]
+    assert places == sorted(places)
+    for name in study_results.RESULTS:
+        assert f"afl-mujoco {name} --made-up" in outline.text
+
+
+def test_the_findings_lead_to_what_bears_them_out(page: str, outline: Outline) -> None:
+    links = re.findall(r'class="more" href="#([\w-]+)"', page)
+    assert {"checks", "budget", "studies", "claims", "random"} <= set(links)
+    assert len(links) == outline.text.count("Evidence on: ") > 10
+
+
+def test_a_verification_that_fails_says_so_first(tmp_path: Path) -> None:
+    text = Outline(written(tmp_path, make_result(b3=3.4e-7), figures=False)).text
+    assert text.startswith("FAIL: Cart-pole controllers in MuJoCo")
+    assert text.index("FAIL 4 of 22 checks fail") < text.index("What fails")
+    assert "yet B3 fails" in text
+    assert "PASS" not in text
+
+
+def test_a_page_without_a_verification_has_no_verdict(tmp_path: Path) -> None:
+    save_record(study_results.record("margins"), tmp_path, figures=False)
+    text = Outline(write_page(tmp_path, tmp_path).read_text(encoding="utf-8")).text
+    assert text.startswith("Cart-pole controllers in MuJoCo")
+    assert "PASS" not in text and "FAIL" not in text
+    assert "Findings" in text
+
+
+def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="must hold a result: run afl-mujoco validate"):
+        write_page(tmp_path, tmp_path)
+    (tmp_path / "report.json").write_text("{}")
+    for refuse in (write_page, require_page):
+        with pytest.raises(FileError, match=r"report\.json is no result of afl-mujoco validate"):
+            refuse(tmp_path, tmp_path)
+    require_page(tmp_path, tmp_path, leave_out="validate")  # it will be replaced
+    (tmp_path / PAGE).mkdir()
+    with pytest.raises(FileError, match=r"report\.html must be a file, is a folder"):
+        require_page(tmp_path, tmp_path, leave_out="validate")
+
+
+def test_figures_that_went_away_are_said_to_be_missing(tmp_path: Path) -> None:
+    page = written(tmp_path, make_result(), figures=False)
+    assert "is missing: its files are not there" in page
+    assert not Outline(page).named("img")
+
+
+def test_a_name_is_text_whatever_it_contains(page: str, outline: Outline) -> None:
+    assert NASTY not in page
+    assert NASTY in outline.text
+    scripts = [attributes.get("type") for attributes in outline.named("script")]
+    assert scripts == ["application/json", "application/json", None]
+
+
+def test_data_in_the_page_is_json_that_its_script_can_read(outline: Outline) -> None:
+    *data, _ = outline.raw["script"]
+    for block in data:
+        found = json.loads(block)
+        assert [run["controller"] for run in found["runs"]] == ["fixed", "adaptive"]
+
+
+def test_the_policy_admits_the_pages_own_script_and_style_and_no_network(outline: Outline) -> None:
+    policy = outline.named("meta")[1]["content"] or ""
+    for name, code in (("style", outline.raw["style"][0]), ("script", outline.raw["script"][-1])):
+        digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+        assert f"{name}-src 'sha256-{digest}'" in policy
+    assert policy.startswith("default-src 'none';")
+    assert "http" not in policy
+    assert "unsafe" not in policy
+    assert not [name for name, attributes in outline.elements if "style" in attributes]
+
+
+def test_nothing_is_fetched_from_elsewhere(outline: Outline) -> None:
+    for _, attributes in outline.elements:
+        for key in ("src", "href", "poster", "data", "action"):
+            target = attributes.get(key) or ""
+            assert target.startswith(("#", "data:")) or target in ("large.mp4", "")
+
+
+def test_every_inner_link_has_a_target_and_no_id_stands_twice(outline: Outline) -> None:
+    ids = Counter(attributes["id"] for _, attributes in outline.elements if "id" in attributes)
+    assert [name for name, count in ids.items() if count > 1] == []
+    targets = [a["href"][1:] for a in outline.named("a") if (a.get("href") or "").startswith("#")]
+    assert len(targets) > 50
+    assert set(targets) <= set(ids)
+    for _, attributes in outline.elements:
+        for key in ("aria-labelledby", "aria-describedby"):
+            assert attributes.get(key, next(iter(ids))) in ids
+
+
+def test_links_of_a_part_of_a_verification_have_targets_too(tmp_path: Path) -> None:
+    outline = Outline(written(tmp_path, make_result(full=False), figures=False))
+    ids = {attributes.get("id") for _, attributes in outline.elements}
+    targets = {a["href"][1:] for a in outline.named("a") if (a.get("href") or "").startswith("#")}
+    assert targets <= ids
+
+
+def test_the_page_is_built_for_every_reader(outline: Outline) -> None:
+    assert outline.open == []
+    assert outline.named("html")[0]["lang"] == "en"
+    assert all(image.get("alt") for image in outline.named("img"))
+    assert all(cell.get("scope") for cell in outline.named("th"))
+    assert len(outline.named("caption")) == len(outline.named("table"))
+    levels = [int(tag[1]) for tag, _ in outline.elements if re.fullmatch("h[1-6]", tag)]
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+    labels = {"aria-label", "aria-labelledby"}
+    for tag, attributes in outline.elements:
+        if attributes.get("role") in ("region", "group") or tag == "nav":
+            assert labels & set(attributes), (tag, attributes)
+
+
+def test_a_film_is_played_linked_or_said_to_be_missing(outline: Outline) -> None:
+    sources = [(video["src"] or "")[:10] for video in outline.named("video")]
+    assert sources == ["data:video", "large.mp4"]
+    assert "Inside this page, 1.2 MB." in outline.text
+    assert "Linked: large.mp4, 2.0 MB, which must stay where it is beside" in outline.text
+    assert "gone.mp4 is not there: afl-mujoco render gone.mp4 makes it." in outline.text
+
+
+def contrast(one: str, other: str) -> float:
+    """Return the contrast of two colours, as WCAG 2 defines it."""
+
+    def luminance(colour: str) -> float:
+        parts = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+        linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("place", [0, 1], ids=["light", "dark"])
+def test_text_stands_out_from_its_ground(outline: Outline, place: int) -> None:
+    blocks = re.findall(r":root \{(.*?)\}", outline.raw["style"][0], re.DOTALL)
+    colours = dict(re.findall(r"--([\w-]+): (#\w{6});", blocks[place]))
+    for text in ("ink", "faint", "link", "good", "bad", "part", "open"):
+        for ground in ("paper", "ground", "sunk"):
+            assert contrast(colours[text], colours[ground]) >= 4.5, (text, ground)
+        if f"{text}-ground" in colours:
+            assert contrast(colours[text], colours[f"{text}-ground"]) >= 4.5, text
+    for number in range(1, 7):
+        assert contrast(colours[f"series-{number}"], colours["paper"]) >= 3.0, number

@@ -1,0 +1,92 @@
+"""The list of films comes back as it was, and is refused where it is not understood."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from afl_mujoco.document.blocks import Film
+from afl_mujoco.errors import FileError
+from afl_mujoco.studies.films.listing import LISTING, list_film, load_listing
+from afl_mujoco.studies.films.replay import Deployment
+from afl_mujoco.studies.films.sections import sections
+from tests.verification_result import film_entry, write_listing
+
+
+def test_without_a_list_there_are_no_films(tmp_path: Path) -> None:
+    assert load_listing(tmp_path) == ()
+    assert load_listing(tmp_path / "nowhere") == ()
+    assert sections(tmp_path) == []
+
+
+def test_a_film_takes_the_place_of_one_of_its_name_and_those_gone_are_left_out(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "a.mp4").write_bytes(b"film")
+    (tmp_path / "b.mp4").write_bytes(b"film")
+    write_listing(tmp_path, film_entry("gone.mp4"), film_entry("b.mp4"), film_entry("a.mp4"))
+    new = film_entry(
+        "a.mp4",
+        title="new",
+        scenario=None,
+        deployment=Deployment(timestep=2e-3, control_period=4e-3),
+    )
+    list_film(tmp_path, new)
+    assert load_listing(tmp_path) == (new, film_entry("b.mp4"))
+
+
+def test_a_report_shows_the_showcase_and_then_each_scenario_the_wide_films_first(
+    tmp_path: Path,
+) -> None:
+    held = Deployment(control_period=0.005)
+    write_listing(
+        tmp_path,
+        film_entry("a.mp4", deployment=held),
+        film_entry("b.mp4", kind="comparison"),
+        film_entry("c.mp4", scenario="other"),
+        film_entry("s.mp4", kind="showcase", scenario=None),
+    )
+    (section,) = sections(tmp_path)
+    (showcase,) = (block for block in section.blocks if isinstance(block, Film))
+    assert (showcase.file, showcase.wide) == (tmp_path / "s.mp4", True)
+    assert [part.title for part in section.parts] == ["step-step", "other"]
+    wide, single = section.parts[0].blocks
+    assert isinstance(wide, Film) and isinstance(single, Film)
+    assert [wide.file.name, single.file.name] == ["b.mp4", "a.mp4"]
+    assert single.caption == "As deployed: RK4 at 1 ms, force held for 5 ms."
+
+
+def entry(**changes: Any) -> str:
+    """Return a list with one entry, changed."""
+    plain = asdict(film_entry("a.mp4")) | changes
+    return json.dumps({"schema": 1, "films": [plain]})
+
+
+BAD = {
+    "no JSON": ("{", "does not list films"),
+    "no list": (json.dumps({"schema": 1}), "films is missing"),
+    "a list of texts": (json.dumps({"schema": 1, "films": ["a.mp4"]}), "does not list films"),
+    "no title": (entry(title=None), "title must be text"),
+    "no size": (entry(width=0), "positive width"),
+    "a file elsewhere": (entry(file="../../etc/x.mp4"), "lie beside films.json"),
+    "a poster elsewhere": (entry(poster="/etc/x.png"), "lie beside films.json"),
+    "no film": (entry(file="a.exe"), "end in .mp4, got 'a.exe'"),
+    "a scenario that is a number": (entry(scenario=3), "scenario"),
+}
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_a_list_that_is_not_understood_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
+    text, message = BAD[case]
+    (tmp_path / LISTING).write_text(text)
+    with pytest.raises(FileError) as refusal:
+        load_listing(tmp_path)
+    said = str(refusal.value)
+    assert "films.json" in said
+    assert message in said
+    assert said.endswith("run afl-mujoco render")
+    assert "\n" not in said

@@ -1,0 +1,222 @@
+"""A small made-up verification with a bit of everything, for the tests of sections and page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import afl_mujoco as afl
+from afl_mujoco.files import write_json
+from afl_mujoco.scenario.disturbances import ForcePulse
+from afl_mujoco.simulation.metrics import UNITS
+from afl_mujoco.studies.cases import REPORTED, Run, Settings
+from afl_mujoco.studies.films.listing import LISTING, Entry, Listing
+from afl_mujoco.studies.films.replay import Deployment
+from afl_mujoco.studies.verification.check import Check
+from afl_mujoco.studies.verification.checks.convergence import Refinement
+from afl_mujoco.studies.verification.checks.error_budget import AtWorst, ErrorBudget
+from afl_mujoco.studies.verification.checks.explanation import Omission
+from afl_mujoco.studies.verification.checks.ledger import Ledger
+from afl_mujoco.studies.verification.claims.claim import (
+    IN_PART,
+    NOT_REPRODUCED,
+    REPRODUCED,
+    UNDETERMINED,
+    Claim,
+)
+from afl_mujoco.studies.verification.claims.schedules import Comparison
+from afl_mujoco.studies.verification.criteria import CRITERIA
+from afl_mujoco.studies.verification.curves import Curves
+from afl_mujoco.studies.verification.result import Result, verdict_of
+
+NASTY = '<script>alert(1)<!-- & "quoted"'
+CONTROLLERS = ("fixed", "adaptive")
+APART = dict(zip(REPORTED, (0.0, 1e-13, 1e-6, 1e-2), strict=True))
+STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
+
+OWN = afl.Scenario(
+    name="step-step",
+    cart_mass=afl.staircase((1.0,), (0.5, 1.0)),
+    half_length=afl.piecewise_linear((0.0, 1.0), (0.2, 0.6)),
+    disturbances=(ForcePulse(force=-10.0, start=1.2, duration=0.1),),
+    duration=2.0,
+)
+"""A scenario of one's own under a name of the paper."""
+
+SCENARIOS = (OWN, replace(OWN, name=NASTY))
+
+_VERDICTS = (REPRODUCED, REPRODUCED, NOT_REPRODUCED, IN_PART, UNDETERMINED, NOT_REPRODUCED)
+_METRICS = {
+    "objective": 2.1633, "iae_z": 11.5, "iae_phi": 0.91, "max_force": 58.9, "force_squared": 75.2,
+    "settling_2pc_z": 7.76, "overshoot_z": 4.2, "overshoot_phi": 0.35,
+    "peak_z_dot": 7.4, "peak_phi_dot": 9.1, "end_time": 2.0,
+}  # fmt: skip
+_PARTS = {
+    "total": 0.0348, "model_form": 1.8e-12, "integrator": 4.1e-10, "control_hold": 0.0348,
+    "schedule_sampling": 1.9e-5, "disturbance_timing": 0.0, "residual": 1.8e-5,
+}  # fmt: skip
+_LEDGER = {
+    "work": 2.07, "energy_of_ramps": 0.0, "energy_of_jumps": 1.25, "energy_residual": 4.6e-13,
+    "impulse": -2.03, "momentum_of_ramps": 0.0, "momentum_of_jumps": 0.5,
+    "momentum_residual": 1.8e-15,
+}  # fmt: skip
+_QUANTILES = {"5%": -66.5, "25%": -14.8, "median": 0.1, "75%": 7.1, "95%": None}
+
+
+def make_result(
+    scenarios: Sequence[afl.Scenario] = SCENARIOS,
+    *,
+    b3: float | None = 4.7e-10,
+    full: bool = True,
+    fell_at: int | None = None,
+    outcome: str = "completed",
+) -> Result:
+    """Return a verification; it fails if `b3` exceeds its limit."""
+    places = [{"scenario": s.name, "controller": c} for s in scenarios for c in CONTROLLERS]
+    checks = make_checks(places, b3)
+    curves = [make_curves(s, c, fell_at=fell_at) for s in scenarios for c in CONTROLLERS]
+    runs = tuple(
+        Run(**place, simulator=name, outcome=outcome, metrics=dict.fromkeys(UNITS) | _METRICS)
+        for place in places
+        for name in REPORTED
+    )
+    more: dict[str, Any] = {}
+    if full:
+        more = {
+            "claims": tuple(make_claim(k) for k in range(1, 13)),
+            "random_schedules": {
+                "published": comparison(0.504, (0.4725, 0.5354)),
+                "retuned": comparison(0.919, (0.9003, 0.9352)),
+            },
+            "ledgers": tuple(Ledger(**place, **_LEDGER) for place in places),
+            "omissions": tuple(
+                Omission(**place, stretching_rod=1.7e-13, momenta_kept=2.6) for place in places
+            ),
+            "studies": (
+                make_study("free swing RK4", 4.0),
+                make_study("free swing Euler", 1.0),
+                *(make_study("continuous", 4.0, **place) for place in places),
+                *(make_study("sampled", 1.0, **place) for place in places),
+            ),
+        }
+    return Result(
+        verdict=verdict_of(checks),
+        checks=checks,
+        runs=runs,
+        error_budgets=tuple(make_budget(k + 1, **place) for k, place in enumerate(places)),
+        settings=Settings(full=full),
+        scenarios=tuple(scenarios),
+        curves={f"{one.scenario}/{one.controller}": one for one in curves},
+        **more,
+    )
+
+
+def make_checks(places: Sequence[dict[str, str]], b3: float | None) -> tuple[Check, ...]:
+    """Return checks of the equations and of every case."""
+    values = {"A5": 8.9e-16, "B1": 5.8e-12, "B2": 4.6e-6, "B3": b3, "B5": 5.2e-4}
+    return (
+        CRITERIA["A1"].judge(1.0e-13),
+        CRITERIA["A3"].judge(0.0),
+        *(
+            CRITERIA[id].judge(float("nan") if value is None else value, **place)
+            for id, value in values.items()
+            for place in places
+        ),
+    )
+
+
+def comparison(share: float, interval: tuple[float, float]) -> Comparison:
+    """Return how adaptive gains did on a thousand schedules."""
+    return Comparison(schedules=1000, share=share, interval=interval, quantiles=_QUANTILES)
+
+
+def make_budget(size: int, **place: str) -> ErrorBudget:
+    """Return an error budget, the first of a list the smallest."""
+    signed = {name: -0.1 * size * value for name, value in _PARTS.items()}
+    sizes = {name: abs(value) for name, value in signed.items()}
+    signed["residual"] = 2.0 * signed["total"] - sum(signed.values()) + signed["residual"]
+    return ErrorBudget(
+        **place, **sizes, at_worst=AtWorst(state="phi_dot", time=0.005, **signed)
+    )  # fmt: skip
+
+
+def make_study(name: str, order: float, **place: str) -> Refinement:
+    """Return a refinement study of an order."""
+    errors = tuple(3.0 * step**order for step in STEPS)
+    return Refinement(
+        study=name, steps=STEPS, errors=errors, order=order, expected=order, **place
+    )  # fmt: skip
+
+
+def make_claim(number: int) -> Claim:
+    """Return one row of the claims ledger."""
+    return Claim(
+        id=f"C{number}",
+        claim=f"claim {number} has |F| & <angles>",
+        figure="improvement of the objective (O1) [%]",
+        paper=None if number == 2 else 38.03,
+        here=None if number == 5 else 18.36 - number,
+        verdict=_VERDICTS[number % len(_VERDICTS)],
+        why="values of the schedule are not in the paper (D3, D4)",
+    )
+
+
+def make_curves(
+    scenario: afl.Scenario = OWN, controller: str = "fixed", *, fell_at: int | None = None
+) -> Curves:
+    """Return curves of a case; MuJoCo's end early if they `fell_at` an instant."""
+    step = 1e-3 if scenario.duration <= 2.0 else 1e-2
+    time = step * np.arange(round(scenario.duration / step) + 1)
+    ideal = np.stack(
+        [
+            2.0 * time * np.exp(-2.0 * time),
+            -1.047 * np.exp(-3.0 * time),
+            2.0 * (1.0 - 2.0 * time) * np.exp(-2.0 * time),
+            3.141 * np.exp(-3.0 * time),
+        ],
+        axis=1,
+    )
+    scale = 1.0 if controller == "fixed" else 0.9
+    shape = np.sin(30.0 * time)[:, None]
+    states = {name: scale * (ideal + apart * shape) for name, apart in APART.items()}
+    states = {k: x if k == "ode" or fell_at is None else x[:fell_at] for k, x in states.items()}
+    force = 58.9 * scale * np.exp(-20.0 * time)
+    booked = np.arange(0.0, 1.05, 0.1)
+    return Curves(
+        scenario=scenario.name,
+        controller=controller,
+        time=time,
+        cart_mass=scenario.cart_mass(time),
+        half_length=scenario.half_length(time),
+        push=scenario.pushes(time),
+        states=states,
+        forces={name: force[: len(x)] for name, x in states.items()},
+        parts={"total": 0.01 * np.exp(-time)},
+        energy={
+            "time": booked,
+            "gained": np.sin(booked),
+            "work": np.sin(booked) - 0.5,
+            "ramps": 0.0 * booked,
+            "jumps": 0.0 * booked + 0.5,
+            "residual": 1e-14 * booked,
+        },
+    )
+
+
+def film_entry(file: str, **changes: Any) -> Entry:
+    """Return an entry of films.json."""
+    values: dict[str, Any] = {
+        "file": file, "poster": "none.png", "kind": "film", "title": f"the film {file}",
+        "scenario": "step-step", "controllers": ("adaptive",), "width": 64, "height": 48,
+        "fps": 10, "frames": 20, "deployment": Deployment(), "command": f"afl-mujoco render {file}",
+    }  # fmt: skip
+    return Entry(**values | changes)
+
+
+def write_listing(folder: Path, *entries: Entry) -> None:
+    """Write films.json."""
+    write_json(folder / LISTING, Listing(films=entries))
