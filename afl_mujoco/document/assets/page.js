@@ -75,7 +75,7 @@ for (const film of document.querySelectorAll("video")) {
     line.textContent = `${film.dataset.name} is not where this page looks for it, or cannot be played here.`;
     film.replaceWith(line);
   };
-  if (film.error || film.networkState === HTMLMediaElement.NETWORK_NO_SOURCE) missing();
+  if (film.error) missing();
   else film.addEventListener("error", missing);
 }
 
