@@ -118,12 +118,7 @@ def colours(controllers: Iterable[str]) -> dict[str, str]:
     """Return a colour for each controller of a figure: its own if it has one, no two the same."""
     golden = (to_hex(hsv_to_rgb(0.618 * i % 1.0, 0.8, 0.6)) for i in count())
     spare = chain(_SPARE, golden)
-    return {name: CONTROLLERS.get(name) or next(spare) for name in controllers}
-
-
-def colour_of(controller: str) -> str:
-    """Return the colour of a controller."""
-    return CONTROLLERS.get(controller, GREY)
+    return {name: CONTROLLERS.get(name) or next(spare) for name in dict.fromkeys(controllers)}
 
 
 def in_words(value: float) -> str:

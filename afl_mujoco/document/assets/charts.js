@@ -7,7 +7,7 @@ const QUANTITIES = {
 const DEPLOYED = "mujoco sampled";
 // From the largest difference to the smallest: mode of MuJoCo and its line.
 const MODES = { "mujoco sampled": [], "mujoco continuous": [7, 4], "mujoco exact": [2, 3] };
-const COLOURS = ["fixed", "adaptive", "fixed-retuned", "adaptive-retuned", "fixed-nominal", "adaptive-nominal"];
+const COLOURS = 6;
 const FAINT = "66"; // appended to #rrggbb
 const NARROW = 560;
 
@@ -19,10 +19,7 @@ function decode(text) {
 const known = (x) => (Number.isFinite(x) ? x : null);
 const positive = (x) => (x > 0 ? x : null);
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const ofController = (name, index) => {
-  const known = COLOURS.indexOf(name);
-  return colour(`--series-${((known < 0 ? index : known) % 6) + 1}`);
-};
+const ofController = (index) => colour(`--series-${(index % COLOURS) + 1}`);
 
 class Trajectories {
   constructor(root) {
@@ -115,7 +112,7 @@ class Trajectories {
     const lines = [], data = [this.time];
     this.data.runs.forEach((run, index) => {
       const ideal = decode(run.reference[this.quantity]);
-      const stroke = ofController(run.controller, index);
+      const stroke = ofController(index);
       lines.push({ label: `${run.controller}, ideal`, stroke: stroke + FAINT, width: 5 });
       data.push(Array.from(ideal, known));
       if (run.differences[DEPLOYED]) {
@@ -138,7 +135,7 @@ class Trajectories {
         const signals = run.differences[simulator];
         if (!signals) continue;
         const label = `${run.controller}, ${simulator.replace("mujoco ", "")}`;
-        lines.push({ label, stroke: ofController(run.controller, index), width: 1.5, dash });
+        lines.push({ label, stroke: ofController(index), width: 1.5, dash });
         data.push(Array.from(decode(signals[this.quantity]), (x) => positive(Math.abs(x))));
       }
     });

@@ -20,7 +20,7 @@ from afl_mujoco.document.style import (
     GREY,
     TIME,
     VERMILION,
-    colour_of,
+    colours,
     decade_above,
     draw_limit,
     in_words,
@@ -66,13 +66,14 @@ def _draw(cases: Sequence[Sequence[Curves]]) -> Figure:
     """Draw the columns."""
     figure = new_figure(2.75 * len(cases) + 0.6, 5.8)
     axes = figure.subplots(2, len(cases), sharex="col", sharey="row", squeeze=False)
+    shades = colours(one.controller for curves in cases for one in curves)
     for (above, below), curves in zip(axes.T, cases, strict=True):
         _draw_ledger(above, curves[-1])
         above.set_title(f"{curves[-1].scenario}\n{curves[-1].controller}")
         for one in curves:
             below.semilogy(
                 one.energy["time"], np.maximum(np.abs(one.energy["residual"]), FLOOR),
-                color=colour_of(one.controller), linewidth=1.2,
+                color=shades[one.controller], linewidth=1.2,
             )  # fmt: skip
         draw_limit(below, CRITERIA["A6e"].limit, "A6e", GREY)
         below.yaxis.set_major_locator(LogLocator(numticks=6))
@@ -100,13 +101,14 @@ def _draw_ledger(axis: Axes, one: Curves) -> None:
 
 def _draw_legend(figure: Figure, curves: Sequence[Curves]) -> None:
     """Draw the legend below the figure."""
+    shades = colours(one.controller for one in curves)
     handles = {"gained by MuJoCo": Line2D([], [], **_GAINED)}
     for words, colour, style in _BOOKED.values():
         handles[words] = Line2D([], [], color=colour, linestyle=style, linewidth=1.2)
     handles["sum of what is booked"] = Line2D([], [], color=BLACK, linewidth=0.9)
     for one in curves:
         label = f"not booked, {one.controller}"
-        handles[label] = Line2D([], [], color=colour_of(one.controller), linewidth=1.2)
+        handles[label] = Line2D([], [], color=shades[one.controller], linewidth=1.2)
     figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
 
 

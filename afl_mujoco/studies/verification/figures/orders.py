@@ -15,7 +15,7 @@ from afl_mujoco.document.style import (
     BLACK,
     GREY,
     VERMILION,
-    colour_of,
+    colours,
     new_figure,
 )
 from afl_mujoco.studies.verification.checks.convergence import Refinement
@@ -62,8 +62,9 @@ def _draw(studies: Sequence[Refinement]) -> Figure:
     figure = new_figure(2.9 * len(panels) + 0.4, 3.9)
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
     controllers: dict[str, Any] = {}
+    shades = colours(study.controller for study in studies)
     for axis, (title, content) in zip(axes, panels.items(), strict=True):
-        controllers |= _draw_panel(axis, content)
+        controllers |= _draw_panel(axis, content, shades)
         axis.set(title=title, xlabel=PANELS[title][0], ylabel=PANELS[title][1])
     figure.legend(
         list(controllers.values()), list(controllers), loc="outside lower center",
@@ -72,14 +73,16 @@ def _draw(studies: Sequence[Refinement]) -> Figure:
     return figure
 
 
-def _draw_panel(axis: Axes, studies: Sequence[Refinement]) -> dict[str, Any]:
+def _draw_panel(
+    axis: Axes, studies: Sequence[Refinement], shades: Mapping[str, str]
+) -> dict[str, Any]:
     """Draw some studies and the slopes they should have; return the legend's lines."""
     drawn: dict[str, Any] = {}
     for expected in sorted({study.expected for study in studies}):
         alike = [study for study in studies if study.expected == expected]
         for study in alike:
             name = study.controller
-            own = colour_of(name), _MARKERS.get(name, "v")
+            own = shades[name], _MARKERS.get(name, "v")
             colour, mark = _SWINGS.get(study.study, own)
             label = f"{name} gains" if name != "any" else study.study
             (drawn[label],) = axis.loglog(

@@ -21,7 +21,7 @@ from afl_mujoco.document.style import (
     MASS,
     STATE_LABELS,
     TIME,
-    colour_of,
+    colours,
     in_words,
     new_figure,
 )
@@ -146,13 +146,14 @@ def _draw_column(
 ) -> None:
     """Draw a state, or the force, of every controller: MuJoCo's solid, the ODE's dashed over it."""
     stepped = "steps-post" if held else "default"
+    shades = colours(one.controller for one in curves)
     for simulator in (DEPLOYED, REFERENCE):
         for one, dashes in zip(curves, _DASHES * len(curves), strict=False):
             time, values = _column(one, simulator, column)
             first, last = np.searchsorted(time, window, side="right")
             here = slice(max(0, first - 1), last + 1)  # to both edges of the panel
             over = {"color": BLACK, "linewidth": 0.9, "linestyle": dashes}
-            under = {"color": colour_of(one.controller), "linewidth": 2.4, "drawstyle": stepped}
+            under = {"color": shades[one.controller], "linewidth": 2.4, "drawstyle": stepped}
             style = over if simulator == REFERENCE else under
             axis.plot(time[here], values[here], **style)  # type: ignore[arg-type]
     axis.set(ylabel=_LABELS[column], xlim=window)
@@ -171,8 +172,9 @@ def _draw_legend(
 ) -> None:
     """Draw the legend below the figure."""
     handles: dict[str, Artist] = {}
+    shades = colours(one.controller for one in curves)
     for one, dashes in zip(curves, _DASHES * len(curves), strict=False):
-        colour = colour_of(one.controller)
+        colour = shades[one.controller]
         handles[f"{one.controller}, MuJoCo"] = Line2D([], [], color=colour, linewidth=2.4)
         handles[f"{one.controller}, ODE"] = Line2D(
             [], [], color=BLACK, linewidth=0.9, linestyle=dashes
