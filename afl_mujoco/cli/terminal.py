@@ -29,7 +29,7 @@ def separated(value: Any) -> Any:
 
 @contextlib.contextmanager
 def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
-    """Give a callable that advances a bar by one, told what has been done."""
+    """Give a callable that advances a bar by one, given what has been done."""
     with _bar() as bar:
         task = bar.add_task(doing, total=total)
         yield lambda done: bar.update(task, advance=1, description=done)

@@ -42,7 +42,7 @@ _SPARE = ("#AA4499", "#661100", "#44AA99", "#DDCC77", GREY)
 
 MODES: Mapping[str, tuple[str, str]] = {
     "mujoco sampled": (VERMILION, "sampled: as deployed, control held"),
-    "mujoco continuous": (BLUE, "continuous: RK4, law in every stage"),
+    "mujoco continuous": (BLUE, "continuous: RK4, controller in every stage"),
     "mujoco exact": (GREEN, "exact: the ODE's own integrator"),
 }
 """Colour and words of each mode of MuJoCo, the largest difference first."""

@@ -104,7 +104,7 @@ def heading(replay: Replay, held: str, width: int, height: int) -> list[Text]:
     legend = (
         ("solid: MuJoCo", POLE),
         ("pale rim: ideal ODE", _rgb(GHOST)),
-        ("force F of the law (length ~ √F)", _rgb(FORCE)),
+        ("force F of the controller (length ~ √F)", _rgb(FORCE)),
         ("disturbance D", _rgb(PUSH)),
     )
     return [

@@ -141,7 +141,7 @@ def _part(shot: Shot, index: int, s: float) -> Picture:
 
 
 def _key(held: str, width: int, s: float) -> list[Text]:
-    """Return what the colours of a film with parts mean, and how the law is deployed."""
+    """Return what the colours of a film with parts mean, and how the controller is deployed."""
     lines = ("solid: MuJoCo, pale rim: ideal ODE", held)
     return [
         Text(width - 20 * s, (30 + 20 * row) * s, line, 14, QUIET, "rs")

@@ -35,7 +35,7 @@ class Film:
     runs
         Scenario and controller of each run in it.
     deployment
-        How the law is deployed.
+        How the controller is deployed.
     size
         Width and height [px].
     fps

@@ -17,7 +17,7 @@ from afl_mujoco.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deployment:
-    """How the law is deployed in the run that is filmed.
+    """How the controller is deployed in the run that is filmed.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Replay:
     state, ideal
         States of the run in MuJoCo and of the ideal ODE, shape (N, 4).
     force, push
-        Force of the law and disturbing force [N], shape (N,).
+        Force of the controller and disturbing force [N], shape (N,).
     cart_mass, half_length
         M [kg] and l [m], shape (N,).
     pole_mass, gravity
@@ -95,7 +95,7 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
 
 
 def record(scenario: Scenario, controller: Controller, deployment: Deployment, fps: int) -> Replay:
-    """Run the law as deployed in MuJoCo, and the ideal ODE, for a film.
+    """Run the controller as deployed in MuJoCo, and the ideal ODE, for a film.
 
     In the ideal ODE an estimating controller is given the true parameters, and the force of one
     with memory is held.

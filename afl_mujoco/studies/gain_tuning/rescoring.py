@@ -12,7 +12,7 @@ from afl_mujoco.simulation.metrics import metrics, with_objective
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 
 TIMESTEP = 1e-3
-"""Step of MuJoCo's RK4, the law in every stage [s]."""
+"""Step of MuJoCo's RK4, the controller in every stage [s]."""
 
 Unit = tuple[list[float], ObjectiveScales]
 

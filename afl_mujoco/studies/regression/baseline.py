@@ -34,8 +34,8 @@ STATE_LIMIT = 1e-8
 at most (B1); round-off is 2e-14, as the closed loop contracts it."""
 
 FORCE_LIMIT = 1e-6
-"""Most the force may move at any kept instant [N]: the law's gain on a state is some 100 N; round-
-off is 2e-13."""
+"""Most the force may move at any kept instant [N]: a controller's gain on a state is some 100 N;
+round-off is 2e-13."""
 
 SLACK = 1e-6
 """Share of a sample that round-off may add to a figure quantised by the samples."""

@@ -26,7 +26,7 @@ QUANTITIES = (
 PRESCRIBED = ("cart_mass", "half_length", "push")
 
 FIRST_MOMENTS = 0.05
-"""What the first shortcut shows [s]: where the law's first, fast answer falls."""
+"""What the first shortcut shows [s]: where the controller's first, fast answer falls."""
 
 BEFORE, AFTER = 0.1, 0.9
 """How much around a breakpoint the other shortcuts show [s]."""

@@ -89,7 +89,7 @@ _LIST = (
     ),
     Criterion(
         id="A7",
-        quantity="max difference under mirror and common scale, MuJoCo's qacc and the law",
+        quantity="max difference under mirror and common scale, MuJoCo's qacc and the force",
         unit="SI",
         limit=0,
         reason="negation and doubling change no bit of a mantissa",
@@ -116,16 +116,16 @@ _LIST = (
     ),
     Criterion(
         id="A8m",
-        quantity="|observed order of RK4 - 4| on a made-up motion with M(t), l(t)",
+        quantity="|observed order of RK4 - 4| on a manufactured motion with M(t), l(t)",
         unit="1",
         limit=0.3,
         reason="3.7 to 4.3 over four step sizes",
         proves="with M(t), l(t) in every stage RK4 keeps its order",
-        leaves_open="the law in the loop",
+        leaves_open="the controller in the loop",
     ),
     Criterion(
         id="A8x",
-        quantity="max |state_DOP853 - made-up motion|",
+        quantity="max |state_DOP853 - manufactured motion|",
         unit=_ALL_STATES,
         limit=1e-10,
         reason="DOP853 at rtol 1e-13",
@@ -150,7 +150,7 @@ _LIST = (
         reason="one integrator (DOP853, rtol 1e-12) on both right-hand sides: only model form "
         "is left",
         proves="MuJoCo's closed loop is the paper's, over the whole run",
-        leaves_open="errors of the integrator and of the law, which both sides share",
+        leaves_open="errors of the integrator and of the controller, which both sides share",
     ),
     Criterion(
         id="B2",
@@ -177,7 +177,7 @@ _LIST = (
         limit=1e-10,
         reason="the same RK4 steps on both right-hand sides: round-off grown along the run",
         proves="both sides take the very same steps",
-        leaves_open="errors common to both marches, which B2 sees",
+        leaves_open="errors common to both integrations, which B2 sees",
     ),
     Criterion(
         id="B3",
@@ -252,7 +252,7 @@ _LIST = (
         reason="as B1, with the terms in l' that the paper leaves out",
         proves="both sides agree on the stretching rod; how much the omission matters is the "
         "table below it",
-        leaves_open="which physics a given rig has",
+        leaves_open="which physics given hardware has",
     ),
 )
 

@@ -16,8 +16,8 @@ DECISIONS: Mapping[str, str] = MappingProxyType(
         "D5": "max(F) is the maximum of |F|.",
         "D6": "The impulse is a pulse of -10 N over 0.1 s from t = 10 s; an ideal impulse can be "
         "asked for in a scenario file.",
-        "D7": "Law and gain function see the true M(t), l(t); the controllers that end in -nominal "
-        "believe M = 1 kg, l = 0.5 m.",
+        "D7": "Controller and gain function see the true M(t), l(t); the controllers that end in "
+        "-nominal assume M = 1 kg, l = 0.5 m.",
         "D8": "Gains are searched in K 100 to 200, lambda 1 to 5, Phi 90 to 110: the claims C10 to "
         "C12 and the retuned controllers rest on it.",
         "D9": "M' and l' do not enter the dynamics, as in the paper.",

@@ -50,7 +50,7 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
     """Return the largest difference of any state at any instant that both runs report.
 
     Runs that did not both end the same way differ infinitely, and so do runs that leave nothing to
-    compare. Of runs that both fell, the part before `TIPPED` is compared: the law amplifies
+    compare. Of runs that both fell, the part before `TIPPED` is compared: the controller amplifies
     round-off there.
     """
     if one.outcome.kind != other.outcome.kind:
@@ -81,23 +81,23 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     plants[..., 0], plants[..., 1] = scenario.cart_mass(middles)[:, None], scenario.pole_mass
     plants[..., 2], plants[..., 3] = scenario.half_length(middles)[:, None], scenario.gravity
     forces = run.force[:-1] + scenario.pushes(middles)
-    struck = np.zeros(len(forces), dtype=np.bool_)
+    jumped = np.zeros(len(forces), dtype=np.bool_)
     for disturbance in scenario.disturbances:
         if isinstance(disturbance, Impulse):
             ends = run.time[1:] + SLACK
-            struck |= (ends - timestep <= disturbance.time) & (disturbance.time < ends)
-    return float(_one_step_difference(run.state, forces, plants, timestep, struck))
+            jumped |= (ends - timestep <= disturbance.time) & (disturbance.time < ends)
+    return float(_one_step_difference(run.state, forces, plants, timestep, jumped))
 
 
 @kernel
-def _one_step_difference(states, forces, plants, timestep, struck):
+def _one_step_difference(states, forces, plants, timestep, jumped):
     """Return the largest difference between each state and an RK4 step from the one before.
 
     A state that an impulse has just changed is left out.
     """
     worst = 0.0
     for k in range(len(forces)):
-        if struck[k]:
+        if jumped[k]:
             continue
         after = rk4_step(states[k], forces[k], plants[k], timestep)
         for i in range(4):

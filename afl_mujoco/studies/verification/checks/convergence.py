@@ -163,7 +163,7 @@ def sampled_study(
 def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
     """Return what holding the schedule alone costs, over `SCHEDULE_STEPS`; None without ramps.
 
-    Ideal impulses are left out: they strike with the parameters of a step's middle, which on a
+    Ideal impulses are left out: they act with the parameters of a step's middle, which on a
     ramp is an error of order 1 of its own.
     """
     if not any(s.cart_mass[1] or s.half_length[1] for s in scenario.segments):

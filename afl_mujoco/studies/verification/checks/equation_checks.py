@@ -78,9 +78,9 @@ def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
         columns = [momenta(model, np.array([*state[:2], *unit])) for unit in np.eye(2)]
         expected = mass_matrix(state, p)
         error = np.abs(np.stack(columns, axis=1) - expected) / np.abs(expected).max()
-        struck = np.array(impulse_jump(model.addresses, *state.tolist(), 1.0))
+        jumped = np.array(impulse_jump(model.addresses, *state.tolist(), 1.0))
         jump = velocity_jump(state, 1.0, p)
-        jump_error = np.abs(struck - jump).max() / np.abs(jump).max()
+        jump_error = np.abs(jumped - jump).max() / np.abs(jump).max()
         worst = max(worst, float(error.max()), float(jump_error))
     return worst
 
@@ -92,9 +92,9 @@ def _symmetry_checks(rng: np.random.Generator) -> tuple[Check, ...]:
 
 
 def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, float]:
-    """Return how far MuJoCo's accelerations and the law are from the symmetries of the plant.
+    """Return how far MuJoCo's accelerations and the controller's force are from the symmetries.
 
-    Mirrored states and forces give mirrored accelerations and forces of the law; a shift along z
+    Mirrored states and forces give mirrored accelerations and controller forces; a shift along z
     changes no acceleration; twice the masses under twice the force neither.
     """
     model = CartPoleModel(NOMINAL)
@@ -110,8 +110,8 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
         shifted = np.array(forward(at, float(state[0]) + 1.0, *state[1:].tolist(), force, 0.0))
         model.set_parameters(replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass))
         scaled = np.array(forward(at, *state.tolist(), 2.0 * force, 0.0))
-        law = control_force(state, p, FIXED_GAINS) + control_force(-state, p, FIXED_GAINS)
-        exact = max(exact, float(np.abs([here + mirrored, here - scaled]).max()), float(abs(law)))
+        force = control_force(state, p, FIXED_GAINS) + control_force(-state, p, FIXED_GAINS)
+        exact = max(exact, float(np.abs([here + mirrored, here - scaled]).max()), float(abs(force)))
         shift = max(shift, float((np.abs(here - shifted) / (1.0 + np.abs(here))).max()))
     return exact, shift
 

@@ -109,7 +109,7 @@ def manufactured(
 
 
 def required_forces(time: float) -> tuple[float, float]:
-    """Return the forces on z [N] and phi [N m] that (P2) and (P1) need for the made-up motion.
+    """Return the forces on z [N] and phi [N m] that (P2) and (P1) need for the manufactured motion.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def required_forces(time: float) -> tuple[float, float]:
 
 
 def manufactured_study() -> tuple[Study, float]:
-    """Return RK4's error around MuJoCo's dynamics on the made-up motion, and that of DOP853."""
+    """Return RK4's and DOP853's errors around MuJoCo's dynamics on the manufactured motion."""
     at = (model := CartPoleModel(NOMINAL)).addresses
 
     def rate(time: float, state: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The claims on the law, the table and the fits, judged without the campaign: C1, C10 and C11."""
+"""The claims on control law, table and fits, judged without the campaign: C1, C10 and C11."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def _stabilised(runs: Runs) -> Claim:
     reached = [time for time in calm if time is not None]
     return Claim(
         id="C2",
-        claim="the law drives all states to zero from -60 degrees",
+        claim="the controller drives all states to zero from -60 degrees",
         figure="latest settling of any state into 2 % of its peak, four cases [s]",
         paper=None,
         here=max(reached) if len(reached) == len(calm) else None,
@@ -125,8 +125,8 @@ def _less(one: float | None, other: float | None) -> bool:
 
 def _impulse(runs: Runs) -> Claim:
     """C8: the impulse at 10 s is rejected."""
-    struck = [name for name in SCENARIOS if name.endswith("-impulse")]
-    calm = [_settled(runs[s, c]) for s in struck for c in (FIXED, ADAPTIVE)]
+    disturbed = [name for name in SCENARIOS if name.endswith("-impulse")]
+    calm = [_settled(runs[s, c]) for s in disturbed for c in (FIXED, ADAPTIVE)]
     reached = [time - IMPULSE_TIME for time in calm if time is not None]
     return Claim(
         id="C8",
@@ -135,5 +135,5 @@ def _impulse(runs: Runs) -> Claim:
         paper=None,
         here=max(reached) if len(reached) == len(calm) else None,
         verdict=verdict(len(reached) / len(calm)),
-        why=f"{len(reached)} of {len(calm)} struck runs settle again before 20 s",
+        why=f"{len(reached)} of {len(calm)} disturbed runs settle again before 20 s",
     )

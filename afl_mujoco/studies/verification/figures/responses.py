@@ -224,14 +224,14 @@ def _peaks(one: Curves) -> str:
     z, _, z_dot, phi_dot = map(in_words, np.nanmax(np.abs(state), axis=0))
     return (
         f"{one.controller.capitalize()}: the pole starts at {in_words(state[0, 1])} rad and swings "
-        f"{in_words(_beyond(state[:, 1]))} rad beyond upright, the cart strays {z} m, its speed "
-        f"peaks at {z_dot} m/s, the pole's rate at {phi_dot} rad/s, the force at "
+        f"{in_words(_beyond(state[:, 1]))} rad beyond upright, the cart moves {z} m away, its "
+        f"speed peaks at {z_dot} m/s, the pole's rate at {phi_dot} rad/s, the force at "
         f"{in_words(_largest(force))} N."
     )
 
 
 def _largest(values: np.ndarray) -> float:
-    """Return the largest size of what is a number; 0 if nothing is, as of a law without force."""
+    """Return the largest size of what is a number; 0 if nothing is, as without a force."""
     return float(np.abs(values[~np.isnan(values)]).max(initial=0.0))
 
 
