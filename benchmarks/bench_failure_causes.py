@@ -1,6 +1,6 @@
 """Why did the random rigs fail? Every failure of a campaign again, one imperfection taken away.
 
-Run: python benchmarks/bench_failure_causes.py [renders/robustness]
+Run: python benchmarks/bench_failure_causes.py [renders/validation]
 
 Reads `montecarlo.json` and the failures' files of a whole `afl-mujoco montecarlo`, as it is without
 options (seed 1, RK4 at 1 ms). Says how many of each controller's failures stay up without rail
@@ -58,7 +58,7 @@ def fifths(feature: NDArray[np.float64], failed: NDArray[np.bool_]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Take one imperfection away at a time.")
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("renders/robustness"))
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("renders/validation"))
     parser.add_argument("--threads", type=int, default=2)
     options = parser.parse_args()
     result = load_record(find_study("montecarlo"), options.folder).result

@@ -20,7 +20,7 @@ def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
     assert result.stderr == ""
     assert "How rollouts end" in result.stdout
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"attraction.json", "attraction.npz", "attraction.md"} | {
+    assert written == {"attraction.json", "attraction.npz", "attraction.md", "report.html"} | {
         f"attraction-{plane}.{kind}" for plane in ("states", "plants") for kind in ("svg", "png")
     }
     states, plants = load_record(find_study("attraction"), tmp_path / "out").result.maps

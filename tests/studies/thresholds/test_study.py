@@ -31,10 +31,10 @@ def test_it_writes_numbers_figures_and_a_table_and_a_controller_of_ones_own_is_s
     )  # fmt: skip
     assert (result.returncode, result.stderr) == (0, "")
     assert "From where each controller no longer survives short" in result.stdout
-    assert "afl-mujoco report --robustness out puts it into a report" in result.stdout
+    assert "out/thresholds.json" in result.stdout and "out/report.html" in result.stdout
     content = json.loads((tmp_path / "out" / "thresholds.json").read_text())
-    assert content["result"]["controllers"] == ["lqr", "controller.push"]
-    assert [r["name"] for r in content["result"]["imperfections"]] == ["force-limit", "rail"]
+    assert content["controllers"] == ["lqr", "controller.push"]
+    assert [r["name"] for r in content["imperfections"]] == ["force-limit", "rail"]
     assert content["command"].startswith(
         "afl-mujoco thresholds short.toml --controllers lqr controller:push"
     )
@@ -43,7 +43,7 @@ def test_it_writes_numbers_figures_and_a_table_and_a_controller_of_ones_own_is_s
     assert not (tmp_path / "renders").exists()
     names = ("thresholds", "thresholds-combined")
     figures = {f"{name}.{suffix}" for name in names for suffix in ("svg", "png")}
-    assert written == figures | {"thresholds.json", "thresholds.md"}
+    assert written == figures | {"thresholds.json", "thresholds.md", "report.html"}
 
 
 def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:

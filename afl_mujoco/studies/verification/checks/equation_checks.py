@@ -110,8 +110,8 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
         shifted = np.array(forward(at, float(state[0]) + 1.0, *state[1:].tolist(), force, 0.0))
         model.set_parameters(replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass))
         scaled = np.array(forward(at, *state.tolist(), 2.0 * force, 0.0))
-        force = control_force(state, p, FIXED_GAINS) + control_force(-state, p, FIXED_GAINS)
-        exact = max(exact, float(np.abs([here + mirrored, here - scaled]).max()), float(abs(force)))
+        odd = control_force(state, p, FIXED_GAINS) + control_force(-state, p, FIXED_GAINS)
+        exact = max(exact, float(np.abs([here + mirrored, here - scaled]).max()), float(abs(odd)))
         shift = max(shift, float((np.abs(here - shifted) / (1.0 + np.abs(here))).max()))
     return exact, shift
 
