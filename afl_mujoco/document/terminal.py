@@ -63,7 +63,7 @@ def _print_section(section: blocks.Section, folder: Path, console: Console) -> N
 def _line(block: blocks.Block, folder: Path) -> RichText:
     """Return a block other than a table that is shown."""
     if isinstance(block, blocks.Finding):
-        return RichText(f"{block.lead}: ", style="bold").append_text(_marked(block.text))
+        return RichText.assemble((f"{block.lead}: ", "bold"), _marked(block.text))
     if isinstance(block, blocks.Text):
         return _marked(block.text)
     if isinstance(block, blocks.Command):  # as it is typed, to be copied
@@ -79,7 +79,7 @@ def _line(block: blocks.Block, folder: Path) -> RichText:
         return RichText(f"{block.title}: {', '.join(said)}")
     if isinstance(block, blocks.Facts):
         return RichText("\n").join(
-            RichText(f"{fact.label}: ", style="bold").append_text(_marked(fact.text))
+            RichText.assemble((f"{fact.label}: ", "bold"), _marked(fact.text))
             for fact in block.facts
         )
     raise TypeError(block)

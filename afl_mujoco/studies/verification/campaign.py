@@ -37,6 +37,7 @@ def verify(
     """Judge every scenario with every controller; arguments as of the study's `run`."""
     require_runnable(scenarios, controllers, settings)
     cases = [(s, c, settings) for s in scenarios for c in controllers]
+    progress("cases", 0, len(cases))
     checks = list(equation_checks())
     studies: list[Refinement] = []
     if settings.full:
