@@ -39,8 +39,7 @@ robustness: ## every study but validate: what happens when the loop is not ideal
 	@for study in $(filter-out validate,$(STUDIES)); do $(MAKE) --no-print-directory $$study || exit; done
 
 docs: $(READY) ## print the tables of the documentation from the code
-	@$(BIN)/python -m afl_mujoco.studies.verification.criteria_table docs/verification.md
-	@$(BIN)/python -m afl_mujoco.cli.tables docs
+	@$(BIN)/python -m afl_mujoco.cli.tables docs $(ARGS)
 
 test: $(READY) ## run the tests but the slow ones; or exactly those of ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")

@@ -5,7 +5,7 @@ fast checks run: the verdict of `afl-mujoco validate --full`, and if that does n
 tests. A copy without a fault must pass both; its compiled code goes into the others, where whatever
 depends on the faulty file is compiled anew.
 
-    python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--markdown FILE] [--list]
+    python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--docs FILE] [--list]
 
 Exit code 0 if every fault is caught, 1 otherwise, 130 when interrupted.
 """
@@ -28,6 +28,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+
+from afl_mujoco.document.markdown import cells_as_table, rewrite
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 NEEDED = ("afl_mujoco", "models", "tests", "docs", "pyproject.toml", "README.md")
@@ -205,11 +207,10 @@ def run_all(faults: Sequence[Fault], jobs: int, report: Callable[[str], None]) -
 
 def as_markdown(results: dict[str, str]) -> str:
     """Return the table of docs/verification.md."""
-    rows = [HEADER, ("---", "---")]
-    for name, by in results.items():
-        if name != SOUND.name:
-            rows.append((name, by.replace("|", "\\|") or "**nothing**"))
-    return "".join(f"| {name} | {by} |\n" for name, by in rows)
+    found = {name: by for name, by in results.items() if name != SOUND.name}
+    caught = sum(bool(by) for by in found.values())
+    rows = [(name, by or "**nothing**") for name, by in found.items()]
+    return f"{caught} of {len(found)} faults are caught.\n\n{cells_as_table(HEADER, rows)}"
 
 
 def as_text(results: dict[str, str]) -> str:
@@ -245,7 +246,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Plant faults and see which check catches each.")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="parts of the names of faults")
     parser.add_argument("--jobs", type=int, default=2, help="how many faults at a time")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the table there")
+    parser.add_argument("--docs", type=Path, metavar="FILE", help="put the table into this page")
     parser.add_argument("--list", action="store_true", help="only check and print the list")
     options = parser.parse_args()
     faults = load_faults()
@@ -262,8 +263,8 @@ def main() -> int:
         return 1
     missed = [fault.name for fault in faults if not results[fault.name]]
     print(f"\n{as_text(results)}\n{len(faults) - len(missed)} of {len(faults)} faults caught")
-    if options.markdown:
-        options.markdown.write_text(as_markdown(results), encoding="utf-8")
+    if options.docs and not options.only:
+        rewrite(options.docs, "faults", as_markdown(results))
     return 1 if missed else 0
 
 

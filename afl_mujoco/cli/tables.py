@@ -1,7 +1,8 @@
 """Write the tables of the documentation that say what the code declares: `make docs`.
 
-They are the fields of a scenario's ``[imperfections]``, the imperfections whose thresholds are
-searched, and the space of random hardware.
+They are the criteria, the fields of a scenario's ``[imperfections]``, the imperfections whose
+thresholds are searched, the space of random hardware and the keys of every result file; and, given
+a report.json, the claims.
 """
 
 from __future__ import annotations
@@ -11,24 +12,79 @@ import inspect
 import json
 import sys
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
+from dataclasses import fields
+from itertools import groupby, pairwise
 from pathlib import Path
 
-from afl_mujoco.document.markdown import cells_as_table
+from afl_mujoco.document.markdown import cells_as_table, rewrite
+from afl_mujoco.errors import FileError
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.studies.monte_carlo.space import SampleSpace
+from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.thresholds.classes import level_text
 from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL, added
-from afl_mujoco.studies.verification.criteria_table import rewrite
+from afl_mujoco.studies.verification.criteria import CRITERIA
 
 
 def tables() -> dict[tuple[str, str], str]:
     """Return each table by its page and the name of its marks."""
     return {
+        ("verification.md", "criteria"): criteria_table(),
         ("notation.md", "imperfections"): fields_table(),
         ("robustness.md", "reference hardware"): thresholds_table(),
         ("montecarlo.md", "space"): space_table(),
+        ("results.md", "results"): results_table(),
     }
+
+
+def criteria_table() -> str:
+    """Return every criterion."""
+    header = ("check", "quantity", "unit", "limit", "why this limit", "proves", "leaves open")
+    rows = [
+        (c.id, c.quantity, c.unit, f"{c.limit:g}", c.reason, c.proves, c.leaves_open)
+        for c in CRITERIA.values()
+    ]
+    return cells_as_table(header, rows)
+
+
+def claims_table(report: Path) -> str:
+    """Return the claims of a report."""
+    found = load_record(studies()["validate"], report.parent).result
+    if not found.claims:
+        raise FileError(str(report), "must hold claims: run make proof on every scenario")
+    rows = []
+    for claim in found.claims:
+        numbers = ("–" if x is None else f"{x:.4g}" for x in (claim.paper, claim.here))
+        said = f"{claim.claim}; *{claim.figure}*"
+        rows.append((claim.id, said, *numbers, f"**{claim.verdict}**", claim.why))
+    return cells_as_table(("", "claim", "paper", "here", "verdict", "why"), rows)
+
+
+def results_table() -> str:
+    """Return the keys of every study's result file, with what the docstrings say of them."""
+    rows = []
+    for study in studies().values():
+        file = f"`{study.stem}.json`, schema {study.schema}"
+        said = _attributes(study.result_type)
+        names = [field.name for field in fields(study.result_type)]
+        for text, alike in groupby(names, key=said.__getitem__):
+            rows.append((file, ", ".join(f"`{name}`" for name in alike), text))
+            file = ""
+    return cells_as_table(("file", "key", "what it holds"), rows)
+
+
+def _attributes(kind: type) -> dict[str, str]:
+    """Return what the docstring of a dataclass says of each attribute."""
+    _, _, text = inspect.cleandoc(kind.__doc__ or "").partition("Attributes\n----------\n")
+    found: dict[str, list[str]] = {}
+    names: list[str] = []
+    for line in text.splitlines():
+        if line and not line.startswith(" "):
+            names = line.split(", ")
+        for name in names if line.startswith(" ") else ():
+            found.setdefault(name, []).append(line.strip())
+    return {name: " ".join(lines).removesuffix(".") for name, lines in found.items()}
 
 
 def fields_table() -> str:
@@ -88,6 +144,13 @@ def _docstrings(kind: type) -> Mapping[str, str]:
     return dict(found())
 
 
-if __name__ == "__main__":
+def main(docs: Path, report: Path | None = None) -> None:
+    """Write every table of a folder of documentation, the claims too if there is a report."""
     for (page, name), table in tables().items():
-        rewrite(Path(sys.argv[1]) / page, name, table)
+        rewrite(docs / page, name, table)
+    if report is not None:
+        rewrite(docs / "tuning.md", "claims", claims_table(report))
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, Span, spans
+from afl_mujoco.errors import FileError
+from afl_mujoco.files import write_text
 
 MARKS = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
 
@@ -108,3 +110,13 @@ def cells_as_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [header, ("---",) * len(header), *rows]
     cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+
+
+def rewrite(page: Path, name: str, text: str) -> None:
+    """Put a text between its two marks in a page, ``<!-- name -->`` and ``<!-- end of ... -->``."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
+    _, closed, after = rest.partition(end)
+    if not (found and closed):
+        raise FileError(str(page), f"must hold the marks of {name}, one after the other")
+    write_text(page, before + begin + text + end + after)

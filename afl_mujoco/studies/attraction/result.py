@@ -123,7 +123,13 @@ class MapPair:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """Maps of attraction: each controller on each plane."""
+    """Maps of attraction.
+
+    Attributes
+    ----------
+    maps
+        Each controller on each plane, by the equations and in MuJoCo.
+    """
 
     maps: tuple[MapPair, ...]
 

@@ -13,8 +13,6 @@ import pytest
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import load_record, save_record
 from afl_mujoco.studies.registry import find_study
-from afl_mujoco.studies.verification.claims_table import claims_table
-from afl_mujoco.studies.verification.criteria_table import rewrite
 from afl_mujoco.studies.verification.files import junit
 from afl_mujoco.studies.verification.result import Result
 from tests.study_results import record
@@ -93,27 +91,3 @@ def test_curves_of_another_shape_are_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps(data))
     with pytest.raises(FileError, match="curve push must have shape"):
         load_record(find_study("validate"), tmp_path)
-
-
-def test_a_page_gets_the_claims_of_a_report_between_its_marks(tmp_path: Path) -> None:
-    report = write(make_result(), tmp_path)
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- claims -->\nold\n<!-- end of claims -->\nafter\n")
-    rewrite(page, "claims", claims_table(report))
-    text = page.read_text()
-    assert text.startswith("before\n<!-- claims -->\n|  | claim | paper | here |")
-    row = "| C3 | claim 3 has \\|F\\| & <angles>; *improvement of the objective (O1) [%]* | 38.03 |"
-    assert row in text
-    assert "old" not in text
-    assert text.endswith("<!-- end of claims -->\nafter\n")
-
-
-def test_a_page_without_its_marks_and_a_report_without_claims_are_refused(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("<!-- claims -->\nall of the rest\n")
-    with pytest.raises(FileError, match="must hold the marks of claims"):
-        rewrite(page, "claims", "text")
-    assert page.read_text() == "<!-- claims -->\nall of the rest\n"
-    report = write(make_result(full=False), tmp_path)
-    with pytest.raises(FileError, match="must hold claims"):
-        claims_table(report)
