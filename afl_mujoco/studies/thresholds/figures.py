@@ -33,7 +33,7 @@ def draw_thresholds(result: Result) -> Figure:
     """Draw the thresholds: a row for each imperfection, a column for each controller."""
     controllers = result.controllers
     rows = len(result.imperfections)
-    figure = new_figure(2.9 + 1.05 * len(controllers), 1.3 + 0.3 * rows)
+    figure = new_figure(max(2.9 + 1.05 * len(controllers), 6.0), 1.3 + 0.3 * rows)
     axes = figure.subplots()
     sweeps = [[result.sweep(one.name, c) for c in controllers] for one in result.imperfections]
     kinds = np.array(
@@ -64,7 +64,7 @@ def draw_thresholds(result: Result) -> Figure:
 def draw_combined(result: Result) -> Figure:
     """Draw how each controller ends as the reference imperfections are added in turn."""
     controllers, names = result.controllers, result.added
-    figure = new_figure(2.2 + 0.42 * len(names), 2.6 + 0.3 * len(controllers))
+    figure = new_figure(max(2.2 + 0.42 * len(names), 6.0), 2.6 + 0.3 * len(controllers))
     axes = figure.subplots()
     kinds = np.array([[_ending(verdict) for verdict in result.combined[c]] for c in controllers])
     axes.imshow(np.array([to_rgba(c) for c in ENDINGS.values()])[kinds], aspect="auto")

@@ -12,7 +12,7 @@ from afl_mujoco.studies.verification.sections.scenarios import scenarios_section
 
 AGREE = (
     "MuJoCo and the equations agree within every limit. This is a verdict on the two codes, not on "
-    "the paper or on a controller: what is left of its claims stands below."
+    "the paper or on a controller."
 )
 DIFFER = (
     "At least one figure lies beyond its limit: no conclusion may rest on the numbers below until "

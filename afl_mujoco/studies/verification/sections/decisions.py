@@ -51,7 +51,7 @@ def decisions_section(result: Result) -> Section:
     """Return the decisions, each with what rests on it."""
     text = Text(
         "Where the paper is silent or contradicts itself something had to be decided. Each "
-        "decision is a default that can be changed; what rests on it stands below it."
+        "decision is a default that can be changed; what rests on it follows."
     )
     facts = [
         Fact(id, f"{words} {_dependents(result, id)}", anchor=id)
