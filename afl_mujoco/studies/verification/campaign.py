@@ -11,7 +11,7 @@ from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import nominal_scales, with_objective
-from afl_mujoco.studies.cases import Settings, require_runnable
+from afl_mujoco.studies.cases import DECISIVE, Settings, require_runnable
 from afl_mujoco.studies.contract import Progress, silent
 from afl_mujoco.studies.verification.case import judge
 from afl_mujoco.studies.verification.checks.convergence import Refinement
@@ -21,9 +21,6 @@ from afl_mujoco.studies.verification.checks.reference_checks import free_swings,
 from afl_mujoco.studies.verification.claims.ledger import judge_claims
 from afl_mujoco.studies.verification.claims.schedules import FULL, QUICK
 from afl_mujoco.studies.verification.result import Result, verdict_of
-
-DECISIVE = "mujoco continuous"
-"""Simulator whose runs decide the paper's claims: the controller as published, in MuJoCo."""
 
 
 def verify(

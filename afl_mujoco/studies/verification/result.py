@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.cases import Run, Settings
+from afl_mujoco.studies.cases import DECISIVE, Run, Settings
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget
@@ -93,6 +93,11 @@ class Result:
     def failed_checks(self) -> tuple[Check, ...]:
         """The checks that do not hold."""
         return tuple(check for check in self.checks if not check.passed)
+
+    @property
+    def decisive_runs(self) -> list[Run]:
+        """The runs whose metrics count, one for each case."""
+        return [run for run in self.runs if run.simulator == DECISIVE]
 
     def curves_of(self, scenario: str) -> list[Curves]:
         """Return the curves of a scenario under each controller."""

@@ -80,6 +80,13 @@ def test_the_verdict_counts_the_checks() -> None:
     assert not verdict(replace(make_result(), checks=(), verdict="fail")).passed
 
 
+def test_a_verdict_on_two_codes_does_not_hide_that_the_pole_fell() -> None:
+    fell = make_result(outcome="fell at t = 1.2 s", fell_at=1200)
+    text = verdict(fell).text
+    assert text.startswith("all 22 checks hold, but 4 of 4 cases did not complete (step-step with ")
+    assert "fixed fell at t = 1.2 s, ...)" in text
+
+
 def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -> None:
     result = make_result(b3=3.4e-7)
     rows = {row[0].text: row for row in table(result, "criteria, 4 failing")}

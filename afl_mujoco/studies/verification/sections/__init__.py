@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from afl_mujoco.document.blocks import Section, Verdict
+from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.checks import checks_section
 from afl_mujoco.studies.verification.sections.claims import claims_section
@@ -23,9 +24,21 @@ DIFFER = (
 def verdict(result: Result) -> Verdict:
     """Return whether every check holds."""
     total, failed = len(result.checks), len(result.failed_checks)
+    ended = _not_completed(result)
     if result.passed:
-        return Verdict(True, f"all {total} checks hold", AGREE)
-    return Verdict(False, f"{failed} of {total} checks fail", DIFFER)
+        return Verdict(True, f"all {total} checks hold{ended}", AGREE)
+    return Verdict(False, f"{failed} of {total} checks fail{ended}", DIFFER)
+
+
+def _not_completed(result: Result) -> str:
+    """Say which cases did not complete: that two codes agree on a fall does not undo it."""
+    runs = result.decisive_runs
+    ended = [run for run in runs if run.outcome != COMPLETED]
+    if not ended:
+        return ""
+    first = f"{ended[0].scenario} with {ended[0].controller} {ended[0].outcome}"
+    more = ", ..." if len(ended) > 1 else ""
+    return f", but {len(ended)} of {len(runs)} cases did not complete ({first}{more})"
 
 
 def sections(result: Result) -> list[Section]:

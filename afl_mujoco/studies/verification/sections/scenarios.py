@@ -34,9 +34,6 @@ from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.checks import figure
 from afl_mujoco.studies.verification.sections.decisions import rests_on
 
-DECISIVE = "mujoco continuous"
-"""Simulator whose figures a scenario's table gives: the controller as published, in MuJoCo."""
-
 CASES: Mapping[str, str] = MappingProxyType(
     {
         "step-step": "Analogue of the paper's Fig. 7: M and l change by steps.",
@@ -109,7 +106,7 @@ def _overview(result: Result) -> Table:
     """Return every case in a line: how it ended, and the checks."""
     checks = {(c.scenario, c.controller, c.id): c for c in result.checks}
     rows: list[tuple[Cell | str, ...]] = []
-    for run in _decisive(result):
+    for run in result.decisive_runs:
         found = (checks.get((run.scenario, run.controller, id)) for id in HEADLINE)
         rows.append(
             (
@@ -138,15 +135,12 @@ def _overview(result: Result) -> Table:
     )
 
 
-def _decisive(result: Result) -> list[Run]:
-    """Return the runs whose figures count."""
-    return [run for run in result.runs if run.simulator == DECISIVE]
-
-
 def _section(result: Result, number: int, scenario: Scenario) -> Section:
     """Return one scenario."""
     runs = [run for run in result.runs if run.scenario == scenario.name]
-    figures = {run.controller: run.metrics for run in runs if run.simulator == DECISIVE}
+    figures = {
+        run.controller: run.metrics for run in result.decisive_runs if run.scenario == scenario.name
+    }
     curves = result.curves_of(scenario.name)
     change, _ = _change("objective", figures)
     blocks: list[Block] = [
