@@ -6,7 +6,7 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # A target for each study, by the name that its folder gives it.
-STUDIES := $(shell sed -n 's/^    name="\(.*\)",$$/\1/p' afl_mujoco/studies/*/study.py)
+STUDIES := $(shell sed -n 's/.*\bname="\([a-z_]*\)".*/\1/p' afl_mujoco/studies/*/study.py)
 
 .DEFAULT_GOAL := help
 .PHONY: $(STUDIES) help setup validate proof robustness render view report docs test slow regression baselines pinocchio cluster tune bench faults check lock clean distclean
@@ -34,7 +34,6 @@ report: $(READY) ## make renders/validation/report.html anew from what is there,
 $(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
-# Every study but the first, which is validate.
 robustness: ## every study but validate: what happens when the loop is not ideal (30 minutes, ARGS="--quick": 5)
 	@for study in $(filter-out validate,$(STUDIES)); do $(MAKE) --no-print-directory $$study || exit; done
 

@@ -88,11 +88,15 @@ def write_json(path: Path, content: object, *, indent: int | None = 1) -> None:
 
     A number that is not finite is a ValueError; NaN in a `FloatArray` is null in the file.
     """
-    plain = _adapter(type(content)).dump_python(content, mode="json")
-    text = json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(as_plain(content), indent=indent, allow_nan=False, ensure_ascii=False)
     if indent is not None:
         text = _NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text)
     write_text(path, text + "\n")
+
+
+def as_plain(content: object, context: object = None) -> Any:
+    """Return a dataclass as plain data; `context` is for the fields that write themselves."""
+    return _adapter(type(content)).dump_python(content, mode="json", context=context)
 
 
 def read_json(path: Path | Traversable, kind: type[Content], wrong: str, then: str = "") -> Content:
@@ -106,12 +110,15 @@ def read_json(path: Path | Traversable, kind: type[Content], wrong: str, then: s
         return parse_json(path.read_text(encoding="utf-8"), kind)
 
 
-def parse_json(text: str, kind: type[Content]) -> Content:
-    """Return what a text of JSON says, as `read_json` does, or raise ValueError."""
+def parse_json(text: str, kind: type[Content], context: object = None) -> Content:
+    """Return what a text of JSON says, as `read_json` does, or raise ValueError.
+
+    `context` is for the fields that read themselves.
+    """
     from pydantic import ValidationError
 
     try:
-        content: Content | None = _adapter(kind).validate_json(text)
+        content: Content | None = _adapter(kind).validate_json(text, context=context)
     except ValidationError as error:
         raise ValueError(_in_one_line(error, kind)) from None
     if content is None:

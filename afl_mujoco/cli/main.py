@@ -76,7 +76,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
     except SystemExit as end:
         if end.code == BAD_INPUT:
             lines = (line.strip("│╭╮╰╯─ ") for line in complaint.getvalue().splitlines()[1:])
-            said = " ".join(line for line in lines if line)
+            said = " ".join(line for line in lines if line).partition(" Perhaps you meant")[0]
             print(f"{PROGRAM}: {said}", file=sys.stderr)
         raise
     return command

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from afl_mujoco.document.blocks import Section
     from afl_mujoco.studies.record import Record
 
-PAGE = "report.html"
 TITLE = "Cart-pole controllers in MuJoCo"
 LEDE = (
     "A cart-pole whose mass and length change while it moves: what was run, what was found, and "
@@ -53,10 +52,9 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
         Study whose result will be replaced.
     """
     from afl_mujoco.studies.films.listing import load_listing
-    from afl_mujoco.studies.record import load_records
+    from afl_mujoco.studies.record import PAGE, load_records, require_no_folder
 
-    if (folder / PAGE).is_dir():
-        raise FileError(str(folder / PAGE), "must be a file, is a folder")
+    require_no_folder(folder, (PAGE,))
     load_listing(films)
     load_records(folder, leave_out=leave_out)
 
@@ -66,7 +64,7 @@ def write_page(folder: Path, films: Path) -> Path:
     from afl_mujoco.document.html import to_html
     from afl_mujoco.files import write_text
     from afl_mujoco.studies.films.sections import sections as film_sections
-    from afl_mujoco.studies.record import load_records
+    from afl_mujoco.studies.record import PAGE, load_records
 
     records = load_records(folder)
     if not records:

@@ -11,7 +11,7 @@ import tyro
 
 from afl_mujoco.cli.terminal import SUCCESS
 from afl_mujoco.control.names import KNOWN, SUBJECT
-from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.errors import FileError, UnknownNameError
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
@@ -76,11 +76,15 @@ class Simulate:
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
         runs = [self._simulate(scenario, controller, kind, integrator) for kind in simulators]
+        resolved = self.out / f"{scenario.name}.toml"
+        if Path(self.scenario).is_file() and resolved.resolve() == Path(self.scenario).resolve():
+            rule = "is the scenario asked for and would be overwritten: choose another --out"
+            raise FileError(str(resolved), rule)
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
         as_run = None if replay == Replay() else Replay(controller=name, integrator=integrator)
-        save_scenario(scenario, folder / f"{scenario.name}.toml", replay=as_run)
+        save_scenario(scenario, resolved, replay=as_run)
         save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
         scales = nominal_scales(self.timestep)
         figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 import tyro
 
 from afl_mujoco.cli.terminal import CHECK_FAILED, FILMS, RESULTS, SUCCESS, bars, separated, typed
-from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.studies.contract import Progress, Study
 from afl_mujoco.studies.registry import studies
 
@@ -24,7 +24,7 @@ class StudyCommand:
     study: ClassVar[Study]
 
     page: bool = True
-    """Draw the figures and write report.html, of everything that is in the folder."""
+    """Figures, and report.html of everything in the folder; --no-page leaves them out."""
     films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes: films for the page, if there."""
     out: Path = RESULTS
@@ -42,13 +42,13 @@ class StudyCommand:
         if who.get("cluster") is not None:
             require_address(who["cluster"])
 
-        from afl_mujoco.cli.page import PAGE, require_page, write_page
+        from afl_mujoco.cli.page import require_page, write_page
         from afl_mujoco.document.terminal import print_sections, print_verdict
-        from afl_mujoco.files import output_folder, remove_file
-        from afl_mujoco.studies.record import Record, save_record
+        from afl_mujoco.files import output_folder
+        from afl_mujoco.studies.record import PAGE, Record, require_no_folder, save_record
 
-        if (path := self.out / f"{study.stem}.json").is_dir():
-            raise FileError(str(path), "must be a file, is a folder")
+        names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
+        require_no_folder(self.out, (*names, PAGE))
         if self.page:
             require_page(self.out, self.films, leave_out=study.name)
         study.require_folder(self.out)
@@ -56,13 +56,12 @@ class StudyCommand:
         with study_progress() as progress:
             result = study.run(configuration, progress=progress, **who)
             record = Record(study=study, result=result, command=typed(study.name, configuration))
-            remove_file(folder / PAGE)  # beside the new result an old page would mislead
             files = save_record(
                 record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
             )
+        print_sections(record.sections, folder)
         if self.page:
             files.append(write_page(folder, self.films))
-        print_sections(record.sections, folder)
         print(f"wrote {_told(files)}")
         if record.verdict is None:
             return SUCCESS

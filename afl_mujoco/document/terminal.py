@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -43,7 +45,9 @@ def print_verdict(verdict: blocks.Verdict) -> None:
 
 def _console() -> Console:
     """Return the terminal, or what stands for one."""
-    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    wanted = os.environ.get("COLUMNS", "")
+    width = int(wanted) if wanted.isdigit() and int(wanted) else WIDTH
+    return Console(width=None if sys.stdout.isatty() else width, highlight=False)
 
 
 def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
@@ -102,7 +106,8 @@ def _table(table: blocks.Table) -> RichTable:
     """Return a table; what leads in a row and repeats the row above is left out."""
     shown = RichTable(box=SIMPLE_HEAD, title=RichText(table.caption), title_justify="left")
     for column in table.columns:
-        shown.add_column(RichText(column.title), justify="right" if column.number else "left")
+        side: Any = "right" if column.number else "left"
+        shown.add_column(RichText(column.title), justify=side, overflow="fold")
     above: list[str] = []
     for row in table.cells:
         texts = [MARKS[cell.status] + cell.text for _, cell in row]

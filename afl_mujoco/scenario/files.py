@@ -186,6 +186,9 @@ def find_scenario(name: str) -> Scenario:
         return SCENARIOS[name]
     if name.endswith(".toml"):
         return load_scenario(name)
+    if Path(f"{name}.toml").is_file():
+        rule = "must be of the catalogue or end in .toml: did you mean"
+        raise InvalidValueError("scenario", f"{rule} {name}.toml?", repr(name))
     raise UnknownNameError.among("scenario", name, (*SCENARIOS, "a .toml file"))
 
 

@@ -27,6 +27,7 @@ def describe(scenario: Scenario) -> list[tuple[str, str]]:
         ("cart mass M", schedule_text(scenario.cart_mass, "kg", scenario.duration)),
         ("half-length l", schedule_text(scenario.half_length, "m", scenario.duration)),
         ("pole mass m", f"{short(scenario.pole_mass)} kg"),
+        ("gravity g", f"{short(scenario.gravity)} m/s²"),
         ("disturbances", _disturbances(scenario)),
         ("start", start),
         ("horizon", f"{short(scenario.duration)} s"),

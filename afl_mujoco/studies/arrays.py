@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    PlainSerializer,
-    PlainValidator,
-    SerializationInfo,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-)
+from pydantic import PlainSerializer, PlainValidator, SerializationInfo, ValidationInfo
+
+from afl_mujoco.files import as_plain, parse_json
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -30,34 +26,29 @@ def _store(array: NDArray[Any], info: SerializationInfo) -> str:
 def _fetch(value: Any, info: ValidationInfo) -> NDArray[Any]:
     """Return an array by its name."""
     arrays: Any = info.context or {}
-    if isinstance(value, np.ndarray):
-        return value
-    if isinstance(value, str) and value in arrays:
-        found: NDArray[Any] = arrays[value]
-        return found
-    raise ValueError(f"must be the name of an array of the npz, got {value!r}")
+    if not isinstance(value, str) or value not in arrays:
+        raise ValueError(f"must be the name of an array of the npz, got {value!r}")
+    found: NDArray[Any] = arrays[value]
+    if found.dtype.kind not in "biuf":
+        raise ValueError(f"must be an array of numbers, has type {found.dtype}")
+    return found
 
 
 Array = Annotated[NDArray[Any], PlainValidator(_fetch), PlainSerializer(_store)]
 """A field of a result that is kept in the npz beside the JSON, by the name of its place."""
 
 
-def packed(kind: type, result: Any) -> tuple[dict[str, Any], Arrays]:
-    """Return a result of a type as plain data, and its arrays by the names that stand for them."""
+def packed(result: object) -> tuple[dict[str, Any], Arrays]:
+    """Return a result as plain data, and its arrays by the names that stand for them."""
     stored: Arrays = {}
-    data = TypeAdapter(kind).dump_python(result, mode="json", context=stored)
+    data = as_plain(result, stored)
     named: Arrays = {}
     return _name(data, (), stored, named), named
 
 
 def unpacked(kind: type, data: Mapping[str, Any], arrays: Arrays) -> Any:
-    """Return a result from what `packed` made of it, or raise ValueError at the first flaw."""
-    try:
-        return TypeAdapter(kind).validate_python(data, context=arrays)
-    except ValidationError as error:
-        said = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in said["loc"]) or "it"
-        raise ValueError(f"{place}: {said['msg'][:1].lower()}{said['msg'][1:]}") from None
+    """Return a result of a type from what `packed` made of it, or raise ValueError."""
+    return parse_json(json.dumps(data), kind, arrays)
 
 
 def _name(value: Any, place: tuple[str, ...], stored: Arrays, named: Arrays) -> Any:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
@@ -124,4 +125,5 @@ def require_runnable(
             rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"
             raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")
         for controller in controllers:
+            require_stateless(controller, "this comparison")
             controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))

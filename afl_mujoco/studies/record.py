@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 import platform
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,7 +23,7 @@ from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.files import atomic_file, write_text
+from afl_mujoco.files import atomic_file, remove_file, write_text
 from afl_mujoco.studies.arrays import packed, unpacked
 from afl_mujoco.studies.contract import Progress, Study, silent
 from afl_mujoco.studies.registry import studies
@@ -30,6 +31,9 @@ from afl_mujoco.studies.registry import studies
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Whose versions are kept."""
 
+
+PAGE = "report.html"
+"""The page of a folder: beside a new result an old one would mislead."""
 
 HEADER = ("schema", "study", "command", "versions", "files")
 """What stands before the fields of a result."""
@@ -86,6 +90,7 @@ def save_record(
     """Write a record in place of an older one of its study, and return what was written.
 
     Every file is complete before the older record goes; the JSON, which names the others, is last.
+    Where a figure cannot be drawn the rest is written all the same, and the error raised then.
 
     Parameters
     ----------
@@ -95,22 +100,48 @@ def save_record(
         Processes that draw them; the files do not depend on it.
     """
     study, sections = record.study, record.sections
-    result, arrays = packed(study.result_type, record.result)
+    result, arrays = packed(record.result)
+    failure: BaseException | None = None
     with _staging(folder) as staging:
-        _draw(figures_of(sections) if figures else [], staging, workers, progress)
-        write_text(staging / f"{study.stem}.md", to_markdown(sections))
+        try:
+            _draw(figures_of(sections) if figures else [], staging, workers, progress)
+        except BaseException as error:  # a figure, or a Ctrl-C, must not cost the numbers
+            failure = error
+            for drawn in staging.iterdir():
+                drawn.unlink()
+        write_text(staging / f"{study.stem}.md", to_markdown([*_judged(record), *sections]))
         if arrays:
             with atomic_file(staging / f"{study.stem}.npz") as file, file.open("wb") as stream:
                 np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-        staged = sorted(path.name for path in staging.iterdir())
+        staged = {path.name: _digest(path) for path in sorted(staging.iterdir())}
         text = _as_json(record, result, staged)
+        require_no_folder(folder, (f"{study.stem}.json", PAGE, *staged))
         remove_record(study, folder)
         others = study.write_files(record.result, folder)
         for name in staged:
             (staging / name).replace(folder / name)
     path = folder / f"{study.stem}.json"
     write_text(path, text)  # last: it names the others
+    if failure is not None:
+        raise failure
     return [path, *(folder / name for name in staged), *others]
+
+
+def require_no_folder(folder: Path, names: Iterable[str]) -> None:
+    """Raise if a folder stands where a file belongs."""
+    for name in names:
+        if (folder / name).is_dir():
+            raise FileError(str(folder / name), "must be a file, is a folder")
+
+
+def _judged(record: Record) -> list[Section]:
+    """Return the verdict as a section, if there is one."""
+    return [Section("Verdict", "verdict", (record.verdict,))] if record.verdict else []
+
+
+def _digest(path: Path) -> str:
+    """Return what tells the content of a file from any other."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _draw(figures: Sequence[Figure], folder: Path, workers: int, progress: Progress) -> None:
@@ -127,14 +158,14 @@ def _draw(figures: Sequence[Figure], folder: Path, workers: int, progress: Progr
         )
 
 
-def _as_json(record: Record, result: Mapping[str, Any], files: Sequence[str]) -> str:
+def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]) -> str:
     """Return a record as text, or raise if a number is not finite."""
     data = {
         "schema": record.study.schema,
         "study": record.study.name,
         "command": record.command,
         "versions": dict(record.versions),
-        "files": list(files),
+        "files": dict(files),
         **result,
     }
     return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -155,9 +186,13 @@ def load_record(study: Study, folder: Path) -> Record:
         given = {key: value for key, value in data.items() if key not in HEADER}
         result = unpacked(study.result_type, given, arrays)
         versions = {str(name): str(number) for name, number in data["versions"].items()}
-        files = tuple(str(name) for name in data["files"])
+        files = {str(name): str(digest) for name, digest in data["files"].items()}
+        for name, digest in files.items():
+            if _is_of(study, name) and (folder / name).is_file():
+                if _digest(folder / name) != digest:
+                    raise ValueError(f"{name} beside it must be as it was written")
     return Record(
-        study=study, result=result, command=data["command"], versions=versions, files=files
+        study=study, result=result, command=data["command"], versions=versions, files=tuple(files)
     )
 
 
@@ -168,7 +203,7 @@ def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:
 
 
 def remove_record(study: Study, folder: Path) -> None:
-    """Remove an older record: its JSON, and the files beside it that it lists as its own."""
+    """Remove an older record: its JSON, the files beside it that it lists, the page made of it."""
     path = folder / f"{study.stem}.json"
     try:
         with reading(path, "is no record"):
@@ -176,11 +211,8 @@ def remove_record(study: Study, folder: Path) -> None:
     except FileError:
         listed = []
     ours = [name for name in listed if _is_of(study, name)]
-    for old in (path, *(folder / name for name in ours)):  # the list first: it names the others
-        try:
-            old.unlink(missing_ok=True)
-        except OSError as error:
-            raise FileError.cannot_be("written", old, error) from None
+    for old in (path, folder / PAGE, *(folder / name for name in ours)):  # the list first
+        remove_file(old)
 
 
 def _is_of(study: Study, name: str) -> bool:

@@ -219,6 +219,14 @@ def test_what_reproduces_a_validation_names_every_option_that_matters_and_no_oth
     assert written == {"report.json", "report.md", "report.npz", "junit.xml"}
 
 
+def test_simulate_does_not_write_over_the_scenario_that_it_reads(folder: Path) -> None:
+    rejects(
+        folder, "short.toml is the scenario asked for and", "simulate", "short.toml", "--out", "."
+    )
+    assert (folder / "short.toml").read_text() == SHORT
+    rejects(folder, "did you mean short.toml?", "simulate", "short")
+
+
 def test_validate_exits_with_1_when_a_check_fails(folder: Path) -> None:
     coarse = ["--timestep", "0.01", "--workers", "1", "--no-page"]  # RK4 at 10 ms misses B3 by far
     result = run("validate", "short.toml", *coarse, "--out", "out", cwd=folder)

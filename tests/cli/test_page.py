@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from afl_mujoco.cli.page import PAGE, require_page, write_page
+from afl_mujoco.cli.page import require_page, write_page
 from afl_mujoco.errors import FileError
-from afl_mujoco.studies.record import Record, save_record
+from afl_mujoco.studies.record import PAGE, Record, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.verification.result import Result
 from tests import study_results

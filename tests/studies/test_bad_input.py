@@ -143,6 +143,7 @@ CASES = {
         (["--controllers", "fixed", "fixed"], "controller names must differ, got 'fixed' twice"),
         (["--controllers", "fixed-estimated"], "controller 'fixed-estimated'"),
         (["--timestep", "-0.001"], "timestep must be positive, got -0.001"),
+        (["--controllers", "integrating:Force"], "is stateful, which this comparison does not"),
         (["real.toml"], "scenario 'real' has imperfections, which only sampled mode simulates"),
     ],
     "thresholds": [
@@ -206,6 +207,9 @@ def test_an_option_that_breaks_its_rule(
     (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
     (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
     (tmp_path / "real.toml").write_text('name = "real"\n[imperfections]\ndelay = 0.01\n')
+    (tmp_path / "integrating.py").write_text(
+        "class Force:\n    def __call__(self, time, state, belief): return 0.0\n"
+    )
     (tmp_path / "pushing.py").write_text("def force(time, state, belief): return 0.0\n")
     where = [] if "--out" in arguments else ["--out", "out"]
     assert message in refuses(name, *arguments, *where)

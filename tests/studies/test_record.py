@@ -13,6 +13,7 @@ import pytest
 
 from afl_mujoco.document import style
 from afl_mujoco.errors import FileError
+from afl_mujoco.studies import record as record_module
 from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record
 from afl_mujoco.studies.registry import find_study
 from tests import study_results
@@ -82,7 +83,9 @@ def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path: 
         "",
         "[]",
         '{"files": 3}',
-        json.dumps({"files": ["../margins-x.svg", "thresholds.png", "margins-a/x.svg"]}),
+        json.dumps(
+            {"files": dict.fromkeys(["../margins-x.svg", "thresholds.png", "margins-a/x.svg"], "")}
+        ),
     ],
 )
 def test_a_list_that_names_what_is_no_file_of_the_study_removes_nothing(
@@ -101,6 +104,24 @@ def test_a_list_that_names_what_is_no_file_of_the_study_removes_nothing(
     assert all(other.exists() for other in others)
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_a_figure_that_cannot_be_drawn_does_not_cost_the_numbers(
+    tmp_path: Path, monkeypatch, error: type[BaseException]
+) -> None:
+    save_record(study_results.record("margins"), tmp_path)
+    new = replace(study_results.record("margins"), command="the new one")
+
+    def interrupted(*arguments: object) -> None:
+        raise error
+
+    monkeypatch.setattr(style, "save_figure", interrupted)
+    with pytest.raises(error):
+        save_record(new, tmp_path)
+    assert names(tmp_path) == {"margins.json", "margins.md"}
+    assert len(list(tmp_path.iterdir())) == 2  # nothing is left of what was staged
+    assert load_record(new.study, tmp_path).command == "the new one"
+
+
 def test_a_write_that_is_broken_off_leaves_the_older_record(tmp_path: Path, monkeypatch) -> None:
     save_record(study_results.record("margins"), tmp_path)
     before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
@@ -108,11 +129,30 @@ def test_a_write_that_is_broken_off_leaves_the_older_record(tmp_path: Path, monk
     def interrupted(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(style, "save_figure", interrupted)
+    monkeypatch.setattr(record_module, "write_text", interrupted)
     with pytest.raises(KeyboardInterrupt):
         save_record(study_results.record("margins"), tmp_path)
     assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
-    assert len(list(tmp_path.iterdir())) == len(before)  # nothing is left of what was staged
+
+
+@pytest.mark.parametrize("name", ["margins.md", "report.html", "margins-delay.svg"])
+def test_a_folder_in_the_way_leaves_the_older_record(tmp_path: Path, name: str) -> None:
+    save_record(study_results.record("margins"), tmp_path)
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / name).mkdir()
+    before = names(tmp_path)
+    with pytest.raises(FileError, match="must be a file, is a folder"):
+        save_record(study_results.record("margins"), tmp_path)
+    assert names(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["attraction.npz", "attraction-states.svg"])
+def test_files_of_another_run_are_refused(tmp_path: Path, name: str) -> None:
+    save_record(study_results.record("attraction"), tmp_path)
+    with (tmp_path / name).open("ab") as file:
+        file.write(b" ")
+    with pytest.raises(FileError, match=f"{name} beside it must be as it was written"):
+        load_records(tmp_path)
 
 
 def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
@@ -134,9 +174,9 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
         ('{"schema": 3, "study": "margins"}', "'command' is missing"),
         ('{"schema": 3, "study": "margins", "command": 3}', "command must be a text"),
         (
-            '{"schema": 3, "study": "margins", "command": "", "versions": {}, "files": [], '
+            '{"schema": 3, "study": "margins", "command": "", "versions": {}, "files": {}, '
             '"control_period": "long"}',
-            "control_period: input should be a valid number",
+            "control_period must be a number, got 'long'",
         ),
         ('{"schema": NaN}', "NaN is no number of JSON"),
     ],

@@ -80,3 +80,8 @@ class Check:
     comparison: str
     passed: bool
     reason: str
+
+    def __post_init__(self) -> None:
+        """Raise if it passes beyond its limit, or fails within it."""
+        if self.passed != (self.value is not None and self.value <= self.limit):
+            raise ValueError(f"passed must follow from value and limit, got {self.passed}")

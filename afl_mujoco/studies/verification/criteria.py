@@ -157,7 +157,8 @@ _LIST = (
         quantity="max |state_mujoco_continuous - state_ode|, 1 ms",
         unit=_ALL_STATES,
         limit=1e-5,
-        reason="RK4 at 1 ms, some 5e-6 here, all from the first fast milliseconds",
+        reason="RK4 at 1 ms, some 5e-6 on the paper's scenarios, all from the first fast "
+        "milliseconds",
         proves="another integrator, and another way through the schedule, give the same run",
         leaves_open="errors below 5e-6",
     ),
@@ -185,7 +186,7 @@ _LIST = (
         unit=_ALL_STATES,
         limit=1e-8,
         reason="the same hold of control and schedule: MuJoCo's RK4 error at 1 ms is left, "
-        "some 5e-10 here",
+        "some 5e-10 on the paper's scenarios",
         proves="the run as deployed is the exact solution of the held problem",
         leaves_open="what the hold costs, which B4 and B5 say",
     ),

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.cases import DECISIVE, Run, Settings
+from afl_mujoco.simulation.metrics import UNITS
+from afl_mujoco.studies.cases import DECISIVE, REPORTED, Run, Settings
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget
@@ -15,6 +16,7 @@ from afl_mujoco.studies.verification.checks.explanation import Omission
 from afl_mujoco.studies.verification.checks.ledger import Ledger
 from afl_mujoco.studies.verification.claims.claim import Claim
 from afl_mujoco.studies.verification.claims.schedules import Comparison
+from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import Curves
 from afl_mujoco.studies.verification.decisions import DECISIONS
 
@@ -77,12 +79,27 @@ class Result:
                 f"verdict must be {verdict_of(self.checks)!r}, as the checks say, got "
                 f"{self.verdict!r}"
             )
-        names = {scenario.name for scenario in self.scenarios}
+        for check in self.checks:
+            if check.id not in CRITERIA:
+                raise ValueError(f"check must be one of {', '.join(CRITERIA)}, got {check.id!r}")
+        if self.random_schedules and "published" not in self.random_schedules:
+            raise ValueError("random_schedules must hold the published gains")
+        self._require_runs()
+
+    def _require_runs(self) -> None:
+        """Raise unless every scenario has runs, and every case each simulator, metric and curve."""
+        simulated: dict[tuple[str, str], list[str]] = {}
         for run in self.runs:
-            if run.scenario not in names:
-                raise ValueError(f"scenarios must hold that of every run, {run.scenario!r} is not")
-            if f"{run.scenario}/{run.controller}" not in self.curves:
-                raise ValueError(f"curves must hold {run.scenario}/{run.controller}, a run's")
+            simulated.setdefault((run.scenario, run.controller), []).append(run.simulator)
+            if missing := UNITS.keys() - run.metrics.keys():
+                raise ValueError(f"metrics of a run must hold {min(missing)}")
+        for case, simulators in simulated.items():
+            if sorted(simulators) != sorted(REPORTED):
+                raise ValueError(f"runs must hold each simulator once, {'/'.join(case)} does not")
+            if "/".join(case) not in self.curves:
+                raise ValueError(f"curves must hold {'/'.join(case)}, a run's")
+        if {scenario.name for scenario in self.scenarios} != {name for name, _ in simulated}:
+            raise ValueError("scenarios must be those of the runs")
 
     @property
     def passed(self) -> bool:
@@ -98,6 +115,14 @@ class Result:
     def decisive_runs(self) -> list[Run]:
         """The runs whose metrics count, one for each case."""
         return [run for run in self.runs if run.simulator == DECISIVE]
+
+    def outcome_of(self, run: Run, simulator: str) -> str:
+        """Return how the case of a run ended in a simulator."""
+        case = (run.scenario, run.controller, simulator)
+        (outcome,) = (
+            r.outcome for r in self.runs if (r.scenario, r.controller, r.simulator) == case
+        )
+        return outcome
 
     def curves_of(self, scenario: str) -> list[Curves]:
         """Return the curves of a scenario under each controller."""

@@ -107,7 +107,7 @@ def test_a_run_that_fell_has_the_instants_that_it_reached(runs: dict[str, Trajec
 
 
 def test_files_give_back_every_number(curves: Curves) -> None:
-    data, arrays = packed(Curves, curves)
+    data, arrays = packed(curves)
     assert {"time", "states/mujoco exact", "energy/residual"} <= set(arrays)
     assert unpacked(Curves, json.loads(json.dumps(data)), arrays) == curves
 

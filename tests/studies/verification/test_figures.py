@@ -191,14 +191,14 @@ def test_a_scenario_of_one_s_own_is_drawn_as_such_even_under_a_name_of_the_paper
         "report-response-1-step-step", "report-response-2-a-b", "report-response-3-a-b",
         "report-response-4--a",
     ]  # fmt: skip
-    assert own["report-response-1-step-step"].caption.startswith("The scenario step-step.")
+    assert own["report-response-1-step-step"].caption.startswith("Controllers: fixed, adaptive.")
     assert not {"report-schedules", "report-impulse"} & set(own)
 
 
 def test_a_run_that_fell_is_drawn_as_far_as_it_went() -> None:
     fallen = figures(make_result([OWN], fell_at=300))
     caption = fallen["report-response-1-step-step"].caption
-    assert caption.endswith("The run with adaptive gains ends at t = 0.299 s.")
+    assert caption.endswith("The run with adaptive ends at t = 0.299 s.")
     assert max(fallen["report-errors"].draw().axes[0].lines[0].get_xdata()) <= 0.299
 
 

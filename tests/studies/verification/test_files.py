@@ -54,16 +54,51 @@ def test_junit_has_a_case_for_each_check_and_a_failure_for_each_that_fails(
 
 BROKEN: dict[str, tuple[Any, str]] = {
     "a verdict that its checks deny": (lambda d: d | {"verdict": "fail"}, "verdict must be 'pass'"),
-    "a run of no scenario": (lambda d: d | {"scenarios": d["scenarios"][:1]}, "scenarios"),
+    "a run of no scenario": (lambda d: d | {"scenarios": d["scenarios"][:1]}, "scenarios must be"),
     "a run without curves": (lambda d: d | {"curves": {}}, "curves must hold"),
     "no checks": (lambda d: {k: v for k, v in d.items() if k != "checks"}, "checks"),
     "a check without value": (
         lambda d: d | {"checks": [{k: v for k, v in d["checks"][0].items() if k != "value"}]},
-        "checks.0.value",
+        "checks[0].value is missing",
     ),
     "a text for a number": (
         lambda d: d | {"error_budgets": [d["error_budgets"][0] | {"total": "much"}]},
-        "error_budgets.0.total",
+        "error_budgets[0].total must be a number",
+    ),
+    "a check that passes beyond its limit": (
+        lambda d: d | {"checks": [d["checks"][0] | {"value": 5.0}]},
+        "passed must follow from value and limit",
+    ),
+    "a check of another version": (
+        lambda d: d | {"checks": [d["checks"][0] | {"id": "Z9"}]},
+        "check must be one of A1, ",
+    ),
+    "a state that there is not": (
+        lambda d: (
+            d
+            | {
+                "error_budgets": [
+                    d["error_budgets"][0]
+                    | {"at_worst": d["error_budgets"][0]["at_worst"] | {"state": "x"}}
+                ]
+            }
+        ),
+        "state must be one of z, phi",
+    ),
+    "no runs": (lambda d: d | {"runs": []}, "scenarios must be those of the runs"),
+    "a simulator missing": (lambda d: d | {"runs": d["runs"][1:]}, "each simulator once"),
+    "a metric missing": (
+        lambda d: d | {"runs": [d["runs"][0] | {"metrics": {}}, *d["runs"][1:]]},
+        "metrics of a run must hold",
+    ),
+    "an unknown key": (lambda d: d | {"colour": "red"}, "colour is not a known key"),
+    "a text for a flag": (
+        lambda d: d | {"checks": [d["checks"][0] | {"passed": "yes"}]},
+        "must be true or false",
+    ),
+    "no published gains": (
+        lambda d: d | {"random_schedules": {"retuned": d["random_schedules"]["retuned"]}},
+        "must hold the published gains",
     ),
     "another schema": (lambda d: d | {"schema": 7}, "schema 1"),
 }

@@ -51,6 +51,11 @@ class AtWorst:
     disturbance_timing: float
     residual: float
 
+    def __post_init__(self) -> None:
+        """Raise at a state that there is not."""
+        if self.state not in STATES:
+            raise ValueError(f"state must be one of {', '.join(STATES)}, got {self.state!r}")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorBudget:

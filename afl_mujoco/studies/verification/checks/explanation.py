@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -56,13 +57,14 @@ class Omission:
     stretching_rod
         Effect of the terms in the rate of l, velocities kept at steps.
     momenta_kept
-        Effect of keeping the momenta at steps instead, M and l frozen otherwise.
+        Effect of keeping the momenta at steps instead, M and l frozen otherwise; ``None`` where
+        one run fell and the other did not.
     """
 
     scenario: str
     controller: str
-    stretching_rod: float
-    momenta_kept: float
+    stretching_rod: float | None
+    momenta_kept: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,9 +175,14 @@ def _omission(
     return agreement, Omission(
         scenario=scenario.name,
         controller=controller.name,
-        stretching_rod=state_difference(stretching, paper),
-        momenta_kept=state_difference(kept, paper),
+        stretching_rod=_finite(state_difference(stretching, paper)),
+        momenta_kept=_finite(state_difference(kept, paper)),
     )
+
+
+def _finite(value: float) -> float | None:
+    """Return a difference, None if it is not finite."""
+    return value if math.isfinite(value) else None
 
 
 def plateau_check() -> Check:

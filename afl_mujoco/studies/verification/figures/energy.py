@@ -82,7 +82,7 @@ def _draw(cases: Sequence[Sequence[Curves]]) -> Figure:
     axes[1, 0].set_ylim(FLOOR, decade_above(10.0 * max(_left(cases), CRITERIA["A6e"].limit)))
     axes[0, 0].set_ylabel("energy since t = 0 [J]")
     axes[1, 0].set_ylabel("|not booked| [J]")
-    _draw_legend(figure, cases[0])
+    _draw_legend(figure, shades)
     return figure
 
 
@@ -99,16 +99,14 @@ def _draw_ledger(axis: Axes, one: Curves) -> None:
     axis.plot(time, booked, color=BLACK, linewidth=0.9)
 
 
-def _draw_legend(figure: Figure, curves: Sequence[Curves]) -> None:
+def _draw_legend(figure: Figure, shades: Mapping[str, str]) -> None:
     """Draw the legend below the figure."""
-    shades = colours(one.controller for one in curves)
     handles = {"gained by MuJoCo": Line2D([], [], **_GAINED)}
     for words, colour, style in _BOOKED.values():
         handles[words] = Line2D([], [], color=colour, linestyle=style, linewidth=1.2)
     handles["sum of what is booked"] = Line2D([], [], color=BLACK, linewidth=0.9)
-    for one in curves:
-        label = f"not booked, {one.controller}"
-        handles[label] = Line2D([], [], color=shades[one.controller], linewidth=1.2)
+    for name, colour in shades.items():
+        handles[f"not booked, {name}"] = Line2D([], [], color=colour, linewidth=1.2)
     figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
 
 

@@ -46,8 +46,8 @@ def errors_figure(curves: Sequence[Curves]) -> blocks.Figure:
         title="How far MuJoCo is from the ODE",
         caption="The largest difference of any state [m, rad, m/s, rad/s] between MuJoCo and the "
         f"ideal ODE, in each mode of MuJoCo. Each point is the largest in its 1/{BINS} of the "
-        f"run, drawn at {in_words(FLOOR)} if it is less. Dashed: the limits of B1 (exact) and B2 "
-        "(continuous).",
+        f"run, drawn at {in_words(FLOOR)} if it is less. Dashed: the limits of B1 (exact) and, for "
+        "what it judges, B2 (continuous).",
         alt=f"{len(curves)} panels on a logarithmic axis, three curves in each. Their largest "
         f"values, from the least to the most over the panels: {said}.",
         draw=partial(_draw, curves),
@@ -66,7 +66,7 @@ def _draw(curves: Sequence[Curves]) -> Figure:
         _draw_panel(axis, one)
     for axis in axes.ravel()[len(curves) :]:
         axis.remove()
-    axes[0, 0].set_ylim(FLOOR, max(1.0, decade_above(most)))
+    axes[0, 0].set_ylim(FLOOR, max(1.0, decade_above(most or FLOOR)))
     for axis in axes[:, 0]:
         axis.set_ylabel("|MuJoCo - ODE| [SI]")
     handles = {words: Line2D([], [], color=colour) for colour, words in MODES.values()}

@@ -62,7 +62,7 @@ def _draw(studies: Sequence[Refinement]) -> Figure:
     figure = new_figure(2.9 * len(panels) + 0.4, 3.9)
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
     controllers: dict[str, Any] = {}
-    shades = colours(study.controller for study in studies)
+    shades = colours(s.controller for s in studies if s.controller != "any")
     for axis, (title, content) in zip(axes, panels.items(), strict=True):
         controllers |= _draw_panel(axis, content, shades)
         axis.set(title=title, xlabel=PANELS[title][0], ylabel=PANELS[title][1])
@@ -82,7 +82,7 @@ def _draw_panel(
         alike = [study for study in studies if study.expected == expected]
         for study in alike:
             name = study.controller
-            own = shades[name], _MARKERS.get(name, "v")
+            own = shades.get(name, BLACK), _MARKERS.get(name, "v")
             colour, mark = _SWINGS.get(study.study, own)
             label = f"{name} gains" if name != "any" else study.study
             (drawn[label],) = axis.loglog(

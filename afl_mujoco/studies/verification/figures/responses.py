@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from afl_mujoco.document import blocks
+from afl_mujoco.document.numbers import sentence
 from afl_mujoco.document.style import (
     BLACK,
     GREY,
@@ -59,7 +60,7 @@ def response_figure(
     return blocks.Figure(
         name=name,
         title=curves[0].scenario,
-        caption=f"{heading} {_drawn(curves, hold)}{_ending(curves, until)}",
+        caption=f"{heading} {_drawn(curves, hold)}{_ending(curves, until)}".lstrip(),
         alt=f"Eight panels over {until:g} s: M, l, the four states, and the force, whose first "
         f"{FIRST:g} s stand apart. {' '.join(map(_peaks, curves))} {_closeness(curves)}",
         draw=partial(_draw_response, curves, until),
@@ -199,7 +200,7 @@ def _settled(one: Curves) -> float:
 def _ending(curves: Sequence[Curves], until: float) -> str:
     """Say which runs broke off, or what the rest of the time holds that is not drawn."""
     broken = [
-        f" The run with {one.controller} gains ends at t = {one.time[reached - 1]:.3g} s."
+        f" The run with {one.controller} ends at t = {one.time[reached - 1]:.3g} s."
         for one in curves
         if (reached := len(one.states[DEPLOYED])) < len(one.time)
     ]
@@ -213,7 +214,7 @@ def _drawn(curves: Sequence[Curves], hold: float) -> str:
     """Say what is drawn how."""
     names = ", ".join(one.controller for one in curves)
     return (
-        f"Gains: {names}. Solid: MuJoCo as deployed, its control held for {1e3 * hold:g} ms; "
+        f"Controllers: {names}. Solid: MuJoCo as deployed, its control held for {1e3 * hold:g} ms; "
         "dashed: the ideal ODE."
     )
 
@@ -223,7 +224,7 @@ def _peaks(one: Curves) -> str:
     state, force = one.states[DEPLOYED], one.forces[DEPLOYED]
     z, _, z_dot, phi_dot = map(in_words, np.nanmax(np.abs(state), axis=0))
     return (
-        f"{one.controller.capitalize()}: the pole starts at {in_words(state[0, 1])} rad and swings "
+        f"{sentence(one.controller)}: the pole starts at {in_words(state[0, 1])} rad and swings "
         f"{in_words(_beyond(state[:, 1]))} rad beyond upright, the cart moves {z} m away, its "
         f"speed peaks at {z_dot} m/s, the pole's rate at {phi_dot} rad/s, the force at "
         f"{in_words(_largest(force))} N."

@@ -32,13 +32,14 @@ def verdict(result: Result) -> Verdict:
 
 def _not_completed(result: Result) -> str:
     """Say which cases did not complete: that two codes agree on a fall does not undo it."""
-    runs = result.decisive_runs
-    ended = [run for run in runs if run.outcome != COMPLETED]
+    ended = {(run.scenario, run.controller): run for run in result.runs if run.outcome != COMPLETED}
     if not ended:
         return ""
-    first = f"{ended[0].scenario} with {ended[0].controller} {ended[0].outcome}"
-    more = ", ..." if len(ended) > 1 else ""
-    return f", but {len(ended)} of {len(runs)} cases did not complete ({first}{more})"
+    run = next(iter(ended.values()))
+    first = f"{run.scenario} with {run.controller} {run.outcome}, {run.simulator}"
+    more = "; ..." if len(ended) > 1 else ""
+    cases = len(result.decisive_runs)
+    return f", but {len(ended)} of {cases} cases did not complete ({first}{more})"
 
 
 def sections(result: Result) -> list[Section]:

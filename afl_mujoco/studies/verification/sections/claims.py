@@ -81,7 +81,7 @@ def claims_section(result: Result) -> Section:
             "Not judged in this run: that takes all nine scenarios of the paper with the "
             "controllers `fixed` and `adaptive`, as `make validate` runs them."
         )
-        blocks.append(Text(said, note=True))
+        blocks.append(Text(said))
     if result.random_schedules:
         blocks.append(_random(result.random_schedules))
     return Section("The paper's claims", "claims", blocks)

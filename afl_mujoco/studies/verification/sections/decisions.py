@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
+from afl_mujoco.control.names import AFL
 from afl_mujoco.document.blocks import Fact, Facts, Section, Text
+from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.studies.verification.claims.claim import Claim
 from afl_mujoco.studies.verification.result import Result
 
@@ -62,7 +64,18 @@ def decisions_section(result: Result) -> Section:
 
 def rests_on(result: Result, anchor: str) -> Text:
     """Say what decisions a section rests on."""
-    return Text(links(id for id in SECTIONS[anchor] if id in result.decisions), note=True)
+    return Text(links(section_decisions(result, anchor)), note=True)
+
+
+def section_decisions(result: Result, anchor: str) -> list[str]:
+    """Return the decisions that a section rests on, of those that concern what was run."""
+    published = [s for s in result.scenarios if SCENARIOS.get(s.name) == s]
+    concerned = {
+        "D2": any(run.controller in AFL for run in result.runs),
+        "D3": bool(published),
+        "D6": any(scenario.disturbances for scenario in published),
+    }
+    return [id for id in SECTIONS[anchor] if id in result.decisions and concerned.get(id, True)]
 
 
 def claim_decisions(result: Result, claim: Claim) -> list[str]:
@@ -71,14 +84,18 @@ def claim_decisions(result: Result, claim: Claim) -> list[str]:
     return [id for id in result.decisions if id in named]
 
 
-def links(ids) -> str:  # type: ignore[no-untyped-def]
+def links(ids: Iterable[str]) -> str:
     """Say that something rests on decisions."""
     return f"Rests on {', '.join(f'[{id}](#{id})' for id in ids)}."
 
 
 def _dependents(result: Result, id: str) -> str:
     """Say what rests on a decision."""
-    found = [f"[{TITLES[name]}](#{name})" for name, rests in SECTIONS.items() if id in rests]
+    found = [
+        f"[{title}](#{name})"
+        for name, title in TITLES.items()
+        if id in section_decisions(result, name)
+    ]
     found += [
         f"[{claim.id}](#{claim.id})"
         for claim in result.claims

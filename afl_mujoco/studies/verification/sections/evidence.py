@@ -63,7 +63,7 @@ def _budget(result: Result) -> Section:
             "Why a run in MuJoCo as deployed (force held over each control period, fixed steps) "
             "differs from the ideal equations by as much as it does. Each source is switched on "
             "alone; what they leave is the residual. Every figure is the largest of any state at "
-            "any instant (m, rad, m/s, rad/s); the largest source of a row is set in bold."
+            "any instant (m, rad, m/s, rad/s)."
         ),
         rests_on(result, "budget"),
     ]
@@ -77,7 +77,10 @@ def _deployed(result: Result) -> str:
     """Say by how much the deployed run differs from the ideal one, and what makes that up."""
     budgets = result.error_budgets
     if not budgets:
-        return "No run was completed as deployed, so there is no difference to explain."
+        return "No case completed in every simulator, so there is no difference to explain."
+    cases, run = len(result.decisive_runs), "A run as deployed"
+    if len(budgets) < cases:
+        run = f"Of {cases} cases {len(budgets)} completed in every simulator; a run of these"
     row = max(budgets, key=lambda budget: budget.total)
     worst = row.at_worst
     symbol, unit = STATES[worst.state]
@@ -87,11 +90,11 @@ def _deployed(result: Result) -> str:
     left = percent(max(budget.residual_share for budget in budgets))
     period = short(1e3 * result.settings.control_period)
     return (
-        f"A run as deployed, its force held for {period} ms, differs from the ideal one by at most "
+        f"{run}, its force held for {period} ms, differs from the ideal one by at most "
         f"{short(row.total, 2)} ({symbol} in {unit}, {row.scenario} with {row.controller}, at "
         f"t = {short(worst.time)} s): there {DEEDS[largest]} makes {percent(share, 4)} of it, "
-        f"MuJoCo itself (integrator and model) {own}, and in no run is more than {left} left "
-        "unexplained."
+        f"MuJoCo itself (integrator and model) {own} {unit}, and in no run is more than {left} of "
+        "the difference left unexplained."
     )
 
 
@@ -99,7 +102,7 @@ def _budget_table(budgets: Sequence[ErrorBudget]) -> Table:
     """Return one row for each run as deployed."""
     return Table(
         summary=f"Error budget of {len(budgets)} runs",
-        caption="Error budget of the run as deployed",
+        caption="Error budget of the run as deployed, the largest source of each in bold",
         columns=(
             Column("Scenario"),
             Column("Controller"),
@@ -144,7 +147,7 @@ def _studies(result: Result) -> Section:
             "Not part of this run: `make proof` (`afl-mujoco validate --full`) adds observed "
             "orders, ledgers of energy and momentum, and the effect of what the paper neglects."
         )
-        blocks.append(Text(said, note=True))
+        blocks.append(Text(said))
     if result.studies:
         blocks.append(_orders(result.studies))
     if result.ledgers:
@@ -165,7 +168,8 @@ def _not_proved(omissions: Sequence[Omission]) -> str:
             f"{text}; `make proof` measures the effect of M'(t) and l'(t), which the paper "
             "neglects (D9)."
         )
-    most = max(max(row.stretching_rod, row.momenta_kept) for row in omissions)
+    found = [x for row in omissions for x in (row.stretching_rod, row.momenta_kept)]
+    most = max((x for x in found if x is not None), default=None)
     return (
         f"{text}, and what the paper's frozen M and l leave out (D9) would change a state by up "
         f"to {short(most, 2)} (m, rad, m/s or rad/s)."

@@ -28,7 +28,11 @@ from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.cases import Run
 from afl_mujoco.studies.verification.chart_data import QUANTITIES, chart_data
 from afl_mujoco.studies.verification.claims.performance import ADAPTIVE, FIXED
-from afl_mujoco.studies.verification.figures.responses import impulse_figure, response_figure
+from afl_mujoco.studies.verification.figures.responses import (
+    DEPLOYED,
+    impulse_figure,
+    response_figure,
+)
 from afl_mujoco.studies.verification.figures.schedules import schedules_figure
 from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.checks import figure
@@ -83,7 +87,9 @@ def scenarios_section(result: Result) -> Section:
     blocks: list[Block] = [
         Text(
             "Every scenario is run with each controller in four simulators: the ideal equations, "
-            "and MuJoCo in three modes."
+            "and MuJoCo in three modes. MuJoCo's step is "
+            f"{short(1e3 * result.settings.timestep)} ms; as deployed the force is held for "
+            f"{short(1e3 * result.settings.control_period)} ms."
         ),
         rests_on(result, "scenarios"),
         _overview(result),
@@ -112,7 +118,8 @@ def _overview(result: Result) -> Table:
             (
                 Cell(run.scenario, link=scenario_anchor(result, run.scenario)),
                 run.controller,
-                Cell(run.outcome, status="" if run.outcome == COMPLETED else "bad"),
+                _outcome(run.outcome),
+                _outcome(result.outcome_of(run, DEPLOYED)),
                 fixed(run.metrics["objective"], 4),
                 *(
                     Cell("–")
@@ -123,11 +130,13 @@ def _overview(result: Result) -> Table:
             )
         )
     return Table(
-        caption="Every scenario and controller in a line; B1 to B5 are the checks of that name",
+        caption="Every scenario and controller; B1 to B5 are the checks of that name, – where not "
+        "judged",
         columns=(
             Column("Scenario"),
             Column("Controller"),
             Column("Outcome"),
+            Column("As deployed"),
             Column("OF", number=True),
             *(Column(id, number=True) for id in HEADLINE),
         ),
@@ -135,14 +144,20 @@ def _overview(result: Result) -> Table:
     )
 
 
+def _outcome(outcome: str) -> Cell:
+    """Return how a run ended; one that did not complete is marked."""
+    return Cell(outcome, status="" if outcome == COMPLETED else "bad")
+
+
 def _section(result: Result, number: int, scenario: Scenario) -> Section:
     """Return one scenario."""
     runs = [run for run in result.runs if run.scenario == scenario.name]
-    figures = {
-        run.controller: run.metrics for run in result.decisive_runs if run.scenario == scenario.name
-    }
+    decisive = [run for run in result.decisive_runs if run.scenario == scenario.name]
+    figures = {run.controller: run.metrics for run in decisive}
+    # What a run that fell did not do is no merit of it.
+    completed = {run.controller: run.metrics for run in decisive if run.outcome == COMPLETED}
     curves = result.curves_of(scenario.name)
-    change, _ = _change("objective", figures)
+    change, _ = _change("objective", completed)
     blocks: list[Block] = [
         Facts([Fact(label, text) for label, text in describe(scenario)]),
         Chart(
@@ -152,7 +167,7 @@ def _section(result: Result, number: int, scenario: Scenario) -> Section:
             data=chart_data(curves, scenario),
         ),
         *_response(result, scenario, number),
-        _merit(scenario, figures),
+        _merit(scenario, figures, completed),
         _details(scenario, runs),
     ]
     aside = f"OF {change} by adaptive gains" if change not in ("", MISSING) else ""
@@ -165,16 +180,18 @@ def _response(result: Result, scenario: Scenario, number: int) -> list[Figure]:
     if SCENARIOS.get(scenario.name) != scenario:
         plain = re.sub(r"[^A-Za-z0-9]+", "-", scenario.name)[:60]
         name = f"report-response-{number}-{plain}".strip("-")
-        return [response_figure(name, f"The scenario {scenario.name}.", curves, hold)]
+        return [response_figure(name, "", curves, hold)]
     if scenario.name not in CASES:
         return []
     name = f"report-response-{scenario.name}"
     return [response_figure(name, CASES[scenario.name], curves, hold)]
 
 
-def _merit(scenario: Scenario, figures: Mapping[str, Metrics]) -> Table:
-    """Return the main figures of every controller side by side."""
-    compared = FIXED in figures and ADAPTIVE in figures
+def _merit(
+    scenario: Scenario, figures: Mapping[str, Metrics], completed: Mapping[str, Metrics]
+) -> Table:
+    """Return the main figures of every controller side by side, and how completed runs compare."""
+    compared = FIXED in completed and ADAPTIVE in completed
     columns = [Column("Figure"), Column("Unit"), *(Column(c, number=True) for c in figures)]
     if compared:
         columns.append(Column("fixed to adaptive"))
@@ -184,13 +201,12 @@ def _merit(scenario: Scenario, figures: Mapping[str, Metrics]) -> Table:
         told = [fixed(x, 4) if key == "objective" else short(x) for x in values]
         row: list[Cell | str] = [_LABELS.get(key, key), _unit(key), *told]
         if compared:
-            change, better = _change(key, figures)
+            change, better = _change(key, completed)
             status = "" if better is None else "good" if better else "bad"
             row.append(Cell(change, status=status))  # type: ignore[arg-type]
         rows.append(row)
     return Table(
-        caption=f"{scenario.name}: the controller as published, in MuJoCo (continuous mode); less "
-        "is better in every row",
+        caption=f"{scenario.name}: in MuJoCo, continuous mode; less is better in every row",
         columns=columns,
         rows=rows,
     )
