@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -45,9 +44,7 @@ def print_verdict(verdict: blocks.Verdict) -> None:
 
 def _console() -> Console:
     """Return the terminal, or what stands for one."""
-    wanted = os.environ.get("COLUMNS", "")
-    width = int(wanted) if wanted.isdigit() and int(wanted) else WIDTH
-    return Console(width=None if sys.stdout.isatty() else width, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
 
 
 def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
