@@ -70,7 +70,8 @@ def _line(block: blocks.Block, folder: Path) -> RichText:
     if isinstance(block, blocks.Command):  # as it is typed, to be copied
         return RichText(f"{block.lead}: {block.typed(folder)}")
     if isinstance(block, blocks.Table):
-        return RichText(f"[{block.summary}: {len(block.rows)} rows, not shown here]", style="dim")
+        rows = f"{len(block.rows)} row{'s' * (len(block.rows) != 1)}"
+        return RichText(f"[{block.summary}: {rows}, not shown here]", style="dim")
     if isinstance(block, blocks.Figure):
         return RichText(f"[{block.title}: {folder / block.files['png']}]", style="dim")
     if isinstance(block, blocks.Verdict):

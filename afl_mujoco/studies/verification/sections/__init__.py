@@ -32,11 +32,11 @@ def verdict(result: Result) -> Verdict:
 
 def _not_completed(result: Result) -> str:
     """Say which cases did not complete: that two codes agree on a fall does not undo it."""
-    ended = {(run.scenario, run.controller): run for run in result.runs if run.outcome != COMPLETED}
+    runs = [run for run in result.runs if run.outcome != COMPLETED]
+    ended = {(run.scenario, run.controller) for run in runs}
     if not ended:
         return ""
-    run = next(iter(ended.values()))
-    first = f"{run.scenario} with {run.controller} {run.outcome}, {run.simulator}"
+    first = f"{runs[0].scenario} with {runs[0].controller} {runs[0].outcome}, {runs[0].simulator}"
     more = "; ..." if len(ended) > 1 else ""
     cases = len(result.decisive_runs)
     return f", but {len(ended)} of {cases} cases did not complete ({first}{more})"

@@ -177,7 +177,7 @@ def _every_figure(result: Result) -> Table:
     found = {(check.scenario, check.controller, check.id): check for check in judged}
     places = dict.fromkeys((check.scenario, check.controller) for check in judged)
     return Table(
-        summary=f"All {len(judged)} figures by scenario and controller",
+        summary=f"All {len(judged)} values by scenario and controller",
         caption="Every judged figure, in the unit of its check; – where it is not judged",
         columns=(
             Column("Scenario"),
