@@ -108,7 +108,7 @@ def heading(replay: Replay, held: str, width: int, height: int) -> list[Text]:
         ("disturbance D", _rgb(PUSH)),
     )
     return [
-        Text(28 * s, 46 * s, f"{replay.scenario}, {replay.controller} gains", 28),
+        Text(28 * s, 46 * s, f"{replay.scenario}, {replay.controller}", 28),
         Text(28 * s, 76 * s, held, 16, QUIET),
         *(
             Text(width - 28 * s, (40 + 23 * row) * s, text, 16, colour, "rs")

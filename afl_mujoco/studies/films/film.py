@@ -131,7 +131,7 @@ def _part(shot: Shot, index: int, s: float) -> Picture:
     replay, width, height = shot.replay, shot.path.width, shot.path.pixel_height
     numbers = [(label.rpartition(": ")[2], value) for label, value in readouts(replay, index)]
     texts = [
-        Text(20 * s, 34 * s, f"{replay.controller} gains", 22),
+        Text(20 * s, 34 * s, f"{replay.controller}", 22),
         Text(20 * s, 58 * s, replay.scenario, 14, QUIET),
         *rail_numbers(shot.path, index, 12),
         *columns(numbers, 20 * s, width, height - 12 * s, 0.8 * s),
@@ -155,7 +155,7 @@ def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> P
     s = height / 720
     lines = (
         ("A published cart-pole controller in MuJoCo", 44, INK),
-        (f"{replays[0].controller} gains, four schedules of mass and length", 26, INK),
+        (f"{replays[0].controller}, four schedules of mass and length", 26, INK),
         ("solid: MuJoCo, its model changed while it runs", 20, QUIET),
         ("pale rim: the paper's ideal equations", 20, QUIET),
         (held, 20, QUIET),

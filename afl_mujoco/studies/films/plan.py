@@ -129,7 +129,7 @@ def plan(
             Film(
                 kind=SINGLE,
                 name=f"{s.name}-{c.name}",
-                title=f"{s.name}, {c.name} gains",
+                title=f"{s.name}, {c.name}",
                 runs=((s, c),),
                 **settings,
             )
@@ -141,7 +141,7 @@ def plan(
                 Film(
                     kind=COMPARISON,
                     name=f"{s.name}-{one.name}-and-{other.name}",
-                    title=f"{s.name}, {one.name} beside {other.name} gains",
+                    title=f"{s.name}, {one.name} beside {other.name}",
                     runs=((s, one), (s, other)),
                     **settings,
                 )
@@ -151,7 +151,7 @@ def plan(
             Film(
                 kind=SHOWCASE,
                 name="showcase",
-                title=f"The four cases with {controllers[-1].name} gains",
+                title=f"The four cases with {controllers[-1].name}",
                 runs=tuple((s, controllers[-1]) for s in showcase),
                 **settings,
             )

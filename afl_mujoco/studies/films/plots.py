@@ -123,7 +123,7 @@ def _plot(axes: Sequence[Axes], replays: Sequence[Replay]) -> list[Line2D]:
         style: dict[str, Any] = {"color": colour, "ls": dash, "lw": 1.5}
         curves = (replay.state[:, 1], replay.state[:, 0], replay.force)
         for axis, curve in zip(axes, curves, strict=False):
-            lines += axis.plot(replay.time, curve, label=f"{replay.controller} gains", **style)
+            lines += axis.plot(replay.time, curve, label=f"{replay.controller}", **style)
     for axis, curve in zip(axes[3:], (replays[0].cart_mass, replays[0].half_length), strict=True):
         lines += axis.plot(replays[0].time, curve, color="#dfe3ea", lw=1.5)
         axis.set_ylim(0.0, 1.1 * float(curve.max()))

@@ -60,7 +60,7 @@ def _show(viewer: mujoco.viewer.Handle, model: CartPoleModel, replay: Replay, in
     numbers = readouts(replay, index)
     ended = [text.text for text in endings(replay, index, 0.0, 0.0)]
     labels, values = zip(*numbers, strict=True)
-    title = f"{replay.scenario}, {replay.controller} gains"
+    title = f"{replay.scenario}, {replay.controller}"
     left = "\n".join((title, *labels, *ended)).replace("φ", "phi").replace("Δ", "d")
     viewer.set_texts((None, None, left, "\n".join(("", *values))))
     viewer.sync()
