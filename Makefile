@@ -74,7 +74,7 @@ bench: $(READY) ## what things cost, as ratios: the loop, the batch integrator, 
 	@$(BIN)/python benchmarks/bench_montecarlo.py
 	@$(BIN)/python benchmarks/bench_attraction.py
 
-faults: $(READY) ## plant physical faults one at a time and see which check catches each (10 to 30 minutes)
+faults: $(READY) ## plant physical faults one at a time and see which check catches each (an hour)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)
 
 check: $(READY) ## format, lint, types, import contracts, architecture

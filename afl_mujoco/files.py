@@ -6,7 +6,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from importlib.resources.abc import Traversable
@@ -63,6 +63,13 @@ def remove_file(path: Path) -> None:
         path.unlink(missing_ok=True)
     except OSError as error:
         raise FileError.cannot_be("written", path, error) from None
+
+
+def require_no_folder(folder: Path, names: Iterable[str]) -> None:
+    """Raise if a folder stands where a file belongs."""
+    for name in names:
+        if (folder / name).is_dir():
+            raise FileError(str(folder / name), "must be a file, is a folder")
 
 
 def output_folder(path: str | Path) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,8 +51,9 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     leave_out
         Study whose result will be replaced.
     """
+    from afl_mujoco.files import require_no_folder
     from afl_mujoco.studies.films.listing import load_listing
-    from afl_mujoco.studies.record import PAGE, load_records, require_no_folder
+    from afl_mujoco.studies.record import PAGE, load_records
 
     require_no_folder(folder, (PAGE,))
     load_listing(films)
@@ -89,19 +90,12 @@ def _overview(records: Sequence[Record], sections: Sequence[Section]) -> Section
     findings = [
         replace(block, evidence=holder.anchor)
         for section in sections
-        for holder in _with_parts(section)
+        for holder in (section, *(b for b in section.walk() if isinstance(b, Section)))
         for block in holder.blocks
         if isinstance(block, Finding)
     ]
     title = "Verdict and findings" if verdicts else "Findings"
     return Section(title, "findings", (*verdicts, *tallies, *findings))
-
-
-def _with_parts(section: Section) -> Iterator[Section]:
-    """Return a section and those in it."""
-    yield section
-    for part in section.parts:
-        yield from _with_parts(part)
 
 
 def _reproduce(records: Sequence[Record]) -> Section:

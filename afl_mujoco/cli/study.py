@@ -44,8 +44,8 @@ class StudyCommand:
 
         from afl_mujoco.cli.page import require_page, write_page
         from afl_mujoco.document.terminal import print_sections, print_verdict
-        from afl_mujoco.files import output_folder
-        from afl_mujoco.studies.record import PAGE, Record, require_no_folder, save_record
+        from afl_mujoco.files import output_folder, require_no_folder
+        from afl_mujoco.studies.record import PAGE, Record, save_record
 
         names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
         require_no_folder(self.out, (*names, PAGE))

@@ -15,6 +15,11 @@ Status = Literal["", "good", "neutral", "bad", "open"]
 """How a cell is to be taken: shown as a tag where it is not empty; "open" is not decided."""
 
 
+def good_or_bad(good: bool) -> Status:
+    """Return the status of what holds or does not."""
+    return "good" if good else "bad"
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """Whether everything that was judged holds.

@@ -42,3 +42,8 @@ def _build() -> dict[str, Scenario]:
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(_build())
 """Every scenario of the paper by name."""
+
+
+def is_published(scenario: Scenario) -> bool:
+    """Return whether a scenario is the paper's of that name, not another so named."""
+    return SCENARIOS.get(scenario.name) == scenario

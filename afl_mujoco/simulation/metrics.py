@@ -25,6 +25,10 @@ TERMS = ("iae_z", "iae_phi", "max_force")
 """The metrics that the objective (O1) adds up."""
 
 STATES = ("z", "phi", "z_dot", "phi_dot")
+SYMBOLS = dict(zip(STATES, ("z", "φ", "z′", "φ′"), strict=True))
+STATE_UNITS = dict(zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True))
+"""The states as a report writes them, and in what."""
+
 BANDS = {"2pc": 0.02, "5pc": 0.05}
 """Settling bands as a share of the peak of the state."""
 
@@ -41,8 +45,8 @@ UNITS: Mapping[str, str] = {
     "force_squared": "N^2 s",
     "force_variation": "N",
     "saturated_share": "1",
-    **{f"peak_{x}": u for x, u in zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True)},
-    **{f"overshoot_{x}": u for x, u in zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True)},
+    **{f"peak_{x}": u for x, u in STATE_UNITS.items()},
+    **{f"overshoot_{x}": u for x, u in STATE_UNITS.items()},
     **{f"settling_{b}_{x}": "s" for b in BANDS for x in STATES},
     "end_time": "s",
 }

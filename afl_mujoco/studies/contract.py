@@ -23,6 +23,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,6 +51,12 @@ ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by
 
 def silent(doing: str, done: int, total: int) -> None:
     """Report no progress."""
+
+
+def counted(progress: Progress, doing: str, total: int) -> Callable[[object], None]:
+    """Return what reports one part more at each call, whatever it is called with."""
+    done = itertools.count(1)
+    return lambda _: progress(doing, next(done), total)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

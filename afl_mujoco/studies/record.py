@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import platform
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,9 +22,9 @@ from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.files import atomic_file, remove_file, write_text
+from afl_mujoco.files import atomic_file, remove_file, require_no_folder, write_text
 from afl_mujoco.studies.arrays import packed, unpacked
-from afl_mujoco.studies.contract import Progress, Study, silent
+from afl_mujoco.studies.contract import Progress, Study, counted, silent
 from afl_mujoco.studies.registry import studies
 
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
@@ -127,13 +126,6 @@ def save_record(
     return [path, *(folder / name for name in staged), *others]
 
 
-def require_no_folder(folder: Path, names: Iterable[str]) -> None:
-    """Raise if a folder stands where a file belongs."""
-    for name in names:
-        if (folder / name).is_dir():
-            raise FileError(str(folder / name), "must be a file, is a folder")
-
-
 def _judged(record: Record) -> list[Section]:
     """Return the verdict as a section, if there is one."""
     return [Section("Verdict", "verdict", (record.verdict,))] if record.verdict else []
@@ -148,14 +140,9 @@ def _draw(figures: Sequence[Figure], folder: Path, workers: int, progress: Progr
     """Draw figures and write them into a folder."""
     if not figures:
         return
-    drawn, total = itertools.count(1), len(figures)
-    with open_executor(min(workers, total)) as executor:
-        compute_all(
-            partial(write_figure, folder=folder),
-            figures,
-            executor,
-            lambda _: progress("drawing", next(drawn), total),
-        )
+    advance = counted(progress, "drawing", len(figures))
+    with open_executor(min(workers, len(figures))) as executor:
+        compute_all(partial(write_figure, folder=folder), figures, executor, advance)
 
 
 def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]) -> str:

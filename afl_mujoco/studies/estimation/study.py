@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from afl_mujoco.control.names import SUBJECT
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, counted, silent
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.estimation.loops import Unit
@@ -54,18 +54,14 @@ def check(configuration: Estimation) -> None:
 
 def run(configuration: Estimation, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Run every schedule; the result does not depend on the workers."""
-    import itertools
-
     from afl_mujoco.execution.executors import compute_all, open_executor
     from afl_mujoco.studies.estimation.result import result_of, study_case
 
     units = units_of(configuration)
-    done = itertools.count(1)
     progress("estimating", 0, len(units))
+    advance = counted(progress, "estimating", len(units))
     with open_executor(min(workers, len(units))) as executor:
-        found = compute_all(
-            study_case, units, executor, lambda i: progress("estimating", next(done), len(units))
-        )
+        found = compute_all(study_case, units, executor, advance)
     return result_of(configuration.controller, units[0].noise, found)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -18,7 +17,7 @@ from afl_mujoco.control.estimation.estimated_controller import require_no_estima
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
-from afl_mujoco.studies.contract import Progress, silent
+from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.linearization import STEP, linearize
 from afl_mujoco.studies.loop_margins import loop_margins
 from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGrid, Result
@@ -104,12 +103,8 @@ def survey_margins(
     units: list[Unit] = [
         (controller, mass, lengths, period) for controller in controllers for mass in masses
     ]
-    done = itertools.count(1)
     progress("linearising", 0, len(units))
-
-    def advance(index: int) -> None:
-        progress("linearising", next(done), len(units))
-
+    advance = counted(progress, "linearising", len(units))
     with open_executor(min(workers, len(units))) as executor:
         rows = compute_all(margins_of_row, units, executor, advance)
     shape = (len(controllers), len(masses), len(lengths), 2, len(METRICS))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,7 +22,7 @@ from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
-from afl_mujoco.studies.contract import Progress, silent
+from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.delay_margin import least_margin
 from afl_mujoco.studies.thresholds.imperfections import (
     COMBINED,
@@ -226,12 +225,9 @@ def find_thresholds(
     names = require(controllers, scenarios, settings, imperfections)
     each = [(controller, scenarios, settings) for controller in controllers]
     units = [(name, *one) for name in names for one in each]
-    done, total = itertools.count(1), len(units) + len(each)
+    total = len(units) + len(each)
     progress("sweeping", 0, total)
-
-    def advance(index: int) -> None:
-        progress("sweeping", next(done), total)
-
+    advance = counted(progress, "sweeping", total)
     with open_executor(workers, cluster) as executor:
         sweeps = compute_all(sweep, units, executor, advance)
         verdicts = compute_all(sweep_combined, each, executor, advance)

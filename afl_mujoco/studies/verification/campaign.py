@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import nominal_scales, with_objective
 from afl_mujoco.studies.cases import DECISIVE, Settings, require_runnable
-from afl_mujoco.studies.contract import Progress, silent
+from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.verification.case import judge
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.equation_checks import equation_checks
@@ -42,17 +41,15 @@ def verify(
         checks += [*reference_checks(swings), plateau_check()]
         studies += swings
     scales = nominal_scales(settings.timestep)
-    done = itertools.count(1)
+    advance = counted(progress, "cases", len(cases))
     with open_executor(min(workers, len(cases))) as executor:
-        judged = compute_all(
-            judge, cases, executor, lambda _: progress("cases", next(done), len(cases))
-        )
+        judged = compute_all(judge, cases, executor, advance)
         runs = tuple(
             replace(run, metrics=with_objective(run.metrics, scales))
             for case in judged
             for run in case.runs
         )
-        published = {s.name for s in scenarios if SCENARIOS.get(s.name) == s}
+        published = {s.name for s in scenarios if is_published(s)}
         decisive = {
             (run.scenario, run.controller): run.metrics
             for run in runs

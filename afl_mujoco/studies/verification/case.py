@@ -19,7 +19,7 @@ class Judged:
     Attributes
     ----------
     checks, runs, explanation, curves
-        As of `Report`.
+        As of `Result`, the explanation what its tables are made of.
     """
 
     checks: tuple[Check, ...]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
-from afl_mujoco.errors import FileError
-from afl_mujoco.files import write_text
+from afl_mujoco.files import require_no_folder, write_text
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.result import Result
 
@@ -15,8 +14,7 @@ NAME = "junit.xml"
 
 def require(folder: Path) -> None:
     """Raise if a folder is in the way of the file."""
-    if (folder / NAME).is_dir():
-        raise FileError(str(folder / NAME), "must be a file, is a folder")
+    require_no_folder(folder, (NAME,))
 
 
 def write(result: Result, folder: Path) -> list[Path]:

@@ -20,8 +20,6 @@ from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import Curves
 from afl_mujoco.studies.verification.decisions import DECISIONS
 
-PASS, FAIL = "pass", "fail"
-
 
 def verdict_of(checks: tuple[Check, ...]) -> Literal["pass", "fail"]:
     """Return whether every check holds, and there is one."""
@@ -104,7 +102,7 @@ class Result:
     @property
     def passed(self) -> bool:
         """Whether every check holds."""
-        return self.verdict == PASS
+        return self.verdict == "pass"
 
     @property
     def failed_checks(self) -> tuple[Check, ...]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from afl_mujoco.document.blocks import Cell, Finding, Section, Table, Tally
+from afl_mujoco.document.blocks import Cell, Facts, Finding, Section, Table, Tally
 from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.result import Result, verdict_of
@@ -204,8 +204,8 @@ def test_claims_and_sections_name_decisions_and_decisions_name_them_back() -> No
     assert {"D2", "D3", "D6", "D7", "D9"} <= rests["C8"]
     assert rests["C1"] == {"D1", "D3", "D4"}  # the last two because its reason names them
     (decisions,) = (part for part in sections(result) if part.anchor == "decisions")
-    (facts,) = (block for block in decisions.blocks if block.kind == "facts")
-    back = {fact.anchor: links(fact.text) for fact in facts.facts}  # type: ignore[union-attr]
+    (facts,) = (block for block in decisions.blocks if isinstance(block, Facts))
+    back = {fact.anchor: links(fact.text) for fact in facts.facts}
     assert list(back) == list(result.decisions)
     for claim, ids in rests.items():
         assert all(claim in back[id] for id in ids)

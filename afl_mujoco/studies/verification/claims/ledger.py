@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,7 +9,7 @@ from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.simulation.batch import ObjectiveScales
-from afl_mujoco.studies.contract import Progress, silent
+from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.verification.claims.claim import Claim
 from afl_mujoco.studies.verification.claims.gains import (
     fit_claim,
@@ -69,13 +68,8 @@ def judge_claims(
     if not decidable(runs):
         return Ledger()
     units = [(index, scales) for index in range(schedules)]
-    done = itertools.count(1)
-    objectives = compute_all(
-        objectives_on_schedule,
-        units,
-        executor,
-        lambda _: progress("random schedules", next(done), schedules),
-    )
+    advance = counted(progress, "random schedules", schedules)
+    objectives = compute_all(objectives_on_schedule, units, executor, advance)
     c9, comparisons = schedules_claim(objectives)
     table = GainTable.shipped()
     claims = (

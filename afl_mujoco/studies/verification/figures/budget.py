@@ -22,6 +22,7 @@ from afl_mujoco.document.style import (
     in_words,
     new_figure,
 )
+from afl_mujoco.simulation.metrics import STATE_UNITS, SYMBOLS
 from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget
 
 DARK = "#404040"
@@ -37,8 +38,6 @@ SOURCES: Mapping[str, tuple[str, str, str]] = {
 }
 """Words, colour and marker of each part of the total, in the order of the steps."""
 
-UNITS = {"z": "m", "phi": "rad", "z_dot": "m/s", "phi_dot": "rad/s"}
-SYMBOLS = {"z": "z", "phi": "φ", "z_dot": "z′", "phi_dot": "φ′"}
 _TOTAL = ("total", BLACK, "|")
 _SIZES = {"total": 10.0, "disturbance_timing": 7.5, "residual": 6.0}
 _LEAST = 1e-16
@@ -62,7 +61,7 @@ def budget_figure(budgets: Sequence[ErrorBudget]) -> blocks.Figure:
         f"{SYMBOLS[at.state]}: there the signed parts add up to the total. Right: the largest "
         "of any state at any instant [m, rad, m/s, rad/s] of the total and of each part alone, in "
         "every run; they are not of one instant and need not add up.",
-        alt=f"Waterfall of {_name(worst)} in {UNITS[at.state]}: {shares}; total "
+        alt=f"Waterfall of {_name(worst)} in {STATE_UNITS[at.state]}: {shares}; total "
         f"{in_words(at.total)}. Beside it a row of dots for each of {len(budgets)} runs; what "
         f"is not explained is at most {100 * most:.2g} % of a run's total.",
         draw=partial(_draw, budgets),
@@ -112,7 +111,7 @@ def _draw_waterfall(axis: Axes, budget: ErrorBudget) -> None:
     axis.set_yticks([*rows, len(names)], [*names, "total"])
     axis.invert_yaxis()
     axis.grid(axis="y", visible=False)
-    axis.set_xlabel(f"MuJoCo as deployed - ODE, {SYMBOLS[at.state]} [{UNITS[at.state]}]")
+    axis.set_xlabel(f"MuJoCo as deployed - ODE, {SYMBOLS[at.state]} [{STATE_UNITS[at.state]}]")
     axis.set_title(f"{_name(budget)}, t = {at.time:g} s")
 
 

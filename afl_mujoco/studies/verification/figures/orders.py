@@ -84,7 +84,7 @@ def _draw_panel(
             name = study.controller
             own = shades.get(name, BLACK), _MARKERS.get(name, "v")
             colour, mark = _SWINGS.get(study.study, own)
-            label = f"{name}" if name != "any" else study.study
+            label = name if name != "any" else study.study
             (drawn[label],) = axis.loglog(
                 study.steps, study.errors, color=colour, marker=mark, markersize=3.5,
                 linewidth=1.0, markerfacecolor="white",

@@ -5,8 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from afl_mujoco.document.blocks import Bar, Block, Cell, Column, Finding, Section, Table, Text
-from afl_mujoco.document.numbers import limit, scientific, sentence, short
+from afl_mujoco.document.blocks import (
+    Bar,
+    Block,
+    Cell,
+    Column,
+    Finding,
+    Section,
+    Table,
+    Text,
+    good_or_bad,
+)
+from afl_mujoco.document.numbers import limit, listed, scientific, sentence, short
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.figures.errors import errors_figure
@@ -64,13 +74,8 @@ def checks_section(result: Result) -> Section:
 
 def worst_checks(checks: Sequence[Check]) -> list[Check]:
     """Return for each criterion, in their order, the check closest to its limit or beyond it."""
-    worst: dict[str, Check] = {}
-    for check in checks:
-        held = worst.get(check.id)
-        if held is None or _rank(check) > _rank(held):
-            worst[check.id] = check
-    order = list(CRITERIA)
-    return sorted(worst.values(), key=lambda c: order.index(c.id) if c.id in order else len(order))
+    found = {id: [check for check in checks if check.id == id] for id in CRITERIA}
+    return [max(alike, key=_rank) for alike in found.values() if alike]
 
 
 def check_link(result: Result, id: str) -> str:
@@ -93,7 +98,7 @@ def _rank(check: Check) -> float:
 
 def _row(check: Check) -> tuple[Cell | str, ...]:
     """Return a criterion at its worst."""
-    status = "good" if check.passed else "bad"
+    status = good_or_bad(check.passed)
     drawn, words = margin(check)
     unit = check.unit if check.unit != "1" else ""
     place = "" if check.scenario == ANY else f"worst in {check.scenario} / {check.controller}"
@@ -102,8 +107,8 @@ def _row(check: Check) -> tuple[Cell | str, ...]:
         Cell(check.quantity, note=place),
         Cell(figure(check.value), note=unit),
         f"≤ {limit(check.limit)}",
-        Cell(words, bar=drawn, status=status),  # type: ignore[arg-type]
-        Cell("holds" if check.passed else "FAILS", status=status),  # type: ignore[arg-type]
+        Cell(words, bar=drawn, status=status),
+        Cell("holds" if check.passed else "FAILS", status=status),
     )
 
 
@@ -153,7 +158,7 @@ def _failures(failed: Sequence[Check]) -> Table:
 
 def _reasons(worst: Sequence[Check]) -> Table:
     """Return why the limits are what they are, and what the checks show."""
-    known = [CRITERIA[check.id] for check in worst if check.id in CRITERIA]
+    known = [CRITERIA[check.id] for check in worst]
     return Table(
         summary="Why these limits, and what each check proves and leaves open",
         caption="The criteria",
@@ -184,11 +189,11 @@ def _every_figure(result: Result) -> Table:
             Column("Controller"),
             *(Column(f"{id} ≤ {limit(CRITERIA[id].limit)}", number=True) for id in ids),
         ),
-        rows=[(*place, *(_judged(found.get((*place, id))) for id in ids)) for place in places],
+        rows=[(*place, *(judged_cell(found.get((*place, id))) for id in ids)) for place in places],
     )
 
 
-def _judged(check: Check | None) -> Cell:
+def judged_cell(check: Check | None) -> Cell:
     """Return a judged figure; one that fails is marked."""
     if check is None:
         return Cell("–")
@@ -200,7 +205,7 @@ def _agreement(result: Result) -> str:
     exact = [check for check in result.checks if check.id == "B1"]
     others = (check.id for check in result.failed_checks if check.id != "B1")
     failed = list(dict.fromkeys(others))
-    more = f"; yet {listed_plainly(failed)} fail{'s' * (len(failed) == 1)}" if failed else ""
+    more = f"; yet {listed(failed, 'and')} fail{'s' * (len(failed) == 1)}" if failed else ""
     if not exact:
         return f"No run here compares MuJoCo with the equations under one integrator{more}."
     worst = max(exact, key=_rank)
@@ -219,8 +224,3 @@ def _agreement(result: Result) -> str:
         f"Under one integrator MuJoCo and the paper's equations differ by at most {found} in any "
         f"state at any instant of {runs} (limit {most}): one model, up to round-off{more}."
     )
-
-
-def listed_plainly(parts: Sequence[str]) -> str:
-    """Join parts as a sentence does."""
-    return " and ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))

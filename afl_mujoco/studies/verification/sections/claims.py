@@ -17,7 +17,7 @@ from afl_mujoco.document.blocks import (
     Tally,
     Text,
 )
-from afl_mujoco.document.numbers import fixed, interval, percent, sentence, short
+from afl_mujoco.document.numbers import fixed, interval, listed, percent, sentence, short
 from afl_mujoco.studies.gain_figures import gains_figure
 from afl_mujoco.studies.verification.claims.claim import (
     IN_PART,
@@ -29,7 +29,6 @@ from afl_mujoco.studies.verification.claims.claim import (
 from afl_mujoco.studies.verification.claims.schedules import Comparison
 from afl_mujoco.studies.verification.figures.claims import claims_figure
 from afl_mujoco.studies.verification.result import Result
-from afl_mujoco.studies.verification.sections.checks import listed_plainly
 from afl_mujoco.studies.verification.sections.decisions import claim_decisions, links
 
 STATUSES: Mapping[str, Status] = {
@@ -168,7 +167,7 @@ def _summary(claims: Sequence[Claim]) -> str:
             f"; the improvement by adaptive gains, {_range(paper)} in the paper's Table 3, is "
             f"{_range(here)} on the schedules assumed here (D3)"
         )
-    return f"Of {len(claims)} claims {listed_plainly(told)}{more}."
+    return f"Of {len(claims)} claims {listed(told, 'and')}{more}."
 
 
 def _schedules(comparisons: Mapping[str, Comparison]) -> str:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from afl_mujoco.control.names import AFL
 from afl_mujoco.document.blocks import Fact, Facts, Section, Text
-from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.studies.verification.claims.claim import Claim
 from afl_mujoco.studies.verification.result import Result
 
@@ -69,7 +69,7 @@ def rests_on(result: Result, anchor: str) -> Text:
 
 def section_decisions(result: Result, anchor: str) -> list[str]:
     """Return the decisions that a section rests on, of those that concern what was run."""
-    published = [s for s in result.scenarios if SCENARIOS.get(s.name) == s]
+    published = [s for s in result.scenarios if is_published(s)]
     concerned = {
         "D2": any(run.controller in AFL for run in result.runs),
         "D3": bool(published),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from afl_mujoco.document.blocks import Block, Cell, Column, Finding, Section, Table, Text
 from afl_mujoco.document.numbers import fixed, percent, scientific, sentence, short, size
+from afl_mujoco.simulation.metrics import STATE_UNITS, SYMBOLS
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget
 from afl_mujoco.studies.verification.checks.explanation import Omission
@@ -35,9 +36,6 @@ DEEDS = {
     "model_form": "the form of MuJoCo's model",
 }
 """The same as they stand in a sentence."""
-
-STATES = {"z": ("z", "m"), "phi": ("φ", "rad"), "z_dot": ("z′", "m/s"), "phi_dot": ("φ′", "rad/s")}
-"""Symbol and unit of each state."""
 
 MOST = 4
 """Scenarios whose ledger of energy is drawn."""
@@ -83,7 +81,7 @@ def _deployed(result: Result) -> str:
         run = f"Of {cases} cases {len(budgets)} completed in every simulator; a run of these"
     row = max(budgets, key=lambda budget: budget.total)
     worst = row.at_worst
-    symbol, unit = STATES[worst.state]
+    symbol, unit = SYMBOLS[worst.state], STATE_UNITS[worst.state]
     largest = max(DEEDS, key=lambda name: abs(getattr(worst, name)))
     share = getattr(worst, largest) / worst.total if worst.total else 0.0
     own = scientific(abs(worst.integrator + worst.model_form))
@@ -119,7 +117,7 @@ def _budget_table(budgets: Sequence[ErrorBudget]) -> Table:
 def _budget_row(row: ErrorBudget) -> tuple[Cell | str, ...]:
     """Return one run, its largest source in bold."""
     worst, largest = row.at_worst, max(getattr(row, name) for name in SOURCES)
-    symbol = STATES[worst.state][0]
+    symbol = SYMBOLS[worst.state]
     return (
         row.scenario,
         row.controller,

@@ -18,12 +18,13 @@ from afl_mujoco.document.blocks import (
     Section,
     Table,
     Text,
+    good_or_bad,
 )
 from afl_mujoco.document.numbers import MISSING, fixed, short
-from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
-from afl_mujoco.simulation.metrics import UNITS, Metrics
+from afl_mujoco.simulation.metrics import SYMBOLS, UNITS, Metrics
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.cases import Run
 from afl_mujoco.studies.verification.chart_data import QUANTITIES, chart_data
@@ -35,7 +36,7 @@ from afl_mujoco.studies.verification.figures.responses import (
 )
 from afl_mujoco.studies.verification.figures.schedules import schedules_figure
 from afl_mujoco.studies.verification.result import Result
-from afl_mujoco.studies.verification.sections.checks import figure
+from afl_mujoco.studies.verification.sections.checks import judged_cell
 from afl_mujoco.studies.verification.sections.decisions import rests_on
 
 CASES: Mapping[str, str] = MappingProxyType(
@@ -60,7 +61,6 @@ MAIN = (
 HEADLINE = ("B1", "B2", "B3", "B5")
 """The checks that a case's line in the overview gives."""
 
-_STATES = {"z": "z", "phi": "φ", "z_dot": "z′", "phi_dot": "φ′"}
 _LABELS = {
     "objective": "objective OF",
     "iae_z": "∫|z| dt",
@@ -72,16 +72,16 @@ _LABELS = {
     "force_variation": "total variation of F",
     "saturated_share": "share of time saturated",
     "end_time": "end",
-    **{f"peak_{x}": f"max |{s}|" for x, s in _STATES.items()},
-    **{f"overshoot_{x}": f"overshoot of {s}" for x, s in _STATES.items()},
-    **{f"settling_2pc_{x}": f"settling of {s}, 2 %" for x, s in _STATES.items()},
-    **{f"settling_5pc_{x}": f"settling of {s}, 5 %" for x, s in _STATES.items()},
+    **{f"peak_{x}": f"max |{s}|" for x, s in SYMBOLS.items()},
+    **{f"overshoot_{x}": f"overshoot of {s}" for x, s in SYMBOLS.items()},
+    **{f"settling_2pc_{x}": f"settling of {s}, 2 %" for x, s in SYMBOLS.items()},
+    **{f"settling_5pc_{x}": f"settling of {s}, 5 %" for x, s in SYMBOLS.items()},
 }
 
 
 def scenarios_section(result: Result) -> Section:
     """Return every scenario."""
-    known = [s for s in result.scenarios if SCENARIOS.get(s.name) == s]
+    known = [s for s in result.scenarios if is_published(s)]
     cases = [s for s in known if s.name in CASES]
     disturbed = [s for s in known if s.name.removesuffix(DISTURBED) in CASES and s not in cases]
     blocks: list[Block] = [
@@ -121,12 +121,7 @@ def _overview(result: Result) -> Table:
                 _outcome(run.outcome),
                 _outcome(result.outcome_of(run, DEPLOYED)),
                 fixed(run.metrics["objective"], 4),
-                *(
-                    Cell("–")
-                    if check is None
-                    else Cell(figure(check.value), status="" if check.passed else "bad")
-                    for check in found
-                ),
+                *map(judged_cell, found),
             )
         )
     return Table(
@@ -177,7 +172,7 @@ def _section(result: Result, number: int, scenario: Scenario) -> Section:
 def _response(result: Result, scenario: Scenario, number: int) -> list[Figure]:
     """Return states and force over time, of the paper's four cases and of one's own scenarios."""
     curves, hold = result.curves_of(scenario.name), result.settings.control_period
-    if SCENARIOS.get(scenario.name) != scenario:
+    if not is_published(scenario):
         plain = re.sub(r"[^A-Za-z0-9]+", "-", scenario.name)[:60]
         name = f"report-response-{number}-{plain}".strip("-")
         return [response_figure(name, "", curves, hold)]
@@ -202,8 +197,7 @@ def _merit(
         row: list[Cell | str] = [_LABELS.get(key, key), _unit(key), *told]
         if compared:
             change, better = _change(key, completed)
-            status = "" if better is None else "good" if better else "bad"
-            row.append(Cell(change, status=status))  # type: ignore[arg-type]
+            row.append(Cell(change, status="" if better is None else good_or_bad(better)))
         rows.append(row)
     return Table(
         caption=f"{scenario.name}: in MuJoCo, continuous mode; less is better in every row",
