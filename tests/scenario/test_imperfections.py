@@ -18,7 +18,7 @@ from afl_mujoco import (
 )
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.files import scenario_to_table
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import DRAWS, IDEAL, Imperfections
 from afl_mujoco.studies.cases import Settings
 from afl_mujoco.studies.verification.campaign import require_runnable
 
@@ -146,3 +146,7 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
     assert (
         str(caught.value) == "scenario 'mine' has imperfections, which only sampled mode simulates"
     )
+
+
+def test_no_two_fields_are_drawn_on_one_axis() -> None:
+    assert [draw.axis for draw in DRAWS.values()] == list(range(len(DRAWS)))
