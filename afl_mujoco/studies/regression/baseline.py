@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from afl_mujoco.errors import InvalidValueError, reading
-from afl_mujoco.scenario.parameters import require_finite
+from afl_mujoco.errors import FileError
+from afl_mujoco.files import read_json
 from afl_mujoco.simulation.metrics import STATES
 from afl_mujoco.studies.cases import Settings
 
-SCHEMA = 1
+WRONG = "is not a baseline"
 
 PERIOD = 0.5
 """Spacing of the instants that a baseline keeps [s]."""
@@ -41,23 +40,8 @@ SLACK = 1e-6
 """Share of a sample that round-off may add to a figure quantised by the samples."""
 
 Number = float | None
-Row = tuple[Number, ...]
+Row = tuple[Number, Number, Number, Number, Number, Number]
 COLUMNS = ("t", *STATES, "force")
-
-
-def _json(content: object, indent: int | None = None) -> str:
-    """Return plain data as JSON, its numbers exact."""
-    return json.dumps(content, indent=indent, allow_nan=False, ensure_ascii=False)
-
-
-def _open_table(content: Mapping[str, object]) -> str:
-    """Return a table as JSON without its last brace, so that more can be put in."""
-    return _json(content, indent=1).removesuffix("\n}")
-
-
-def _lines(items: Iterable[str]) -> str:
-    """Return the items of a list, each on its line."""
-    return ",\n".join(items)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +65,6 @@ class Recording:
     metrics: Mapping[str, Number]
     trajectory: tuple[Row, ...]
 
-    def to_text(self) -> str:
-        """Return the recording as JSON, a figure or an instant a line."""
-        head = {"settings": dict(self.settings), "outcome": self.outcome}
-        rows = _lines(_json(row) for row in self.trajectory)
-        table = _open_table({**head, "metrics": dict(self.metrics)})
-        return f'{table},\n"trajectory": [\n{rows}\n]\n}}'
-
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
@@ -95,6 +72,8 @@ class Baseline:
 
     Attributes
     ----------
+    columns
+        Of the rows of each recording.
     scenario, controller
         Their names.
     versions
@@ -103,6 +82,8 @@ class Baseline:
         A recording for each simulator.
     """
 
+    schema: Literal[1] = field(default=1, kw_only=True)
+    columns: tuple[str, ...] = field(default=COLUMNS, kw_only=True)
     scenario: str
     controller: str
     versions: Mapping[str, str]
@@ -112,13 +93,6 @@ class Baseline:
     def file_name(self) -> str:
         """Name of its file."""
         return f"{self.scenario}.{self.controller}.json"
-
-    def to_text(self) -> str:
-        """Return the file's text: a figure or an instant a line, the same bytes every time."""
-        head = {"schema": SCHEMA, "scenario": self.scenario, "controller": self.controller}
-        head |= {"versions": dict(self.versions), "columns": COLUMNS}
-        runs = (f"{_json(name)}: {run.to_text()}" for name, run in self.runs.items())
-        return f'{_open_table(head)},\n"runs": {{\n{_lines(runs)}\n}}\n}}\n'
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,38 +132,10 @@ def _said(value: object) -> str:
 
 def load_baseline(path: Path) -> Baseline:
     """Read a baseline from its file."""
-    with reading(path, "is not a baseline"):
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["schema"] != SCHEMA:
-            raise InvalidValueError("schema", f"must be {SCHEMA}", content["schema"])
-        baseline = Baseline(
-            scenario=str(content["scenario"]),
-            controller=str(content["controller"]),
-            versions=dict(content["versions"]),
-            runs={str(name): _recording(run) for name, run in content["runs"].items()},
-        )
-        if baseline.file_name != path.name:
-            raise InvalidValueError("its file", f"must be named {baseline.file_name}")
+    baseline = read_json(path, Baseline, WRONG)
+    if baseline.file_name != path.name:
+        raise FileError(str(path), f"{WRONG}: its file must be named {baseline.file_name}")
     return baseline
-
-
-def _recording(content: Mapping[str, Any]) -> Recording:
-    """Return the recording that a file holds."""
-    rows = [tuple(_number("trajectory", x) for x in row) for row in content["trajectory"]]
-    for row in rows:
-        if len(row) != len(COLUMNS):
-            raise InvalidValueError("trajectory", f"must have rows of {len(COLUMNS)}", len(row))
-    return Recording(
-        settings=dict(content["settings"]),
-        outcome=str(content["outcome"]),
-        metrics={str(name): _number(name, x) for name, x in content["metrics"].items()},
-        trajectory=tuple(rows),
-    )
-
-
-def _number(thing: str, value: object) -> Number:
-    """Return a number of a file, or raise."""
-    return None if value is None else require_finite(thing, value)
 
 
 def changes(old: Baseline, new: Baseline) -> list[Change]:

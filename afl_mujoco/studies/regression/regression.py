@@ -6,13 +6,14 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import FileError
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.files import output_folder, write_text
+from afl_mujoco.files import output_folder, write_json
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
@@ -95,7 +96,8 @@ def _decimated(run: Trajectory) -> tuple[Row, ...]:
     wanted = PERIOD * np.arange(int(run.time[-1] / PERIOD + SLACK) + 1)
     index = np.searchsorted(run.time, wanted - SLACK * SETTINGS.timestep)
     rows = np.column_stack([wanted, run.state[index], run.force[index]])
-    return tuple(tuple(x if np.isfinite(x) else None for x in row) for row in rows.tolist())
+    known = ([x if np.isfinite(x) else None for x in row] for row in rows.tolist())
+    return tuple(cast(Row, tuple(row)) for row in known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,7 +189,7 @@ def update_baselines(
     """
     comparison = compare(baselines, fresh)
     for name in (*comparison.missing, *comparison.changes):
-        write_text(folder / name, fresh[name].to_text())
+        write_json(folder / name, fresh[name])
     for name in comparison.orphaned:
         try:
             (folder / name).unlink()
