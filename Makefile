@@ -6,7 +6,9 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # A target for each study, by the name that its folder gives it.
-STUDIES := $(shell sed -n 's/.*\bname="\([a-z_]*\)".*/\1/p' afl_mujoco/studies/*/study.py)
+named = $(shell sed -n 's/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
+STUDIES := $(call named,afl_mujoco/studies/*/study.py)
+QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*/study.py))
 
 .DEFAULT_GOAL := help
 .PHONY: $(STUDIES) help setup validate proof robustness render view report docs test slow regression baselines pinocchio cluster tune bench faults check lock clean distclean
@@ -34,8 +36,8 @@ report: $(READY) ## make renders/validation/report.html anew from what is there,
 $(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
-robustness: ## every study but validate: what happens when the loop is not ideal (30 minutes, ARGS="--quick": 5)
-	@for study in $(filter-out validate,$(STUDIES)); do $(MAKE) --no-print-directory $$study || exit; done
+robustness: ## every study that can be quick: what happens when the loop is not ideal (30 minutes, ARGS="--quick": 5)
+	@for study in $(QUICK); do $(MAKE) --no-print-directory $$study || exit; done
 
 docs: $(READY) ## print the tables of the documentation from the code
 	@$(BIN)/python -m afl_mujoco.cli.tables docs $(ARGS)

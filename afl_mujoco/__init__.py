@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from afl_mujoco.scenario.files import find_scenario, load_scenario, save_scenario
     from afl_mujoco.scenario.imperfections import Imperfections
     from afl_mujoco.scenario.parameters import CartPoleParameters
+    from afl_mujoco.scenario.requirements import Requirements
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.scenario.schedules import (
         Schedule,
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
     from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
     from afl_mujoco.simulation.task import load
     from afl_mujoco.simulation.trajectory import Outcome, Trajectory
+    from afl_mujoco.studies.compare.comparison import compare
+
+    __version__: str
 
 _HOMES = {
     "control.afl": ("control_force", "sliding_variable"),
@@ -58,6 +62,7 @@ _HOMES = {
     "scenario.files": ("find_scenario", "load_scenario", "save_scenario"),
     "scenario.parameters": ("CartPoleParameters",),
     "scenario.imperfections": ("Imperfections",),
+    "scenario.requirements": ("Requirements",),
     "scenario.scenario": ("Scenario",),
     "scenario.schedules": (
         "Schedule",
@@ -74,6 +79,7 @@ _HOMES = {
     "simulation.sampled.rollouts": ("Rollouts", "run_rollouts"),
     "simulation.task": ("load",),
     "simulation.trajectory": ("Outcome", "Trajectory"),
+    "studies.compare.comparison": ("compare",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -93,12 +99,15 @@ __all__ = [
     "Imperfections",
     "Impulse",
     "Outcome",
+    "Requirements",
     "Rollouts",
     "Scenario",
     "Schedule",
     "StateFeedback",
     "Trajectory",
+    "__version__",
     "acceleration",
+    "compare",
     "constant",
     "control_force",
     "find_controller",
@@ -124,6 +133,8 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     """Import a public name from its home on first use."""
+    if name == "__version__":
+        return import_module("importlib.metadata").version(__name__)
     if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)

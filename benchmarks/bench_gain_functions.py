@@ -26,7 +26,8 @@ from afl_mujoco.control.gain_function import scheduled_gain, shipped_data
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.randomised import random_scenario
-from afl_mujoco.simulation.metrics import metrics, with_objective
+from afl_mujoco.simulation.metrics import metrics
+from afl_mujoco.simulation.scoring import with_objective
 from afl_mujoco.studies.gain_tuning.gain_cost import paper_scales
 from afl_mujoco.studies.verification.claims.schedules import compare
 

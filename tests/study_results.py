@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from afl_mujoco.document.blocks import Section
+from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.attraction.grid import AttractionMap, Settling, state_grid
+from afl_mujoco.simulation.judgement import Judgement
+from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.attraction import result as attraction_result
 from afl_mujoco.studies.attraction.comparison import Comparison
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER, Threshold
+from afl_mujoco.studies.compare import result as compare_result
 from afl_mujoco.studies.delay_margin import LeastMargin
 from afl_mujoco.studies.estimation import result as estimation_result
 from afl_mujoco.studies.estimation.loops import ESTIMATED, TRUE, Loop
@@ -26,7 +31,7 @@ from afl_mujoco.studies.thresholds import result as thresholds_result
 from afl_mujoco.studies.thresholds.imperfections import find_imperfection
 from afl_mujoco.studies.thresholds.result import END_STOP, UNSETTLED, Sweep, Verdict
 from afl_mujoco.studies.thresholds.sweep import added
-from tests.verification_result import NASTY, make_result
+from tests.verification_result import NASTY, OWN, make_result
 
 CONTROLLERS = ("adaptive", "lqr")
 
@@ -274,8 +279,56 @@ def estimation() -> estimation_result.Result:
     )  # fmt: skip
 
 
+def compare() -> compare_result.Result:
+    """Return two controllers on a scenario with a nasty name: one falls, the other is good."""
+    scenario = replace(
+        OWN,
+        name=NASTY,
+        requirements=Requirements(max_position=1.0, settling_time=1.1, recover_within=0.6),
+    )
+    time = np.linspace(0.0, 2.0, 40)
+
+    def run(controller: str, reached: int, outcome: str, values: tuple[Any, ...]) -> Any:
+        judged = {
+            "completes": (2.0, values[0], values[0] - 2.0),
+            "max_position": (1.0, 0.4, values[1]),
+            "settling_time": (1.1, values[2], values[3]),
+            "recover_within": (0.6, values[2], values[3]),
+        }
+        curves = compare_result.Curves(
+            time=time[:reached],
+            state=np.outer(np.cos(3.0 * time[:reached]), (0.4, 0.2, 1.0, 1.0)),
+            force=20.0 * np.exp(-time[:reached]),
+        )
+        compared = compare_result.ComparedRun(
+            scenario=NASTY,
+            controller=controller,
+            outcome=outcome,
+            metrics=dict.fromkeys(UNITS, 1.5) if outcome == "completed" else {},
+            requirements=tuple(
+                Judgement(requirement=name, limit=limit, value=value, left=left)
+                for name, (limit, value, left) in judged.items()
+            ),
+            remarks=("Its gains are extrapolated.",),
+        )
+        return compared, curves
+
+    found = {
+        "lqr": run("lqr", 40, "completed", (2.0, 0.6, 0.5, 0.1)),
+        "adaptive": run("adaptive", 15, "fell at t = 0.7 s", (0.7, None, None, -0.4)),
+    }
+    return compare_result.Result(
+        scenarios=(scenario,),
+        runs=tuple(compared for compared, _ in found.values()),
+        curves={f"{NASTY}/{name}": curves for name, (_, curves) in found.items()},
+        timestep=1e-3,
+        control_period=None,
+        integrator="RK4",
+    )
+
+
 RESULTS = {
-    "validate": make_result,
+    "validate": make_result, "compare": compare,
     "thresholds": thresholds, "montecarlo": monte_carlo, "attraction": attraction,
     "margins": margins, "estimation": estimation,
 }  # fmt: skip

@@ -81,9 +81,23 @@ def files(folder: Path) -> list[Path]:
 
 
 def test_the_example_has_ten_lines() -> None:
-    lines = (EXAMPLES / "own_controller.py").read_text().splitlines()
+    text, _, _ = (EXAMPLES / "own_controller.py").read_text().partition("class Integrating")
+    lines = text.splitlines()
     body = [x for x in lines if x.strip() and not x.lstrip().startswith(("#", '"""'))]
     assert len(body) <= 10
+
+
+def test_the_first_comparison_says_who_meets_the_requirements(tmp_path: Path) -> None:
+    controllers = ("lqr", "adaptive", "own_controller:Integrating")
+    run = program(
+        EXAMPLES, "compare", "rig.toml", "--controllers", *controllers, "--out", str(tmp_path)
+    )
+    assert (run.returncode, run.stderr) == (1, "")
+    last = run.stdout.splitlines()[-1]
+    assert last.startswith("FAIL: ") and "lqr" not in last
+    result = json.loads((tmp_path / "compare.json").read_text())
+    outcomes = {one["controller"]: one["outcome"] for one in result["runs"]}
+    assert outcomes == dict.fromkeys(("lqr", "adaptive", "own_controller.Integrating"), "completed")
 
 
 @pytest.mark.parametrize("mode", ["exact", "continuous", "sampled"])

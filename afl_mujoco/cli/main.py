@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from typing import Any, Union
 
 import tyro
@@ -15,7 +17,7 @@ from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.study import study_commands
-from afl_mujoco.cli.terminal import BAD_INPUT, INTERRUPTED
+from afl_mujoco.cli.terminal import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, SUCCESS
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
 from afl_mujoco.errors import AflMujocoError
@@ -42,6 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code: int = _parse(arguments).run()
         return code
+    except BrokenPipeError:  # whoever read the output has had enough of it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
     except AflMujocoError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -61,6 +66,10 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 def _parse(arguments: Sequence[str] | None) -> Any:
     """Parse the arguments; bad ones end the program with one line."""
+    given = sys.argv[1:] if arguments is None else arguments
+    if list(given) == ["--version"]:
+        print(PROGRAM, version("afl_mujoco"))
+        raise SystemExit(SUCCESS)
     commands: Any = Union[(*study_commands(), *OTHERS)]
     complaint = io.StringIO()
     try:
@@ -69,8 +78,8 @@ def _parse(arguments: Sequence[str] | None) -> Any:
                 commands,
                 prog=PROGRAM,
                 description="Compare a cart-pole controller in MuJoCo with its ideal equations.\n\n"
-                "Example: afl-mujoco validate step-step",
-                args=arguments,
+                "Example: afl-mujoco validate step-step\n\n--version prints the version.",
+                args=given,
                 config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
             )
     except SystemExit as end:

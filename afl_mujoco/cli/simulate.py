@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS
 from afl_mujoco.control.names import KNOWN, SUBJECT
 from afl_mujoco.errors import FileError, UnknownNameError
 
@@ -67,11 +67,16 @@ class Simulate:
         integrator = self.integrator or replay.integrator or "RK4"
         controller = find_controller(name, self.gain_labels)
 
+        from afl_mujoco.document.blocks import Section, Verdict
         from afl_mujoco.document.style import save_figure
-        from afl_mujoco.document.terminal import print_sections
+        from afl_mujoco.document.terminal import print_sections, print_verdict
         from afl_mujoco.files import output_folder
+        from afl_mujoco.scenario.requirements import NONE
         from afl_mujoco.simulation.figures import draw_runs
-        from afl_mujoco.simulation.metrics import metrics, nominal_scales, with_objective
+        from afl_mujoco.simulation.judgement import JudgedRun, judge
+        from afl_mujoco.simulation.metrics import metrics
+        from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+        from afl_mujoco.studies.requirements_table import requirements_table, tally
 
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
@@ -89,8 +94,20 @@ class Simulate:
         scales = nominal_scales(self.timestep)
         figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
         print_sections([_section(f"{scenario.name}, {controller.name}", runs, figures)], folder)
+        judged = JudgedRun(
+            scenario=scenario.name,
+            controller=controller.name,
+            outcome=str(runs[0].outcome),
+            requirements=judge(scenario, runs[0]),
+        )
+        if scenario.requirements != NONE:
+            requirements = Section("Requirements", "requirements", [requirements_table([judged])])
+            print_sections([requirements], folder)
+        for remark in controller.remarks(scenario.plants):
+            print(f"{controller.name}: {remark}")
         print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
-        return SUCCESS
+        print_verdict(Verdict(not judged.missed, tally([judged])))
+        return CHECK_FAILED if judged.missed else SUCCESS
 
     def _simulate(
         self, scenario: Scenario, controller: Controller, simulator: str, integrator: str

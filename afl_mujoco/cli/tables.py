@@ -1,8 +1,8 @@
 """Write the tables of the documentation that say what the code declares: `make docs`.
 
-They are the criteria, the fields of a scenario's ``[imperfections]``, the imperfections whose
-thresholds are searched, the space of random hardware and the keys of every result file; and, given
-a report.json, the claims.
+They are the criteria, the fields of a scenario's ``[imperfections]`` and ``[requirements]``, the
+imperfections whose thresholds are searched, the space of random hardware and the keys of every
+result file; and, given a report.json, the claims.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pathlib import Path
 from afl_mujoco.document.markdown import cells_as_table, rewrite
 from afl_mujoco.errors import FileError
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.requirements import BANDS, UNITS, Requirements
 from afl_mujoco.studies.monte_carlo.space import SampleSpace
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import studies
@@ -26,12 +27,15 @@ from afl_mujoco.studies.thresholds.classes import level_text
 from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL, added
 from afl_mujoco.studies.verification.criteria import CRITERIA
 
+REQUIREMENT_UNITS = {**UNITS, **BANDS}
+
 
 def tables() -> dict[tuple[str, str], str]:
     """Return each table by its page and the name of its marks."""
     return {
         ("verification.md", "criteria"): criteria_table(),
         ("notation.md", "imperfections"): fields_table(),
+        ("notation.md", "requirements"): requirements_table(),
         ("robustness.md", "reference hardware"): thresholds_table(),
         ("montecarlo.md", "space"): space_table(),
         ("results.md", "results"): results_table(),
@@ -95,6 +99,17 @@ def fields_table() -> str:
         ideal = getattr(IDEAL, name)
         default = "none" if ideal is None else json.dumps(ideal)
         rows.append((f"`{name}`", declared.unit or "–", default, said[name]))
+    return cells_as_table(("key", "unit", "default", "meaning"), rows)
+
+
+def requirements_table() -> str:
+    """Return the fields of `Requirements`: key, unit, default, meaning."""
+    said = _attributes(Requirements)
+    rows = []
+    for field in fields(Requirements):
+        default = "none" if field.default is None else json.dumps(field.default)
+        unit = "–" if field.name == "completes" else REQUIREMENT_UNITS[field.name]
+        rows.append((f"`{field.name}`", unit, default, said[field.name]))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 
 

@@ -14,7 +14,7 @@ import tyro
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
 FILMS, RESULTS = Path("renders"), Path("renders/validation")
 """Where films, and the results of studies with their page, are written by default."""

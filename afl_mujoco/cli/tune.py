@@ -91,10 +91,9 @@ class Table:
 
     def _units(self, checkpoints: Path | None) -> list[PairSearch]:
         """Return the searches that are asked for."""
+        from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
         from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX
         from afl_mujoco.studies.gain_tuning.gain_table import (
-            CART_MASSES,
-            HALF_LENGTHS,
             QUICK_LENGTHS,
             QUICK_MASSES,
             QUICK_SETTINGS,

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.afl import sliding_and_drift
-from afl_mujoco.control.baselines.state_feedback import baselines
+from afl_mujoco.control.baselines.design import DESIGNS
+from afl_mujoco.control.baselines.state_feedback import StateFeedback
 from afl_mujoco.control.compiled_controller import AFL, CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
@@ -22,7 +23,14 @@ from afl_mujoco.control.names import ESTIMATED, INFORMED
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_type
+from afl_mujoco.scenario.parameters import (
+    CART_MASSES,
+    HALF_LENGTHS,
+    NOMINAL,
+    CartPoleParameters,
+    PlantRange,
+    require_type,
+)
 
 
 class GainError(InvalidValueError):
@@ -62,9 +70,31 @@ class AFLController(Controller):
         require_type("belief", self.belief, CartPoleParameters | None)
 
     @property
-    def compiled(self) -> CompiledController:
-        """The controller as compiled loops take it."""
+    def kind(self) -> int:
+        """The paper's control law."""
+        return AFL
+
+    def compiled_for(self, plants: PlantRange) -> CompiledController:
+        """Return the controller as compiled loops take it: (G1) has a gain for every plant."""
         return _compiled(self.gain_function)
+
+    def remarks(self, plants: PlantRange) -> list[str]:
+        """Say where scheduled gains go beyond the plants for which they were found."""
+        if self.gain_function.is_constant:
+            return []
+        belief = self.belief
+        assumed = plants if belief is None else PlantRange.of(belief)
+        axes = (
+            ("M", "kg", CART_MASSES, assumed.cart_mass),
+            ("l", "m", HALF_LENGTHS, assumed.half_length),
+        )
+        return [
+            f"Its gains are extrapolated: they were found for {symbol} {nodes[0]:g} to "
+            f"{nodes[-1]:g} {unit}, and {symbol} reaches {far:g} {unit} here."
+            for symbol, unit, nodes, ends in axes
+            for far, beyond in ((ends[0], ends[0] < nodes[0]), (ends[1], ends[1] > nodes[-1]))
+            if beyond
+        ]
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
@@ -138,7 +168,9 @@ def _build() -> dict[str, Controller]:
         catalogue.append(
             AFLController(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
         )
-    catalogue += baselines()
+    catalogue += [
+        StateFeedback(name=n, kind=kind, gains=design) for n, (kind, design) in DESIGNS.items()
+    ]
     return {controller.name: controller for controller in catalogue}
 
 

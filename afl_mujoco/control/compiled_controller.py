@@ -68,11 +68,15 @@ def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
 def _weights(grid, value):
     """Return four nodes around a value and their weights, of a cubic with a continuous slope.
 
-    The slope at a node is that of the line through its neighbours. Beyond the grid the edge counts.
+    The slope at a node is that of the line through its neighbours. Beyond the grid by more than
+    round-off the weights are NaN: nothing is known there.
     """
     last = len(grid) - 1
     if last == 0:
         return (0, 0, 0, 0), (1.0, 0.0, 0.0, 0.0)
+    slack = 1e-9 * grid[last]
+    if not grid[0] - slack <= value <= grid[last] + slack:
+        return (0, 0, 0, 0), (np.nan, np.nan, np.nan, np.nan)
     left = min(max(np.searchsorted(grid, value, side="right") - 1, 0), last - 1)
     right, before, after = left + 1, max(left - 1, 0), min(left + 2, last)
     width = grid[right] - grid[left]
@@ -94,7 +98,7 @@ def _weights(grid, value):
 
 @kernel
 def interpolated_gains(table, masses, lengths, cart_mass, half_length):
-    """Return the four gains of a plant, bicubic between the nodes, those of the edge beyond them.
+    """Return the four gains of a plant, bicubic between the nodes, NaN beyond them.
 
     Their slopes are continuous: of kinks along a ramp of M or l, the error control of the reference
     integrator sees too little.
@@ -147,7 +151,7 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
     table
         Float64, C-contiguous. Of `AFL`: coefficients of the gain function (G1), shape (1, 3, 5).
         Of the others: gains k by M and l, shape (len(masses), len(lengths), 4), interpolated
-        at what the controller assumes and held constant beyond the nodes.
+        at what the controller assumes; a single node stands for every plant.
     masses, lengths
         Nodes M [kg] and l [m], increasing; of no consequence for `AFL`.
     z, phi, z_dot, phi_dot

@@ -15,7 +15,7 @@ from afl_mujoco.control.compiled_controller import (
     inputs_along,
 )
 from afl_mujoco.errors import ControllerDomainError
-from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 
 
 class Estimator(NamedTuple):
@@ -52,8 +52,12 @@ class Controller(Protocol):
     interpreted: ClassVar[bool] = False
 
     @property
-    def compiled(self) -> CompiledController:
-        """The controller as compiled loops take it."""
+    def kind(self) -> int:
+        """Which control law it is in compiled loops; raises if it has no compiled form."""
+        ...
+
+    def compiled_for(self, plants: PlantRange) -> CompiledController:
+        """Return the controller as compiled loops take it, good for these plants; or raise."""
         ...
 
     @property
@@ -76,6 +80,10 @@ class Controller(Protocol):
     def relabelled(self) -> Controller:
         """Return the controller in the other reading of the paper's gain columns, if it has one."""
         return self
+
+    def remarks(self, plants: PlantRange) -> list[str]:
+        """Return what a reader of its runs on these plants has to know, a sentence each."""
+        return []
 
     def start(self) -> Controller:
         """Return the controller for one run, its memory cleared where it has any."""
@@ -123,7 +131,8 @@ class Controller(Protocol):
         assumed_parameters = self.assumed_parameters(
             p.cart_mass, p.pole_mass, p.half_length, p.gravity
         )
-        force = float(compiled_force(*self.compiled, z, phi, z_dot, phi_dot, assumed_parameters))
+        compiled = self.compiled_for(PlantRange.of(p))
+        force = float(compiled_force(*compiled, z, phi, z_dot, phi_dot, assumed_parameters))
         if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
             raise ControllerDomainError(
                 "pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad"
@@ -143,7 +152,8 @@ class Controller(Protocol):
             Assumed (M, m, l, g), shape (4,).
         """
         x = np.asarray(state, dtype=np.float64).tolist()
-        return float(compiled_force(*self.compiled, *x, tuple(assumed.tolist())))
+        compiled = self.compiled_for(_range_of(assumed[None]))
+        return float(compiled_force(*compiled, *x, tuple(assumed.tolist())))
 
     def assumed_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
@@ -188,7 +198,8 @@ class Controller(Protocol):
             If a gain breaks its rule.
         """
         assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
-        inputs: NDArray[np.float64] = inputs_along(*self.compiled, assumed.reshape(-1, 4))
+        rows = assumed.reshape(-1, 4)
+        inputs: NDArray[np.float64] = inputs_along(*self.compiled_for(_range_of(rows)), rows)
         return inputs.reshape((*assumed.shape[:-1], inputs.shape[1]))
 
     def forces(
@@ -208,9 +219,8 @@ class Controller(Protocol):
         times
             Times [s], shape (N,); used only by a Python controller.
         """
-        kind = self.compiled.kind
         return np.asarray(
-            forces_along(kind, np.ascontiguousarray(states), np.ascontiguousarray(inputs))
+            forces_along(self.kind, np.ascontiguousarray(states), np.ascontiguousarray(inputs))
         )
 
     def saturation_ratio(
@@ -226,6 +236,12 @@ class Controller(Protocol):
             From `inputs_along_run`, shape (N, 7) or (N, 8).
         """
         return None
+
+
+def _range_of(assumed: NDArray[np.float64]) -> PlantRange:
+    """Return the plants in rows of assumed (M, m, l, g), of which m and g are constant."""
+    least, largest = assumed.min(axis=0).tolist(), assumed.max(axis=0).tolist()
+    return PlantRange((least[0], largest[0]), (least[2], largest[2]), least[1], least[3])
 
 
 def assumed_as_data(belief: CartPoleParameters | None) -> Any:

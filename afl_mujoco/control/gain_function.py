@@ -115,6 +115,11 @@ class GainFunction:
             return cls(**{gain: tuple(table["coefficients"][gain]) for gain in GAIN_NAMES})
 
     @property
+    def is_constant(self) -> bool:
+        """Whether the gains are the same for every plant."""
+        return not self.coefficients[:, 1:].any()
+
+    @property
     def coefficients(self) -> NDArray[np.float64]:
         """The coefficients as an array, shape (3, 5): rows K, lambda, Phi."""
         return np.array([getattr(self, name) for name in GAIN_NAMES])

@@ -38,7 +38,7 @@ CONTROLLERS: Mapping[str, str] = {
 }
 """Colour of each controller that has its own; Paul Tol's where Okabe and Ito's are spent."""
 
-_SPARE = ("#AA4499", "#44AA99", "#DDCC77", "#88CCEE", GREY)  # light: black dashes show on them
+_SPARE = ("#44AA99", "#DDCC77", "#AA4499", "#88CCEE", GREY)  # light: black dashes show on them
 
 MODES: Mapping[str, tuple[str, str]] = {
     "mujoco sampled": (VERMILION, "sampled: as deployed, control held"),

@@ -39,7 +39,7 @@ def print_sections(
 def print_verdict(verdict: blocks.Verdict) -> None:
     """Print a verdict in one line."""
     colour = "bold green" if verdict.passed else "bold red"
-    _console().print(RichText(f"{verdict.word}: {verdict.text}", style=colour))
+    _console().print(RichText(f"{verdict.word}: {verdict.text}", style=colour), soft_wrap=True)
 
 
 def _console() -> Console:

@@ -23,6 +23,7 @@ from afl_mujoco.files import parse_json, write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
     Schedule,
@@ -114,6 +115,7 @@ class _File:
     schedule: _Schedules = field(default_factory=_Schedules)
     disturbances: list[_Disturbance] = field(default_factory=list)
     imperfections: Imperfections = field(default_factory=Imperfections)
+    requirements: Requirements = field(default_factory=Requirements)
     replay: Replay = field(default_factory=Replay)
 
 
@@ -147,7 +149,7 @@ def find_replay(name: str) -> Replay:
 
 
 def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
-    """Write a scenario to a TOML file, every default but an ideal `imperfections` written out.
+    """Write a scenario to a TOML file, every default written out, as of `scenario_to_table`.
 
     Parameters
     ----------
@@ -192,10 +194,16 @@ def find_scenario(name: str) -> Scenario:
     raise UnknownNameError.among("scenario", name, (*SCENARIOS, "a .toml file"))
 
 
+def as_scenario(scenario: Scenario | str | Path) -> Scenario:
+    """Return a scenario from itself, from a name or from a path, as of `find_scenario`."""
+    return scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
+
+
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 
-    Every default is written out, but for `imperfections`, of which only what is not ideal.
+    Every default is written out, but for `imperfections` and `requirements`, of which only what is
+    not the default.
 
     Parameters
     ----------
@@ -218,13 +226,13 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
         disturbances=[{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances],
     )
     found = asdict(table)
-    del found["replay"], found["imperfections"]
-    departures = {
-        f.name: value
-        for f in fields(Imperfections)
-        if (value := getattr(s.imperfections, f.name)) != f.default
-    }
-    return found | ({"imperfections": departures} if departures else {})
+    del found["replay"]
+    for name, one in (("imperfections", s.imperfections), ("requirements", s.requirements)):
+        given = {f.name: getattr(one, f.name) for f in fields(one)}
+        found[name] = {f.name: given[f.name] for f in fields(one) if given[f.name] != f.default}
+        if not found[name]:
+            del found[name]
+    return found
 
 
 def _read(path: Path) -> _File:
@@ -262,7 +270,11 @@ def _scenario(file: _File, default_name: str) -> Scenario:
             disturbances.append(_built(disturbance))
     name = default_name if file.name is None else file.name
     return Scenario(
-        name=name, disturbances=tuple(disturbances), imperfections=file.imperfections, **given
+        name=name,
+        disturbances=tuple(disturbances),
+        imperfections=file.imperfections,
+        requirements=file.requirements,
+        **given,
     )
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from types import UnionType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +39,10 @@ def require_positive(thing: str, value: object) -> float:
 def require_type(thing: str, value: object, kind: type | UnionType) -> None:
     """Raise unless `value` is of a kind."""
     if not isinstance(value, kind):
-        name = getattr(kind, "__name__", str(kind))
-        raise InvalidValueError(thing, f"must be of type {name}", repr(value))
+        names = [
+            one.__name__ for one in (kind.__args__ if isinstance(kind, UnionType) else (kind,))
+        ]
+        raise InvalidValueError(thing, f"must be of type {' or '.join(names)}", repr(value))
 
 
 def require_distinct(thing: str, names: Sequence[str]) -> None:
@@ -86,3 +89,24 @@ class CartPoleParameters:
 
 NOMINAL = CartPoleParameters()
 """The plant for which the paper gives its fixed gains: M = 1 kg, l = 0.5 m, m = 0.05 kg."""
+
+CART_MASSES = tuple(k / 10 for k in range(1, 21))
+"""M [kg] of the paper's grid of plants."""
+
+HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
+"""l [m] of the paper's grid of plants."""
+
+
+class PlantRange(NamedTuple):
+    """The plants that a run meets: M [kg] and l [m] from least to largest, m [kg] and g [m/s^2]."""
+
+    cart_mass: tuple[float, float]
+    half_length: tuple[float, float]
+    pole_mass: float
+    gravity: float
+
+    @classmethod
+    def of(cls, plant: CartPoleParameters) -> PlantRange:
+        """Return the range that holds one plant."""
+        p = plant
+        return cls((p.cart_mass,) * 2, (p.half_length,) * 2, p.pole_mass, p.gravity)

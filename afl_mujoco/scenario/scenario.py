@@ -16,10 +16,12 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import (
     NOMINAL,
     CartPoleParameters,
+    PlantRange,
     require_finite,
     require_positive,
     require_type,
 )
+from afl_mujoco.scenario.requirements import NONE, Requirements
 from afl_mujoco.scenario.schedules import Schedule, constant
 
 
@@ -79,6 +81,8 @@ class Scenario:
         Horizon T [s].
     imperfections
         Departures from the ideal loop, which only sampled mode simulates.
+    requirements
+        What a run has to achieve.
 
     Raises
     ------
@@ -95,6 +99,7 @@ class Scenario:
     initial_state: tuple[float, float, float, float] = (0.0, -math.pi / 3, 0.0, 0.0)
     duration: float = 20.0
     imperfections: Imperfections = IDEAL
+    requirements: Requirements = NONE
 
     def __post_init__(self) -> None:
         """Validate every field and normalise its type."""
@@ -128,6 +133,16 @@ class Scenario:
             if end > self.duration or struck_at_end:
                 rule = f"must end within the duration {self.duration} s"
                 raise InvalidValueError("disturbance", rule, end)
+        require_type("requirements", self.requirements, Requirements)
+        self.requirements.require_decidable(self.duration, self.disturbances)
+
+    @property
+    def plants(self) -> PlantRange:
+        """The plants that its schedules go through."""
+        masses, lengths = self.cart_mass.values, self.half_length.values
+        return PlantRange(
+            (min(masses), max(masses)), (min(lengths), max(lengths)), self.pole_mass, self.gravity
+        )
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

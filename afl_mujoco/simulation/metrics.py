@@ -1,28 +1,20 @@
-"""Control performance of a run (Tier C): integrals, peaks, settling, the paper's objective (O1)."""
+"""Control performance of a run (Tier C): integrals, peaks, settling."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.batch.objective import ObjectiveScales, objective
-from afl_mujoco.simulation.ode import simulate_ode, solve_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, controller_inputs
 
 Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
 not finite, or its controller has no boundary layer)."""
-
-TERMS = ("iae_z", "iae_phi", "max_force")
-"""The metrics that the objective (O1) adds up."""
 
 STATES = ("z", "phi", "z_dot", "phi_dot")
 SYMBOLS = dict(zip(STATES, ("z", "φ", "z′", "φ′"), strict=True))
@@ -31,9 +23,6 @@ STATE_UNITS = dict(zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True))
 
 BANDS = {"2pc": 0.02, "5pc": 0.05}
 """Settling bands as a share of the peak of the state."""
-
-COARSE: Any = {"sample_period": 2e-3, "rtol": 1e-9, "atol": 1e-11, "longest_step": 0.1}
-"""How `ideal_objective` solves the equations."""
 
 UNITS: Mapping[str, str] = {
     "objective": "1",
@@ -52,21 +41,50 @@ UNITS: Mapping[str, str] = {
 }
 """Unit of every metric."""
 
+LABELS: Mapping[str, str] = {
+    "objective": "objective OF",
+    "iae_z": "∫|z| dt",
+    "iae_phi": "∫|φ| dt",
+    "itae_z": "∫t|z| dt",
+    "itae_phi": "∫t|φ| dt",
+    "max_force": "max |F|",
+    "force_squared": "∫F² dt",
+    "force_variation": "total variation of F",
+    "saturated_share": "share of time saturated",
+    "end_time": "end",
+    **{f"peak_{x}": f"max |{s}|" for x, s in SYMBOLS.items()},
+    **{f"overshoot_{x}": f"overshoot of {s}" for x, s in SYMBOLS.items()},
+    **{f"settling_2pc_{x}": f"settling of {s}, 2 %" for x, s in SYMBOLS.items()},
+    **{f"settling_5pc_{x}": f"settling of {s}, 5 %" for x, s in SYMBOLS.items()},
+}
+"""Every metric as a report writes it."""
+
+
+def unit_of(key: str) -> str:
+    """Return the unit of a metric as a page writes it; nothing for a pure number."""
+    unit = UNITS.get(key, "").replace("^2", "²")
+    return "" if unit == "1" else unit
+
 
 def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
     """Return every metric of a run but the objective, which needs `with_objective`."""
+    inputs = controller_inputs(scenario, controller, run.time)
+    ratio = controller.saturation_ratio(run.state, inputs)
+    share = None if ratio is None else _saturated_share(ratio, run.time)
+    return metrics_of(run) | {"saturated_share": share and _known(share)}
+
+
+def metrics_of(run: Trajectory) -> Metrics:
+    """Return the metrics that a run has by itself, without what its controller knows."""
     time, state, force = run.time, run.state, run.force
-    inputs = controller_inputs(scenario, controller, time)
-    ratio = controller.saturation_ratio(state, inputs)
     figures: Metrics = {
-        "iae_z": _integral(np.abs(state[:, 0]), time),
-        "iae_phi": _integral(np.abs(state[:, 1]), time),
-        "itae_z": _integral(time * np.abs(state[:, 0]), time),
-        "itae_phi": _integral(time * np.abs(state[:, 1]), time),
+        "iae_z": integral(np.abs(state[:, 0]), time),
+        "iae_phi": integral(np.abs(state[:, 1]), time),
+        "itae_z": integral(time * np.abs(state[:, 0]), time),
+        "itae_phi": integral(time * np.abs(state[:, 1]), time),
         "max_force": float(np.abs(force).max()),
-        "force_squared": _integral(force**2, time),
+        "force_squared": integral(force**2, time),
         "force_variation": float(np.abs(np.diff(force)).sum()),
-        "saturated_share": None if ratio is None else _saturated_share(ratio, time),
         "end_time": run.outcome.time,
     }
     for column, name in enumerate(STATES):
@@ -82,60 +100,12 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
     return {name: _known(value) for name, value in figures.items()}
 
 
-def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
-    """Return the metrics with the objective (O1) before them."""
-    iae_z, iae_phi, max_force = (figures[name] for name in TERMS)
-    known = None not in (iae_z, iae_phi, max_force)
-    return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
-
-
-def ideal_objective(
-    scenario: Scenario, controller: Controller, scales: ObjectiveScales
-) -> float | None:
-    """Return the objective (O1) on the ideal equations, for thousands of runs; None if it fell.
-
-    It is that of `simulate_ode` to 1e-6, relatively, without the run itself.
-    """
-    times, states, outcome = solve_ode(scenario, controller, **COARSE)
-    if outcome.kind != COMPLETED:
-        return None
-    forces = controller.forces(states, controller_inputs(scenario, controller, times), times)
-    iae_z, iae_phi = (_integral(np.abs(states[:, column]), times) for column in (0, 1))
-    return float(objective(iae_z, iae_phi, np.abs(forces).max(), scales))
-
-
-def nominal_scales(sample_period: float) -> ObjectiveScales:
-    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
-
-    Parameters
-    ----------
-    sample_period
-        Of the grid on which the integrals are taken [s].
-    """
-    scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
-    run = simulate_ode(scenario, controller, sample_period=sample_period)
-    return objective_scales(metrics(scenario, controller, run))
-
-
-def objective_scales(figures: Metrics) -> ObjectiveScales:
-    """Return the scales that make the objective of these metrics 3.
-
-    Parameters
-    ----------
-    figures
-        Metrics of the fixed gains on the nominal plant (decision D4).
-    """
-    return ObjectiveScales(
-        **{name: figures[name] for name in TERMS}  # type: ignore[arg-type]
-    )
-
-
 def _known(value: float | None) -> float | None:
     """Return a figure, or None if it is not finite: beyond its domain a controller has no force."""
     return value if value is not None and math.isfinite(value) else None
 
 
-def _integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
+def integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
     """Return the integral over time by the trapezoidal rule."""
     return float(np.trapezoid(values, time))
 
@@ -143,7 +113,7 @@ def _integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
 def _saturated_share(ratio: NDArray[np.float64], time: NDArray[np.float64]) -> float:
     """Return the share of the time that the switching term is saturated."""
     saturated = (np.abs(ratio) >= 1.0).astype(float)
-    return _integral(saturated, time) / float(max(time[-1], 1e-300))
+    return integral(saturated, time) / float(max(time[-1], 1e-300))
 
 
 def _overshoot(x: NDArray[np.float64]) -> float:

@@ -35,7 +35,10 @@ def solver(
     """Return what integrates the closed loop of MuJoCo's forward dynamics and the controller."""
     if controller.interpreted:
         return scipy_solver(closed_loop(model, scenario, controller, change))
-    compiled, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
+    compiled, assumed = (
+        tuple(controller.compiled_for(scenario.plants)),
+        controller.assumed_parameters(*[np.nan] * 4),
+    )
 
     def solve(segment: Segment, *rest: Any) -> Any:
         numbers = segment_numbers(scenario, segment, change)
@@ -80,7 +83,7 @@ def integrate_segment_rk4(
     arguments = (at, state, times, cart_mass, half_length, constants, acting)
     if not controller.interpreted:
         reached: tuple[NDArray[np.float64], int] = loops.integrate_continuous(
-            *arguments, controller.compiled.kind, inputs
+            *arguments, controller.kind, inputs
         )
         return reached
     pole_mass, gravity = constants

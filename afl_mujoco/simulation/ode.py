@@ -188,7 +188,10 @@ def compiled_loop(
     scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Callable[..., tuple[int, float, int]]:
     """Return what solves the closed loop over a segment, as `compiled_solver` takes it."""
-    compiled, assumed = tuple(controller.compiled), controller.assumed_parameters(*[np.nan] * 4)
+    compiled, assumed = (
+        tuple(controller.compiled_for(scenario.plants)),
+        controller.assumed_parameters(*[np.nan] * 4),
+    )
 
     def solve(segment: Segment, *rest: Any) -> Any:
         plant = segment_numbers(scenario, segment, change)

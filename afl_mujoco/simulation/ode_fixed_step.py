@@ -207,7 +207,7 @@ def _run(controller, initial_state, times, plant, push, impulse, inputs, update)
     With no `update` the controller is evaluated in every stage.
     """
     if not controller.interpreted:
-        kind = controller.compiled.kind
+        kind = controller.kind
         profile = (initial_state, times, plant, push, impulse, kind, inputs)
         return _run_held(*profile, update) if len(update) else _run_followed(*profile)
     if len(update):

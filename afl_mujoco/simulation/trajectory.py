@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import html
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
@@ -59,7 +61,7 @@ class Outcome:
         return self.kind if self.kind == COMPLETED else f"{self.kind} at t = {self.time:.6g} s"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Trajectory:
     """A simulated run.
 
@@ -103,6 +105,54 @@ class Trajectory:
     def simulator(self) -> str:
         """Name of the simulator, as the report calls it."""
         return str(self.provenance.get("simulator", "unknown"))
+
+    @property
+    def metrics(self) -> dict[str, float | None]:
+        """Its figures by name, as of `simulation.metrics.metrics_of`; None where there is none."""
+        from afl_mujoco.simulation.metrics import metrics_of
+
+        return metrics_of(self)
+
+    def plot(self) -> Any:
+        """Draw states, force, M and l over time; return the matplotlib figure."""
+        from afl_mujoco.simulation.figures import draw_runs
+
+        return draw_runs([self], self._title)
+
+    def to_pandas(self) -> Any:
+        """Return time, states, force, M and l as a pandas DataFrame, its index the time [s].
+
+        Raises
+        ------
+        InvalidValueError
+            If pandas is not installed.
+        """
+        try:
+            pandas = import_module("pandas")
+        except ImportError:
+            raise InvalidValueError("pandas", "must be installed: pip install pandas") from None
+        columns = dict(zip(("z", "phi", "z_dot", "phi_dot"), self.state.T, strict=True))
+        columns |= {name: getattr(self, name) for name in ("force", "cart_mass", "half_length")}
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+
+    @property
+    def _title(self) -> str:
+        """What was simulated: scenario, controller, simulator."""
+        what = (self.provenance.get(name, {}).get("name") for name in ("scenario", "controller"))
+        return ", ".join(name for name in (*what, self.simulator) if name)
+
+    def __repr__(self) -> str:
+        """Say what it is and how it ended, in a line."""
+        return f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: how it ended, and its figures in a table."""
+        rows = "".join(
+            f"<tr><td>{name}</td><td>{'–' if value is None else f'{value:.5g}'}</td></tr>"
+            for name, value in self.metrics.items()
+        )
+        title = html.escape(f"{self._title}: {self.outcome}")
+        return f"<details><summary>{title}</summary><table>{rows}</table></details>"
 
     def save(self, path: str | Path) -> None:
         """Write the run to an npz file, whole or not at all.

@@ -24,6 +24,9 @@ from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
 """Simulators whose metrics the report gives; the others are references of checks."""
 
+DEPLOYED = "mujoco sampled"
+"""The simulator in which requirements are judged."""
+
 DECISIVE = "mujoco continuous"
 """The one whose metrics count: the controller as published, in MuJoCo."""
 

@@ -4,10 +4,10 @@ A study is a package of this folder:
 
 ``study.py``
     Its configuration, a frozen dataclass: the fields are the options of the command, each with a
-    default, ``quick`` among them; their docstrings are its help, that of the class has an
-    example. ``check`` raises at what breaks a rule, before anything slow; ``run`` returns the
-    result. `STUDY` names them. It is imported by ``--help``: what is slow to import
-    is imported inside the functions.
+    default, ``quick`` among them in what ``make robustness`` runs; their docstrings are its help,
+    that of the class has an example. ``check`` raises at what breaks a rule, before anything slow;
+    ``run`` returns the result. `STUDY` names them. It is imported by ``--help``: what is slow to
+    import is imported inside the functions.
 ``result.py``
     ``Result``, a frozen dataclass of types that pydantic supports, and of `Array`.
 ``sections.py``

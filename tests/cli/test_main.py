@@ -128,8 +128,8 @@ BAD_ARGUMENTS = {
     "unknown command": (["validat"], "Unrecognized options: validat"),
     "no command": (
         [],
-        "Expected one of {validate, thresholds, montecarlo, attraction, margins, estimation, "
-        "report, simulate, render, view, tune, regression}",
+        "Expected one of {validate, compare, thresholds, montecarlo, attraction, margins, "
+        "estimation, report, simulate, render, view, tune, regression}",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],
@@ -183,7 +183,9 @@ def rejects(folder: Path, message: str, *arguments: str) -> None:
 def test_validate_writes_a_report_that_passes(folder: Path) -> None:
     result = run("validate", "short.toml", "--workers", "1", "--out", "out", cwd=folder)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.rstrip().splitlines()[-1] == "PASS: all 17 checks hold"
+    assert result.stdout.rstrip().splitlines()[-1] == (
+        "PASS: all 17 checks hold; all 2 requirements are met"
+    )
     assert result.stderr == ""
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "pass"

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import sys
+import types
+
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.batch.objective import ObjectiveScales
-from afl_mujoco.simulation.metrics import (
-    UNITS,
-    metrics,
-    objective_scales,
-    with_objective,
-)
+from afl_mujoco.simulation.metrics import UNITS, metrics
+from afl_mujoco.simulation.scoring import objective_scales, with_objective
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20
@@ -123,3 +122,34 @@ def test_saturation_counts_the_time_beyond_the_boundary_layer() -> None:
 def test_every_metric_has_a_unit() -> None:
     scales = ObjectiveScales(iae_z=1.0, iae_phi=1.0, max_force=1.0)
     assert set(with_objective(measured(decaying_run()), scales)) == set(UNITS)
+
+
+def test_a_run_knows_its_figures_and_says_what_it_is() -> None:
+    controller = afl.CONTROLLERS["lqr"]
+    short = afl.Scenario(name="<short>", duration=1.0)
+    run = afl.simulate_mujoco(short, controller, "sampled")
+    assert run.metrics == {
+        k: v for k, v in metrics(short, controller, run).items() if k != "saturated_share"
+    }
+    assert repr(run) == "<Trajectory: <short>, lqr, mujoco sampled: completed, 1001 instants>"
+    assert "&lt;short&gt;, lqr" in run._repr_html_()
+    assert [line.get_xdata()[-1] for line in run.plot().axes[0].lines] == [1.0]
+
+
+def test_a_run_goes_to_pandas_or_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: dict[str, object] = {}
+    pandas = types.SimpleNamespace(
+        DataFrame=lambda columns, index: made.update(columns, index=index),
+        Index=lambda values, name: (name, list(values)),
+    )
+    run = decaying_run()
+    monkeypatch.setitem(sys.modules, "pandas", pandas)
+    run.to_pandas()
+    assert list(made) == [
+        "z", "phi", "z_dot", "phi_dot", "force", "cart_mass", "half_length", "index"
+    ]  # fmt: skip
+    np.testing.assert_array_equal(made["phi"], run.state[:, 1])
+    assert made["index"] == ("time", run.time.tolist())
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(afl.AflMujocoError, match="pandas must be installed: pip install pandas"):
+        run.to_pandas()

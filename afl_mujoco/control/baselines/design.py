@@ -1,38 +1,40 @@
-"""How the baselines get their gains: over the paper's box of plants, from the linear model alone.
-
-Run: python -m afl_mujoco.control.baselines.design afl_mujoco/control/data/baselines.json
-"""
+"""The gains of the baselines: for the plants at hand, from the linear model alone."""
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Callable, Sequence
-from importlib.metadata import version
-from pathlib import Path
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_are
 
+from afl_mujoco.control.baselines.gain_grid import GainGrid
 from afl_mujoco.control.baselines.linear_model import (
     accelerated_mass,
     partially_linear_model,
     pole_placing_gains,
     upright_model,
 )
-from afl_mujoco.control.baselines.state_feedback import SCHEMA
 from afl_mujoco.control.compiled_controller import LINEAR, PARTIAL
 from afl_mujoco.control.gains import FIXED_GAINS
-from afl_mujoco.files import write_text
-from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 
-CART_MASSES = tuple(k / 10 for k in range(1, 21))
-"""Nodes M [kg]: the paper's grid."""
+Method = Callable[[CartPoleParameters], NDArray[np.float64]]
 
-HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
-"""Nodes l [m]: the paper's grid."""
+NODES_PER_OCTAVE = 4
+"""Plants for which gains are computed: from one node to the next, M or l grows by 19 %. Between the
+nodes, gains are interpolated to two parts in ten thousand or better."""
+
+MARGIN = 2
+"""Nodes beyond the plants that are asked for: with them, what is interpolated at a plant does not
+depend on which others were asked for."""
 
 LARGEST_STATE = (7.60, 1.05, 8.13, 2.84)
 """Bryson's rule: each state is weighted by the inverse square of this [m, rad, m/s, rad/s]: the
@@ -41,9 +43,6 @@ peaks of the paper's own controller, fixed gains, on the nominal plant from -60 
 LARGEST_ACCELERATION = 41.76
 """The force is weighted by the inverse square of this times M + m/4 [m/s^2], chosen so that the LQR
 needs the same largest force on the nominal plant from -60 degrees as the paper's one, 96.1 N."""
-
-DIGITS = 10
-"""Significant digits that are kept of a gain: the rest is the linear algebra library's."""
 
 
 def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
@@ -64,12 +63,17 @@ def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
 
 
 def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
-    """Return the gains that minimise the quadratic cost of Bryson's rule, shape (4,)."""
+    """Return the gains that minimise the quadratic cost of Bryson's rule, shape (4,).
+
+    The input is counted as the acceleration that the force gives, so that the numbers stay of one
+    size for any plant.
+    """
+    mass = accelerated_mass(parameters)
     a, b = upright_model(parameters)
-    states = np.diag([x**-2 for x in LARGEST_STATE])
-    force = (LARGEST_ACCELERATION * accelerated_mass(parameters)) ** -2
-    cost = solve_continuous_are(a, b[:, None], states, np.array([[force]]))
-    return np.asarray(b @ cost / force)
+    b = b * mass
+    states, weight = np.diag([x**-2 for x in LARGEST_STATE]), LARGEST_ACCELERATION**-2
+    cost = solve_continuous_are(a, b[:, None], states, np.array([[weight]]))
+    return np.asarray(mass * (b @ cost) / weight)
 
 
 def placed_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
@@ -85,86 +89,91 @@ def outer_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
     return pole_placing_gains(model, paper_poles(p.half_length, p.gravity))
 
 
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Gains for any plant: computed at nodes, which are the same for every run, and interpolated.
+
+    Attributes
+    ----------
+    method
+        Returns the gains of a plant, shape (4,); a function of a module.
+    description
+        What it does, as plain data.
+    """
+
+    method: Method
+    description: Mapping[str, Any]
+
+    def over(self, plants: PlantRange) -> GainGrid:
+        """Return the gains at the nodes around some plants, or raise InvalidValueError."""
+        (least_mass, largest_mass), (least, largest), pole_mass, gravity = plants
+        rows, columns = _nodes(least_mass, largest_mass), _nodes(least, largest)
+        return _grid(self.method, rows, columns, pole_mass, gravity)
+
+
+def _nodes(least: float, largest: float) -> tuple[int, int]:
+    """Return the first node and the one after the last."""
+    return (
+        math.floor(NODES_PER_OCTAVE * math.log2(least)) - MARGIN,
+        math.ceil(NODES_PER_OCTAVE * math.log2(largest)) + MARGIN + 1,
+    )
+
+
+@functools.lru_cache(maxsize=1024)
+def _grid(
+    method: Method, rows: tuple[int, int], columns: tuple[int, int], *constants: float
+) -> GainGrid:
+    """Return the gains at some nodes; the constants are m [kg] and g [m/s^2]."""
+    masses, lengths = (
+        [2.0 ** (node / NODES_PER_OCTAVE) for node in range(*ends)] for ends in (rows, columns)
+    )
+    table = [[_gains(method, mass, length, *constants) for length in lengths] for mass in masses]
+    return GainGrid(np.array(masses), np.array(lengths), np.array(table))
+
+
+@functools.lru_cache(maxsize=65536)
+def _gains(
+    method: Method, cart_mass: float, half_length: float, pole_mass: float, gravity: float
+) -> NDArray[np.float64]:
+    """Return the gains of a plant, or raise."""
+    plant = CartPoleParameters(
+        cart_mass=cart_mass, pole_mass=pole_mass, half_length=half_length, gravity=gravity
+    )
+    try:
+        return method(plant)
+    except (ArithmeticError, LinAlgError, ValueError) as error:
+        rule = f"must be one that the gains can be computed for: {error}"
+        raise InvalidValueError("the plant", rule, plant) from None
+
+
 _POLES = (
     "-lambda three times, -3 g K / (4 l Phi): those of the paper's controller with its fixed gains"
 )
 
-DESIGNS: dict[
-    str, tuple[int, Callable[[CartPoleParameters], NDArray[np.float64]], dict[str, Any]]
-] = {
-    "lqr": (
-        LINEAR,
-        lqr_gains,
-        {
-            "method": "LQR by Bryson's rule",
-            "largest_state": list(LARGEST_STATE),
-            "largest_force": f"{LARGEST_ACCELERATION} (M + m/4)",
-        },
-    ),
-    "pole-placement": (LINEAR, placed_gains, {"method": "pole placement", "poles": _POLES}),
-    "partial-linearization": (
-        PARTIAL,
-        outer_gains,
-        {"method": "pole placement behind the input map (L1)", "poles": _POLES},
-    ),
-}
-"""The baselines by name: kind of controller, its gains for a plant, and how they are found."""
-
-
-def tables() -> dict[str, Any]:
-    """Return the gains of every baseline on the grid, as the package ships them."""
-    controllers = {}
-    for name, (kind, gains, design) in DESIGNS.items():
-        table = [[_rounded(gains(_plant(m, x))) for x in HALF_LENGTHS] for m in CART_MASSES]
-        controllers[name] = {"kind": kind, "design": design, "gains": table}
-    return {
-        "schema": SCHEMA,
-        "provenance": {
-            "command": "python -m afl_mujoco.control.baselines.design",
-            "pole_mass": NOMINAL.pole_mass,
-            "gravity": NOMINAL.gravity,
-            "slope": FIXED_GAINS.slope,
-            "switching": FIXED_GAINS.switching,
-            "boundary_layer": FIXED_GAINS.boundary_layer,
-            "versions": {name: version(name) for name in ("afl_mujoco", "numpy", "scipy")},
-        },
-        "cart_masses": list(CART_MASSES),
-        "half_lengths": list(HALF_LENGTHS),
-        "controllers": controllers,
+DESIGNS: Mapping[str, tuple[int, Design]] = MappingProxyType(
+    {
+        "lqr": (
+            LINEAR,
+            Design(
+                lqr_gains,
+                {
+                    "method": "LQR by Bryson's rule",
+                    "largest_state": list(LARGEST_STATE),
+                    "largest_force": f"{LARGEST_ACCELERATION} (M + m/4)",
+                },
+            ),
+        ),
+        "pole-placement": (
+            LINEAR,
+            Design(placed_gains, {"method": "pole placement", "poles": _POLES}),
+        ),
+        "partial-linearization": (
+            PARTIAL,
+            Design(
+                outer_gains,
+                {"method": "pole placement behind the input map (L1)", "poles": _POLES},
+            ),
+        ),
     }
-
-
-def _plant(cart_mass: float, half_length: float) -> CartPoleParameters:
-    """Return the paper's plant with this M [kg] and l [m]."""
-    return CartPoleParameters(cart_mass=cart_mass, half_length=half_length)
-
-
-def _rounded(gains: NDArray[np.float64]) -> list[float]:
-    """Return gains with as many digits as are kept."""
-    return [float(f"{gain:.{DIGITS}g}") for gain in gains.tolist()]
-
-
-def as_text(content: dict[str, Any]) -> str:
-    """Return the tables as JSON, the gains of a cart mass a line."""
-    lines = {
-        f"@{name}-{i}@": row
-        for name, entry in content["controllers"].items()
-        for i, row in enumerate(entry["gains"])
-    }
-    marked = {
-        name: {**entry, "gains": [f"@{name}-{i}@" for i in range(len(entry["gains"]))]}
-        for name, entry in content["controllers"].items()
-    }
-    text = json.dumps({**content, "controllers": marked}, indent=1)
-    for mark, row in lines.items():
-        text = text.replace(f'"{mark}"', json.dumps(row))
-    return f"{text}\n"
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Write the tables to the file that the one argument names."""
-    write_text(Path(arguments[0]), as_text(tables()))
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+)
+"""The baselines by name: kind of controller, and its gains."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_controller import interpolated_gains
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import PlantRange
 
 GAIN_COUNT = 4
 
@@ -21,7 +22,7 @@ class GainGrid:
     Attributes
     ----------
     masses, lengths
-        Nodes M [kg] and l [m], positive and increasing; one node makes the gains constant.
+        Nodes M [kg] and l [m], positive and increasing; one node stands for every M or l.
     table
         Gains at the nodes, shape (len(masses), len(lengths), 4), read-only.
 
@@ -69,13 +70,28 @@ class GainGrid:
             raise InvalidValueError("gains", "must be four", len(k))
         return cls(np.ones(1), np.ones(1), np.array([[k]]))
 
+    def over(self, plants: PlantRange) -> GainGrid:
+        """Return the grid itself, or raise InvalidValueError if plants lie beyond its nodes."""
+        axes = (("M", "kg", self.masses, plants.cart_mass), ("l", "m", self.lengths, plants[1]))
+        for name, unit, nodes, ends in axes:
+            least, largest = nodes[0] * (1.0 - SLACK), nodes[-1] * (1.0 + SLACK)
+            for value in ends:
+                if len(nodes) > 1 and not least <= value <= largest:
+                    rule = f"must lie within its nodes, {nodes[0]:g} to {nodes[-1]:g} {unit}"
+                    raise InvalidValueError(f"{name} for the gain grid", rule, f"{value:g} {unit}")
+        return self
+
     def gains(self, cart_mass: float, half_length: float) -> NDArray[np.float64]:
-        """Return the gains for one plant, shape (4,).
+        """Return the gains for one plant, shape (4,), NaN beyond the nodes.
 
         Parameters
         ----------
         cart_mass, half_length
-            M [kg] and l [m]; beyond the grid its edge counts.
+            M [kg] and l [m].
         """
         arrays = (self.table.copy(), self.masses.copy(), self.lengths.copy())
         return np.array(interpolated_gains(*arrays, float(cart_mass), float(half_length)))
+
+
+SLACK = 1e-10
+"""Share of a node by which round-off may pass it; `interpolated_gains` allows more."""

@@ -13,7 +13,7 @@ from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import CartPoleParameters, require_type
+from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange, require_type
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,15 +50,25 @@ class EstimatedController(Controller):
             raise InvalidValueError(thing, rule, self.controller.name)
 
     @property
-    def compiled(self) -> CompiledController:
+    def kind(self) -> int:
         """Raises, since a loop without the estimator cannot run it."""
+        raise self._refusal()
+
+    def compiled_for(self, plants: PlantRange) -> CompiledController:
+        """Raise, as `kind`."""
+        raise self._refusal()
+
+    def _refusal(self) -> InvalidValueError:
+        """Return what is raised where there is nothing compiled."""
         rule = "uses the estimator; only sampled mode supports it"
-        raise InvalidValueError(f"controller {self.name!r}", rule)
+        return InvalidValueError(f"controller {self.name!r}", rule)
 
     @property
     def estimator(self) -> Estimator:
         """Controller and settings as compiled loops take them."""
-        return Estimator(self.controller.compiled, self.settings.record)
+        s = self.settings
+        plants = PlantRange(s.cart_mass_range, s.half_length_range, s.pole_mass, s.gravity)
+        return Estimator(self.controller.compiled_for(plants), s.record)
 
     def without_estimator(self) -> Controller:
         """Return the controller inside, which sees the true M and l."""
@@ -84,4 +94,4 @@ def require_no_estimator(controllers: Iterable[Controller]) -> None:
     """Raise if a controller uses the estimator, before anything is run that does not support it."""
     for controller in controllers:
         if controller.estimator is not None:
-            _ = controller.compiled
+            _ = controller.kind

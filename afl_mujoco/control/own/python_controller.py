@@ -20,7 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.compiled_controller import CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError
-from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive, require_type
+from afl_mujoco.scenario.parameters import (
+    CartPoleParameters,
+    PlantRange,
+    require_positive,
+    require_type,
+)
 
 Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
 """(time [s], state, assumed parameters of the plant) -> force [N]."""
@@ -100,10 +105,18 @@ class PythonController(Controller):
         return function  # type: ignore[no-any-return]
 
     @property
-    def compiled(self) -> CompiledController:
+    def kind(self) -> int:
         """Raises, since a Python controller has no compiled form."""
+        raise self._refusal()
+
+    def compiled_for(self, plants: PlantRange) -> CompiledController:
+        """Raise, as `kind`."""
+        raise self._refusal()
+
+    def _refusal(self) -> InvalidValueError:
+        """Return what is raised where there is nothing compiled."""
         rule = "is written in Python, which this simulator does not run"
-        raise InvalidValueError(f"controller {self.name!r}", rule)
+        return InvalidValueError(f"controller {self.name!r}", rule)
 
     def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
         """Return the force [N], NaN where the controller has none.

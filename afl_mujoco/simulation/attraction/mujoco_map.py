@@ -85,7 +85,7 @@ def map_in_mujoco(
         ),
     )
     sensors, actuator = sensors_of(IDEAL, timestep), actuator_of(IDEAL, timestep, plan.steps)
-    kind = controller.compiled.kind  # raises if the controller is not compiled
+    kind = controller.kind  # raises if the controller is not compiled
     masses, lengths = grid.plants.T
     inputs = controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)
     profiles = np.zeros((len(grid.starts), 1), PROFILE)

@@ -65,7 +65,7 @@ def map_by_ode(
     settling = Settling() if settling is None else settling
     if not 1e-12 <= tolerance <= 1e-2:
         raise InvalidValueError("tolerance", "must lie within 1e-12 and 1e-2", tolerance)
-    kind = controller.compiled.kind  # raises if the controller is not compiled
+    kind = controller.kind  # raises if the controller is not compiled
     masses, lengths = grid.plants.T
     inputs = controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)
     rules = (settling.dwell, settling.horizon, tolerance, grid.pole_mass, grid.gravity)

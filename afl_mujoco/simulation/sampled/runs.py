@@ -179,7 +179,7 @@ def perform(
         filter_ = (estimator.compiled, new_filter(), estimator.settings, kept)
         loop.run_estimating(*plant, pending, rows, *devices, *filter_)
     elif not controller.interpreted:
-        loop.run_to_end(*plant, pending, rows, *devices, controller.compiled.kind, prepared.inputs)
+        loop.run_to_end(*plant, pending, rows, *devices, controller.kind, prepared.inputs)
     else:
         own, tick = controller.start(), 0
         loop.start(*plant, rows, prepared.initial_state)

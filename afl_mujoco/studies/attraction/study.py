@@ -86,7 +86,7 @@ def request_of(configuration: Attraction) -> Request:
         whole_steps(name, time, "timestep", c.timestep)
     require_integrator(c.integrator)
     for controller in controllers:
-        _ = controller.compiled  # raises if it has no compiled form
+        _ = controller.kind  # raises if it has no compiled form
         for grid in maps:  # raises if a gain is not positive
             masses, lengths = grid.plants.T
             controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)

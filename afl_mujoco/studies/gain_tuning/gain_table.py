@@ -17,10 +17,6 @@ from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX, HORIZON, gain_cos
 from afl_mujoco.studies.gain_tuning.genetic import minimise
 from afl_mujoco.studies.gain_tuning.settings import Box, GeneticSettings, require_seed
 
-CART_MASSES = tuple(k / 10 for k in range(1, 21))
-HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
-"""The paper's grid of M [kg] and l [m]."""
-
 _PACKAGES = ("afl_mujoco", "mujoco", "numba", "numpy")
 
 QUICK_MASSES, QUICK_LENGTHS = (0.1, 1.0, 2.0), (0.05, 0.5, 1.0)

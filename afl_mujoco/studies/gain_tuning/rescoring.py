@@ -8,8 +8,9 @@ from afl_mujoco.control.gains import Gains
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.batch import ObjectiveScales
-from afl_mujoco.simulation.metrics import metrics, with_objective
+from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.scoring import with_objective
 
 TIMESTEP = 1e-3
 """Step of MuJoCo's RK4, the controller in every stage [s]."""

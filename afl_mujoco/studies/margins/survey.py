@@ -10,13 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.baselines.design import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, require_positive
+from afl_mujoco.scenario.parameters import (
+    CART_MASSES,
+    HALF_LENGTHS,
+    NOMINAL,
+    CartPoleParameters,
+    require_positive,
+)
 from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.linearization import STEP, linearize
 from afl_mujoco.studies.loop_margins import loop_margins

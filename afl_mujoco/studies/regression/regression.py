@@ -15,7 +15,7 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.files import output_folder, write_json
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.metrics import nominal_scales, with_objective
+from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.cases import (
     Case,

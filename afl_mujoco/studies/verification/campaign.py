@@ -9,7 +9,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.metrics import nominal_scales, with_objective
+from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.studies.cases import DECISIVE, Settings, require_runnable
 from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.verification.case import judge
@@ -60,11 +60,13 @@ def verify(
     for case in judged:
         checks += [*case.checks, *case.explanation.checks]
         studies += case.explanation.studies
+    requirements = tuple(case.requirements for case in judged)
     explained = [case.explanation for case in judged]
     return Result(
-        verdict=verdict_of(tuple(checks)),
+        verdict=verdict_of(tuple(checks), requirements),
         checks=tuple(checks),
         runs=runs,
+        requirements=requirements,
         claims=ledger.claims,
         random_schedules=ledger.comparisons,
         error_budgets=tuple(e.budget for e in explained if e.budget),

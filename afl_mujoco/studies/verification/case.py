@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from afl_mujoco.studies.cases import REPORTED, Case, Run, closed_loop_runs, reported_runs
+from afl_mujoco.simulation.judgement import JudgedRun
+from afl_mujoco.simulation.judgement import judge as judge_run
+from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, Run, closed_loop_runs, reported_runs
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
 from afl_mujoco.studies.verification.checks.error_budget import budget_curves
@@ -18,12 +20,13 @@ class Judged:
 
     Attributes
     ----------
-    checks, runs, explanation, curves
+    checks, runs, requirements, explanation, curves
         As of `Result`, the explanation what its tables are made of.
     """
 
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
+    requirements: JudgedRun
     explanation: Explanation
     curves: Curves
 
@@ -37,6 +40,12 @@ def judge(case: Case) -> Judged:
     return Judged(
         closed_loop_checks(scenario, controller, runs),
         reported_runs(scenario, controller, runs),
+        JudgedRun(
+            scenario=scenario.name,
+            controller=controller.name,
+            outcome=str(runs[DEPLOYED].outcome),
+            requirements=judge_run(scenario, runs[DEPLOYED]),
+        ),
         explanation,
         select_curves(
             scenario,

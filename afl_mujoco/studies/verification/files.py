@@ -1,4 +1,4 @@
-"""The checks for machines that read test results: junit.xml."""
+"""Checks and requirements for machines that read test results: junit.xml."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from afl_mujoco.files import require_no_folder, write_text
+from afl_mujoco.studies.requirements_table import finding
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.result import Result
 
@@ -18,24 +19,32 @@ def require(folder: Path) -> None:
 
 
 def write(result: Result, folder: Path) -> list[Path]:
-    """Write every check as a test case."""
+    """Write every check and every requirement as a test case."""
     write_text(folder / NAME, junit(result))
     return [folder / NAME]
 
 
 def junit(result: Result) -> str:
-    """Return the checks as JUnit XML."""
+    """Return checks and requirements as JUnit XML."""
+    judged = [
+        (c.id, f"{c.scenario}/{c.controller}", "" if c.passed else _sentence(c))
+        for c in result.checks
+    ]
+    judged += [
+        (one.requirement, f"{run.scenario}/{run.controller}", "" if one.met else finding([run]))
+        for run in result.requirements
+        for one in run.requirements
+    ]
     suite = ElementTree.Element(
         "testsuite",
         name="afl-mujoco validate",
-        tests=str(len(result.checks)),
-        failures=str(len(result.failed_checks)),
+        tests=str(len(judged)),
+        failures=str(sum(bool(failure) for *_, failure in judged)),
     )
-    for check in result.checks:
-        place = f"{check.scenario}/{check.controller}"
-        case = ElementTree.SubElement(suite, "testcase", classname=check.id, name=place)
-        if not check.passed:
-            ElementTree.SubElement(case, "failure", message=_sentence(check))
+    for kind, place, failure in judged:
+        case = ElementTree.SubElement(suite, "testcase", classname=kind, name=place)
+        if failure:
+            ElementTree.SubElement(case, "failure", message=failure)
     ElementTree.indent(suite)
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
 

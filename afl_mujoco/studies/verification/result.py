@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import JudgedRun
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.cases import DECISIVE, REPORTED, Run, Settings
 from afl_mujoco.studies.verification.check import Check
@@ -21,9 +22,13 @@ from afl_mujoco.studies.verification.curves import Curves
 from afl_mujoco.studies.verification.decisions import DECISIONS
 
 
-def verdict_of(checks: tuple[Check, ...]) -> Literal["pass", "fail"]:
-    """Return whether every check holds, and there is one."""
-    return "pass" if checks and all(check.passed for check in checks) else "fail"
+def verdict_of(
+    checks: tuple[Check, ...], requirements: tuple[JudgedRun, ...] = ()
+) -> Literal["pass", "fail"]:
+    """Return whether every check holds, and there is one, and every requirement is met."""
+    missed = any(run.missed for run in requirements)
+    holds = bool(checks) and all(check.passed for check in checks)
+    return "pass" if holds and not missed else "fail"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,11 +38,14 @@ class Result:
     Attributes
     ----------
     verdict
-        "pass" if every check holds, and there is one; "fail" otherwise.
+        "pass" if every check holds, and there is one, and every requirement is met; "fail"
+        otherwise.
     checks
         Every judged figure.
     runs
         Every run's metrics.
+    requirements
+        What each controller made of those of each scenario, as deployed.
     claims
         The paper's claims C1 to C12; empty unless the runs are all that they need.
     random_schedules
@@ -59,6 +67,7 @@ class Result:
     verdict: Literal["pass", "fail"]
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
+    requirements: tuple[JudgedRun, ...] = ()
     claims: tuple[Claim, ...] = ()
     random_schedules: Mapping[str, Comparison] = field(default_factory=dict)
     error_budgets: tuple[ErrorBudget, ...] = ()
@@ -72,11 +81,9 @@ class Result:
 
     def __post_init__(self) -> None:
         """Raise if the parts contradict each other: a report must not."""
-        if self.verdict != verdict_of(self.checks):
-            raise ValueError(
-                f"verdict must be {verdict_of(self.checks)!r}, as the checks say, got "
-                f"{self.verdict!r}"
-            )
+        expected = verdict_of(self.checks, self.requirements)
+        if self.verdict != expected:
+            raise ValueError(f"verdict must be {expected!r}, as judged, got {self.verdict!r}")
         for check in self.checks:
             if check.id not in CRITERIA:
                 raise ValueError(f"check must be one of {', '.join(CRITERIA)}, got {check.id!r}")
@@ -101,7 +108,7 @@ class Result:
 
     @property
     def passed(self) -> bool:
-        """Whether every check holds."""
+        """Whether every check holds and every requirement is met."""
         return self.verdict == "pass"
 
     @property

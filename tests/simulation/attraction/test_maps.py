@@ -14,6 +14,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.compiled_controller import compiled_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.execution.threads import PART, share
+from afl_mujoco.scenario.parameters import NOMINAL, PlantRange
 from afl_mujoco.simulation.attraction.grid import (
     FALLEN,
     LENGTHS,
@@ -225,11 +226,13 @@ def test_a_thousandth_of_the_tolerance_changes_no_outcome(name: str) -> None:
 def test_a_force_of_the_wrong_sign_lets_every_pole_fall() -> None:
     grid = states(9, plant=(1.0, 0.5))
     controller = afl.CONTROLLERS["lqr"]
-    gains = afl.GainGrid.constant(-controller.gains.gains(1.0, 0.5))
+    plants = PlantRange.of(NOMINAL)
+    gains = afl.GainGrid.constant(-controller.gains.over(plants).gains(1.0, 0.5))
     wrong = afl.StateFeedback(name="wrong", kind=controller.kind, gains=gains)
     start = (0.0, 0.1, 0.0, 0.0)
     force = [
-        compiled_force(*x.compiled, *start, (1.0, 0.05, 0.5, 9.81)) for x in (controller, wrong)
+        compiled_force(*x.compiled_for(plants), *start, (1.0, 0.05, 0.5, 9.81))
+        for x in (controller, wrong)
     ]
     assert force[0] == pytest.approx(-force[1])
     for simulate in MAPS.values():

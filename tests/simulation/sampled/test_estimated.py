@@ -61,7 +61,7 @@ def by_hand(scenario, controller):
             controller.settings.gravity,
         )
         state = estimator.filtered_state(filtering)
-        command = compiled_force(*controller.controller.compiled, *state, assumed_parameters)
+        command = compiled_force(*controller.estimator.compiled, *state, assumed_parameters)
         loop.advance(*plant[:2], run.actuator, *plant[2:], pending, rows, command)
         tick += 1
     count = int(memory["step"])

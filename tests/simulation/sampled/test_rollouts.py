@@ -106,7 +106,7 @@ def test_the_command_line_replays_a_failure_from_its_file(scenarios, adaptive, t
     assert many.outcome(worst).kind == "fell"
     save_scenario(scenarios[worst], tmp_path / "failure.toml")
     options = ["--integrator", "Euler", "--control-period", "0.002", "--out", str(tmp_path)]
-    assert main(["simulate", str(tmp_path / "failure.toml"), *options]) == 0
+    assert main(["simulate", str(tmp_path / "failure.toml"), *options]) == 1
     run = Trajectory.load(tmp_path / f"{scenarios[worst].name}-adaptive-sampled.npz")
     assert run.outcome == many.outcome(worst)
     assert np.abs(run.state[:, 0]).max() == many.peak_z[worst]

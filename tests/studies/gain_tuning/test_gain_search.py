@@ -10,10 +10,9 @@ from scipy.optimize import minimize_scalar
 
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX, gain_cost, paper_scales
 from afl_mujoco.studies.gain_tuning.gain_table import (
-    CART_MASSES,
-    HALF_LENGTHS,
     pair_searches,
     search_pair,
     table_provenance,

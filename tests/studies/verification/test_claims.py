@@ -12,7 +12,8 @@ import afl_mujoco as afl
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import in_process
 from afl_mujoco.simulation.batch import ObjectiveScales
-from afl_mujoco.simulation.metrics import STATES, metrics, with_objective
+from afl_mujoco.simulation.metrics import STATES, metrics
+from afl_mujoco.simulation.scoring import with_objective
 from afl_mujoco.studies.verification.claims import gains, schedules
 from afl_mujoco.studies.verification.claims.claim import (
     IN_PART,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.scenario.randomised import random_scenario
 from afl_mujoco.simulation.batch import ObjectiveScales
-from afl_mujoco.simulation.metrics import ideal_objective
+from afl_mujoco.simulation.scoring import ideal_objective
 from afl_mujoco.studies.verification.claims.claim import IN_PART, NOT_REPRODUCED, REPRODUCED, Claim
 
 COMPARED = ("fixed", "adaptive", "fixed-retuned", "adaptive-retuned")

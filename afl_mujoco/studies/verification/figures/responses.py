@@ -26,9 +26,8 @@ from afl_mujoco.document.style import (
     in_words,
     new_figure,
 )
+from afl_mujoco.studies.cases import DEPLOYED
 from afl_mujoco.studies.verification.curves import REFERENCE, Curves
-
-DEPLOYED = "mujoco sampled"
 
 FIRST = 0.05
 """How long the force of the start has a panel of its own [s]."""

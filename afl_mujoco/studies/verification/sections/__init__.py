@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from afl_mujoco.document.blocks import Section, Verdict
+from afl_mujoco.document.blocks import Finding, Section, Text, Verdict
+from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.studies.requirements_table import finding, requirements_table, tally
 from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.checks import checks_section
 from afl_mujoco.studies.verification.sections.claims import claims_section
@@ -15,6 +17,10 @@ AGREE = (
     "MuJoCo and the equations agree within every limit. This is a verdict on the two codes, not on "
     "the paper or on a controller."
 )
+MISSED = (
+    "MuJoCo and the equations agree within every limit, and in both a controller does not do what "
+    "its scenario requires."
+)
 DIFFER = (
     "At least one figure lies beyond its limit: no conclusion may rest on the numbers below until "
     "that is understood."
@@ -22,17 +28,24 @@ DIFFER = (
 
 
 def verdict(result: Result) -> Verdict:
-    """Return whether every check holds."""
+    """Return whether every check holds, and whether the controllers do what is required."""
     total, failed = len(result.checks), len(result.failed_checks)
-    ended = _not_completed(result)
-    if result.passed:
-        return Verdict(True, f"all {total} checks hold{ended}", AGREE)
-    return Verdict(False, f"{failed} of {total} checks fail{ended}", DIFFER)
+    required = f"; {tally(result.requirements)}" if result.requirements else ""
+    required += _not_completed(result)
+    if failed:
+        return Verdict(False, f"{failed} of {total} checks fail{required}", DIFFER)
+    meaning = AGREE if result.passed else MISSED
+    return Verdict(result.passed, f"all {total} checks hold{required}", meaning)
 
 
 def _not_completed(result: Result) -> str:
-    """Say which cases did not complete: that two codes agree on a fall does not undo it."""
-    runs = [run for run in result.runs if run.outcome != COMPLETED]
+    """Say which cases did not complete, if no requirement says so."""
+    named = {(run.scenario, run.controller) for run in result.requirements if run.missed}
+    runs = [
+        run
+        for run in result.runs
+        if run.outcome != COMPLETED and (run.scenario, run.controller) not in named
+    ]
     ended = {(run.scenario, run.controller) for run in runs}
     if not ended:
         return ""
@@ -45,9 +58,25 @@ def _not_completed(result: Result) -> str:
 def sections(result: Result) -> list[Section]:
     """Return what a report says of a verification."""
     return [
+        *_requirements(result),
         checks_section(result),
         scenarios_section(result),
         *evidence_sections(result),
         claims_section(result),
         decisions_section(result),
     ]
+
+
+def _requirements(result: Result) -> list[Section]:
+    """Return what the controllers made of requirements, unless they were to complete and did."""
+    runs = result.requirements
+    asked = any(scenario.requirements != NONE for scenario in result.scenarios)
+    if not asked and not any(run.missed for run in runs):
+        return []
+    by_scenario = [
+        Finding(scenario.name, finding([run for run in runs if run.scenario == scenario.name]))
+        for scenario in result.scenarios
+    ]
+    table = requirements_table(runs, scenarios=len(result.scenarios) > 1)
+    deployed = Text("Judged in MuJoCo as deployed, in sampled mode.", note=True)
+    return [Section("Requirements", "requirements", [*by_scenario, table, deployed])]

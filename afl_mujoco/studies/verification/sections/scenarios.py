@@ -24,16 +24,12 @@ from afl_mujoco.document.numbers import MISSING, fixed, short
 from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
-from afl_mujoco.simulation.metrics import SYMBOLS, UNITS, Metrics
+from afl_mujoco.simulation.metrics import LABELS, Metrics, unit_of
 from afl_mujoco.simulation.trajectory import COMPLETED
-from afl_mujoco.studies.cases import Run
+from afl_mujoco.studies.cases import DEPLOYED, Run
 from afl_mujoco.studies.verification.chart_data import QUANTITIES, chart_data
 from afl_mujoco.studies.verification.claims.performance import ADAPTIVE, FIXED
-from afl_mujoco.studies.verification.figures.responses import (
-    DEPLOYED,
-    impulse_figure,
-    response_figure,
-)
+from afl_mujoco.studies.verification.figures.responses import impulse_figure, response_figure
 from afl_mujoco.studies.verification.figures.schedules import schedules_figure
 from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.checks import judged_cell
@@ -60,23 +56,6 @@ MAIN = (
 
 HEADLINE = ("B1", "B2", "B3", "B5")
 """The checks that a case's line in the overview gives."""
-
-_LABELS = {
-    "objective": "objective OF",
-    "iae_z": "∫|z| dt",
-    "iae_phi": "∫|φ| dt",
-    "itae_z": "∫t|z| dt",
-    "itae_phi": "∫t|φ| dt",
-    "max_force": "max |F|",
-    "force_squared": "∫F² dt",
-    "force_variation": "total variation of F",
-    "saturated_share": "share of time saturated",
-    "end_time": "end",
-    **{f"peak_{x}": f"max |{s}|" for x, s in SYMBOLS.items()},
-    **{f"overshoot_{x}": f"overshoot of {s}" for x, s in SYMBOLS.items()},
-    **{f"settling_2pc_{x}": f"settling of {s}, 2 %" for x, s in SYMBOLS.items()},
-    **{f"settling_5pc_{x}": f"settling of {s}, 5 %" for x, s in SYMBOLS.items()},
-}
 
 
 def scenarios_section(result: Result) -> Section:
@@ -194,7 +173,7 @@ def _merit(
     for key in MAIN:
         values = [figures[name][key] for name in figures]
         told = [fixed(x, 4) if key == "objective" else short(x) for x in values]
-        row: list[Cell | str] = [_LABELS.get(key, key), _unit(key), *told]
+        row: list[Cell | str] = [LABELS.get(key, key), unit_of(key), *told]
         if compared:
             change, better = _change(key, completed)
             row.append(Cell(change, status="" if better is None else good_or_bad(better)))
@@ -217,7 +196,11 @@ def _details(scenario: Scenario, runs: Sequence[Run]) -> Table:
             *(Column(f"{run.controller}, {run.simulator}", number=True) for run in runs),
         ),
         rows=[
-            (_LABELS.get(key, key), _unit(key), *(short(run.metrics.get(key), 6) for run in runs))
+            (
+                LABELS.get(key, key),
+                unit_of(key),
+                *(short(run.metrics.get(key), 6) for run in runs),
+            )
             for key in runs[0].metrics
         ],
     )
@@ -233,9 +216,3 @@ def _change(key: str, figures: Mapping[str, Metrics]) -> tuple[str, bool | None]
     percent = 100.0 * (other / one - 1.0)
     better = None if math.isclose(one, other, rel_tol=5e-4) else other < one
     return f"{'+' if percent > 0.0 else ''}{fixed(percent, 1)} %", better
-
-
-def _unit(key: str) -> str:
-    """Return the unit of a metric as a page writes it; nothing for a pure number."""
-    unit = UNITS.get(key, "").replace("^2", "²")
-    return "" if unit == "1" else unit

@@ -1,0 +1,163 @@
+"""Whether a run meets its requirements, and how much is left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.scenario.requirements import UNITS, calm, recoveries
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """One requirement, and what a run made of it.
+
+    Attributes
+    ----------
+    requirement
+        A key of `UNITS`.
+    limit
+        What was asked for, in the requirement's unit.
+    value
+        What was reached; None where the run ended too early to say, or never came to rest.
+    left
+        Its robustness, as of signal temporal logic: how much the limit exceeds the value, negative
+        where it is not met, in the requirement's unit. A run that never comes to rest is taken to
+        do so at the end of the time in which it might have. None where the run ended too early.
+    """
+
+    requirement: str
+    limit: float
+    value: float | None
+    left: float | None
+
+    def __post_init__(self) -> None:
+        """Raise unless there is such a requirement."""
+        if self.requirement not in UNITS:
+            raise UnknownNameError.among("requirement", self.requirement, UNITS)
+
+    @property
+    def met(self) -> bool:
+        """Whether the run shows that the requirement is met."""
+        return self.left is not None and self.left >= 0.0
+
+    @property
+    def relative(self) -> float | None:
+        """Robustness as a share of the limit."""
+        return None if self.left is None else self.left / self.limit
+
+    @property
+    def unit(self) -> str:
+        """Unit of limit, value and robustness."""
+        return UNITS[self.requirement]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedRun:
+    """What a controller made of the requirements of a scenario.
+
+    Attributes
+    ----------
+    scenario, controller
+        Their names.
+    outcome
+        How the run ended, in words.
+    requirements
+        What it made of each.
+    """
+
+    scenario: str
+    controller: str
+    outcome: str
+    requirements: tuple[Judgement, ...]
+
+    @property
+    def missed(self) -> list[Judgement]:
+        """The requirements that are not met."""
+        return [one for one in self.requirements if not one.met]
+
+
+def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
+    """Judge a run by the requirements of its scenario, in the order of `UNITS`."""
+    return tuple(_judgements(scenario, run))
+
+
+def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
+    """Judge a run of which nothing is left, as its controller failed: no requirement is met."""
+    asked = scenario.requirements
+    limits = {name: getattr(asked, name) for name in UNITS}
+    limits["completes"] = scenario.duration if asked.completes else None
+    return tuple(
+        Judgement(requirement=name, limit=limit, value=None, left=None)
+        for name, limit in limits.items()
+        if limit is not None
+    )
+
+
+def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
+    """Yield one judgement for each requirement."""
+    asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
+    if asked.completes:
+        reached = scenario.duration if completed else run.outcome.time
+        yield Judgement(
+            requirement="completes",
+            limit=scenario.duration,
+            value=reached,
+            left=reached - scenario.duration,
+        )
+    peaks = {
+        "max_position": run.state[:, 0],
+        "max_angle": run.state[:, 1],
+        "max_force": run.force,
+    }
+    for name, signal in peaks.items():
+        if (limit := getattr(asked, name)) is not None:
+            yield _peak(name, limit, signal, completed)
+    z, phi = np.abs(run.state[:, :2]).T
+    outside = (z > asked.position_band) | (phi > asked.angle_band)
+    if asked.settling_time is not None:
+        first = [(0.0, calm(scenario.duration, scenario.disturbances))]
+        yield _rest("settling_time", asked.settling_time, run, outside, first)
+    if asked.recover_within is not None:
+        after = recoveries(scenario.duration, scenario.disturbances)
+        yield _rest("recover_within", asked.recover_within, run, outside, after)
+
+
+def _peak(name: str, limit: float, signal: NDArray[np.float64], completed: bool) -> Judgement:
+    """Judge the largest absolute value of a signal; one of part of a run can only break a limit."""
+    known = np.abs(signal[np.isfinite(signal)])
+    value = float(known.max()) if len(known) else None
+    if value is None or (not completed and value <= limit):
+        return Judgement(requirement=name, limit=limit, value=value, left=None)
+    return Judgement(requirement=name, limit=limit, value=value, left=limit - value)
+
+
+def _rest(
+    name: str,
+    limit: float,
+    run: Trajectory,
+    outside: NDArray[np.bool_],
+    windows: list[tuple[float, float]],
+) -> Judgement:
+    """Judge how long it takes in the worst of some windows until nothing is outside any more."""
+    time, slowest, ever = run.time, 0.0, True
+    for begin, end in windows:
+        last = np.flatnonzero(outside & (time >= begin) & (time <= end))
+        rest = end
+        if run.outcome.kind == COMPLETED or run.outcome.time >= end:
+            following = last[-1] + 1 if len(last) else int(np.searchsorted(time, begin))
+            rest = time[following] if following < len(time) else end
+        lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step
+        slowest, ever = max(slowest, lasted), ever and bool(rest < end)
+    return Judgement(
+        requirement=name,
+        limit=limit,
+        value=slowest if ever else None,
+        left=limit - slowest,
+    )

@@ -1,0 +1,70 @@
+"""The paper's objective (O1) of a run, and the scales of its terms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from afl_mujoco.control.catalogue import CONTROLLERS
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.batch.objective import ObjectiveScales, objective
+from afl_mujoco.simulation.metrics import Metrics, integral, metrics
+from afl_mujoco.simulation.ode import simulate_ode, solve_ode
+from afl_mujoco.simulation.trajectory import COMPLETED, controller_inputs
+
+TERMS = ("iae_z", "iae_phi", "max_force")
+"""The metrics that the objective (O1) adds up."""
+
+COARSE: Any = {"sample_period": 2e-3, "rtol": 1e-9, "atol": 1e-11, "longest_step": 0.1}
+"""How `ideal_objective` solves the equations."""
+
+
+def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
+    """Return the metrics with the objective (O1) before them."""
+    iae_z, iae_phi, max_force = (figures[name] for name in TERMS)
+    known = None not in (iae_z, iae_phi, max_force)
+    return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
+
+
+def ideal_objective(
+    scenario: Scenario, controller: Controller, scales: ObjectiveScales
+) -> float | None:
+    """Return the objective (O1) on the ideal equations, for thousands of runs; None if it fell.
+
+    It is that of `simulate_ode` to 1e-6, relatively, without the run itself.
+    """
+    times, states, outcome = solve_ode(scenario, controller, **COARSE)
+    if outcome.kind != COMPLETED:
+        return None
+    forces = controller.forces(states, controller_inputs(scenario, controller, times), times)
+    iae_z, iae_phi = (integral(np.abs(states[:, column]), times) for column in (0, 1))
+    return float(objective(iae_z, iae_phi, np.abs(forces).max(), scales))
+
+
+def nominal_scales(sample_period: float) -> ObjectiveScales:
+    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
+
+    Parameters
+    ----------
+    sample_period
+        Of the grid on which the integrals are taken [s].
+    """
+    scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
+    run = simulate_ode(scenario, controller, sample_period=sample_period)
+    return objective_scales(metrics(scenario, controller, run))
+
+
+def objective_scales(figures: Metrics) -> ObjectiveScales:
+    """Return the scales that make the objective of these metrics 3.
+
+    Parameters
+    ----------
+    figures
+        Metrics of the fixed gains on the nominal plant (decision D4).
+    """
+    return ObjectiveScales(
+        **{name: figures[name] for name in TERMS}  # type: ignore[arg-type]
+    )

@@ -1,0 +1,133 @@
+"""Runs of some controllers on some scenarios, as deployed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from afl_mujoco.control.catalogue import as_controller
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.own.python_controller import ControllerError
+from afl_mujoco.scenario.files import as_scenario
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import judge, judge_failure
+from afl_mujoco.simulation.metrics import metrics
+from afl_mujoco.simulation.mujoco_model import require_integrator
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
+from afl_mujoco.studies.compare.result import ComparedRun, Curves, Result
+
+
+def compare(
+    scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
+    controllers: Sequence[Any],
+    *,
+    timestep: float = 1e-3,
+    control_period: float | None = None,
+    integrator: str = "RK4",
+    advance: Callable[[object], None] = lambda done: None,
+) -> Result:
+    """Run controllers on scenarios as deployed in MuJoCo; one that fails does not stop the others.
+
+    Parameters
+    ----------
+    scenarios
+        One or several: scenarios, names or TOML files.
+    controllers
+        Each as of `as_controller`.
+    timestep, control_period, integrator
+        As of `simulate_mujoco`.
+    advance
+        Called after each run.
+
+    Returns
+    -------
+    Result
+        Every run with its metrics and requirements: `table`, `requirements`, `plot`.
+
+    Raises
+    ------
+    AflMujocoError
+        If anything breaks its rule, before the first run.
+    """
+    one = isinstance(scenarios, Scenario | str | Path)
+    asked = [as_scenario(x) for x in cast(Sequence[Any], (scenarios,) if one else scenarios)]
+    used = [as_controller(x) for x in controllers]
+    deployed: Any = {
+        "timestep": timestep,
+        "control_period": control_period,
+        "integrator": integrator,
+    }
+    require_comparable(asked, used, **deployed)
+    runs: list[ComparedRun] = []
+    curves: dict[str, Curves] = {}
+    for scenario in asked:
+        for controller in used:
+            found = _run(scenario, controller, deployed)
+            if isinstance(found, Trajectory):
+                runs.append(_compared(scenario, controller, found))
+                key = f"{scenario.name}/{controller.name}"
+                curves[key] = Curves(time=found.time, state=found.state, force=found.force)
+            else:
+                runs.append(_failed(scenario, controller, found))
+            advance(controller.name)
+    return Result(scenarios=tuple(asked), runs=tuple(runs), curves=curves, **deployed)
+
+
+def require_comparable(
+    scenarios: Sequence[Scenario],
+    controllers: Sequence[Controller],
+    *,
+    timestep: float,
+    control_period: float | None,
+    integrator: str,
+) -> None:
+    """Raise at what would break a comparison, before it begins."""
+    require_distinct("scenario", [scenario.name for scenario in scenarios])
+    require_distinct("controller", [controller.name for controller in controllers])
+    require_integrator(integrator)
+    for scenario in scenarios:
+        period = control_period_of(scenario, control_period, timestep)
+        whole_steps("control_period", period, "timestep", timestep)
+        whole_steps("duration", scenario.duration, "timestep", timestep)
+        for controller in controllers:  # raises if a gain is not positive
+            controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))
+
+
+def _run(
+    scenario: Scenario, controller: Controller, deployed: dict[str, Any]
+) -> Trajectory | ControllerError:
+    """Return a run, or how the controller failed."""
+    try:
+        return simulate_mujoco(scenario, controller, "sampled", **deployed)
+    except ControllerError as error:
+        return error
+
+
+def _compared(scenario: Scenario, controller: Controller, run: Trajectory) -> ComparedRun:
+    """Return what is kept of a run."""
+    return ComparedRun(
+        scenario=scenario.name,
+        controller=controller.name,
+        outcome=str(run.outcome),
+        metrics=metrics(scenario, controller, run),
+        requirements=judge(scenario, run),
+        remarks=tuple(controller.remarks(scenario.plants)),
+    )
+
+
+def _failed(scenario: Scenario, controller: Controller, error: ControllerError) -> ComparedRun:
+    """Return what is kept of a run whose controller failed."""
+    return ComparedRun(
+        scenario=scenario.name,
+        controller=controller.name,
+        outcome=f"failed: {error.rule}",
+        metrics={},
+        requirements=judge_failure(scenario),
+    )

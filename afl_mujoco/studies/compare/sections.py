@@ -1,0 +1,112 @@
+"""A comparison in words: who meets the requirements, what each run needed, curves over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from afl_mujoco.document.blocks import (
+    Block,
+    Cell,
+    Column,
+    Fact,
+    Facts,
+    Figure,
+    Finding,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    good_or_bad,
+)
+from afl_mujoco.document.numbers import short
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.words import describe
+from afl_mujoco.simulation.metrics import LABELS, unit_of
+from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.studies.compare.figures import draw_responses
+from afl_mujoco.studies.compare.result import ComparedRun, Result
+from afl_mujoco.studies.requirements_table import finding, requirements_table, tally
+
+MAIN = (
+    "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi", "force_squared", "force_variation",
+    "settling_2pc_z", "settling_2pc_phi",
+)  # fmt: skip
+"""Metrics that are shown; every one is in the file."""
+
+MEETS = "Every controller meets every requirement of its scenario, as deployed in MuJoCo."
+MISSES = "At least one controller misses a requirement of its scenario."
+
+
+def verdict(result: Result) -> Verdict:
+    """Return whether every controller meets every requirement."""
+    return Verdict(result.passed, tally(result.runs), MEETS if result.passed else MISSES)
+
+
+def sections(result: Result) -> list[Section]:
+    """Return what a report says of a comparison."""
+    parts = [_scenario(result, number, one) for number, one in enumerate(result.scenarios, 1)]
+    return [Section("Controllers compared", "compare", [Text(_deployment(result)), *parts])]
+
+
+def _deployment(result: Result) -> str:
+    """Say how the controllers were run."""
+    period = result.control_period
+    held = (
+        "for one physics step, or as the scenario's imperfections say"
+        if period is None
+        else f"for {short(1e3 * period)} ms"
+    )
+    return (
+        f"As deployed: the force held {held}, physics steps of {short(1e3 * result.timestep)} ms "
+        f"({result.integrator})."
+    )
+
+
+def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
+    """Return what there is to say of a scenario."""
+    runs = result.runs_on(scenario)
+    blocks: list[Block] = [Finding(scenario.name, finding(runs)), requirements_table(runs)]
+    if curves := result.curves_on(scenario):
+        blocks.append(
+            Figure(
+                name=f"compare-{number}",
+                title="Over time",
+                caption="States, force and plant; dashed: what the requirements allow.",
+                alt=finding(runs),
+                draw=partial(draw_responses, scenario, curves),
+            )
+        )
+    blocks.append(_metrics(runs))
+    blocks += [Text(f"`{run.controller}`: {remark}") for run in runs for remark in run.remarks]
+    facts = Facts([Fact(label, text) for label, text in describe(scenario)])
+    blocks.append(Section("The scenario", f"compare-{number}-scenario", [facts], folded=True))
+    return Section(scenario.name, f"compare-{number}", blocks)
+
+
+def _metrics(runs: Sequence[ComparedRun]) -> Table:
+    """Return metrics, a column for each controller."""
+    rows: list[tuple[Cell | str, ...]] = [
+        (
+            "outcome",
+            "",
+            *(Cell(run.outcome, good_or_bad(run.outcome == COMPLETED)) for run in runs),
+        )
+    ]
+    rows += [
+        (
+            LABELS[name],
+            unit_of(name),
+            *(short(run.metrics.get(name)) for run in runs),
+        )
+        for name in MAIN
+    ]
+    return Table(
+        caption="Metrics",
+        columns=(
+            Column("Metric"),
+            Column("Unit"),
+            *(Column(run.controller, number=True) for run in runs),
+        ),
+        rows=rows,
+    )

@@ -1,0 +1,98 @@
+"""The configuration of a comparison, and its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.studies.contract import (
+    ControllerNames,
+    Progress,
+    ScenarioNames,
+    Study,
+    counted,
+    silent,
+)
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.controller import Controller
+    from afl_mujoco.scenario.scenario import Scenario
+    from afl_mujoco.studies.compare.result import Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compare:
+    """Compare controllers as deployed in MuJoCo, on any plant, by the requirements of a scenario.
+
+    Example: afl-mujoco compare my-scenario.toml --controllers lqr adaptive my_module:MyController
+
+    Writes compare.json, curves over time, and the page. Exit code 0 if every controller meets every
+    requirement of its scenario, 1 if one does not.
+    """
+
+    scenarios: ScenarioNames = ("step-step",)
+    """Scenarios by name, or TOML files, with their imperfections and requirements."""
+    controllers: ControllerNames = (SUBJECT, REFERENCE)
+    gain_labels: str = "table2"
+    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
+    timestep: float = 1e-3
+    """Physics step of MuJoCo [s]."""
+    control_period: float | None = None
+    """How long the force is held [s], a multiple of the timestep; that of the scenario's
+    imperfections, else one step, by default."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+
+
+def check(configuration: Compare) -> None:
+    """Raise at what breaks a rule."""
+    _asked(configuration)
+
+
+def run(configuration: Compare, *, progress: Progress = silent) -> Result:
+    """Run every controller on every scenario."""
+    from afl_mujoco.studies.compare.comparison import compare
+
+    c = configuration
+    scenarios, controllers = _asked(c)
+    return compare(
+        scenarios,
+        controllers,
+        timestep=c.timestep,
+        control_period=c.control_period,
+        integrator=c.integrator,
+        advance=counted(progress, "simulating", len(scenarios) * len(controllers)),
+    )
+
+
+def _asked(configuration: Compare) -> tuple[list[Scenario], list[Controller]]:
+    """Return what a configuration asks for, or raise."""
+    from afl_mujoco.scenario.files import find_scenario
+
+    c = configuration
+    scenarios = [find_scenario(name) for name in c.scenarios]  # before what is slow to import
+
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.studies.compare.comparison import require_comparable
+
+    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    require_comparable(
+        scenarios,
+        controllers,
+        timestep=c.timestep,
+        control_period=c.control_period,
+        integrator=c.integrator,
+    )
+    return scenarios, controllers
+
+
+STUDY = Study(
+    name="compare",
+    title="Controllers compared",
+    order=5,
+    schema=1,
+    configuration=Compare,
+    check=check,
+    run=run,
+)

@@ -1,0 +1,103 @@
+"""Requirements in words: who meets them, what the others miss, and how much is left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from afl_mujoco.document.blocks import Cell, Column, Table, good_or_bad
+from afl_mujoco.document.numbers import MISSING, listed, percent, short
+from afl_mujoco.simulation.judgement import JudgedRun, Judgement
+from afl_mujoco.simulation.trajectory import COMPLETED
+
+IN_WORDS = {
+    "completes": "runs to the end",
+    "max_position": "|z| at most",
+    "max_angle": "|φ| at most",
+    "max_force": "|F| at most",
+    "settling_time": "at rest after",
+    "recover_within": "recovers within",
+}
+"""Each requirement in words."""
+
+MOST = 3
+"""How many runs that miss a requirement a verdict names."""
+
+
+def tally(runs: Sequence[JudgedRun]) -> str:
+    """Say how many requirements are met, and which runs miss one."""
+    total = sum(len(run.requirements) for run in runs)
+    missing = [run for run in runs if run.missed]
+    if not total:
+        return "no requirements are asked for"
+    if not missing:
+        return f"all {total} requirements are met" if total > 1 else "the one requirement is met"
+    missed = sum(len(run.missed) for run in missing)
+    cases = [f"{run.controller} on {run.scenario}{_ending(run)}" for run in missing[:MOST]]
+    cases += [f"{len(missing) - MOST} more"] if len(missing) > MOST else []
+    are = "is" if missed == 1 else "are"
+    return f"{missed} of {total} requirements {are} not met: {listed(cases, 'and')}"
+
+
+def _ending(run: JudgedRun) -> str:
+    """Say how a run ended that did not complete."""
+    return "" if run.outcome == COMPLETED else f" ({run.outcome.partition(':')[0]})"
+
+
+def finding(runs: Sequence[JudgedRun]) -> str:
+    """Say who meets the requirements of a scenario, and what the others miss."""
+    good = [f"`{run.controller}`" for run in runs if not run.missed]
+    parts = [f"{listed(good, 'and')} meet{'s' if len(good) == 1 else ''} every requirement"]
+    parts = parts if good else []
+    for run in runs:
+        if run.missed and run.outcome != COMPLETED:
+            parts.append(f"`{run.controller}` {run.outcome}")
+        elif run.missed:
+            parts.append(f"`{run.controller}` misses {listed(list(map(_miss, run.missed)), 'and')}")
+    return "; ".join(parts) + "."
+
+
+def _miss(one: Judgement) -> str:
+    """Say how a run that completed misses a requirement."""
+    if one.value is None:
+        return f"“{_asked(one)}”, which it never is"
+    return f"“{_asked(one)}” with {_with_unit(one.value, one.unit)}"
+
+
+def requirements_table(runs: Sequence[JudgedRun], *, scenarios: bool = False) -> Table:
+    """Return every requirement of every run, and how much is left; with a column of scenarios."""
+    first = (Column("Scenario"),) if scenarios else ()
+    return Table(
+        caption="Requirements: how much is left, negative where one is not met",
+        columns=(
+            *first,
+            Column("Controller"),
+            Column("Requirement"),
+            Column("Was", number=True),
+            Column("Left", number=True),
+        ),
+        rows=[(run.scenario, *row) if scenarios else row for run in runs for row in _rows_of(run)],
+    )
+
+
+def _rows_of(run: JudgedRun) -> Iterator[tuple[Cell | str, ...]]:
+    """Yield a row for each requirement of a run."""
+    for one in run.requirements:
+        ended = one.requirement == "completes" and run.outcome != COMPLETED
+        left = _with_unit(one.left, one.unit)
+        share = "" if one.relative is None else f" ({percent(one.relative)})"
+        yield (
+            run.controller,
+            _asked(one),
+            run.outcome.replace(" at t = ", " at ") if ended else _with_unit(one.value, one.unit),
+            Cell(f"{left}{share}", good_or_bad(one.met)),
+        )
+
+
+def _asked(one: Judgement) -> str:
+    """Say what was asked for."""
+    return f"{IN_WORDS[one.requirement]} {short(one.limit)} {one.unit}"
+
+
+def _with_unit(value: float | None, unit: str) -> str:
+    """Return a figure with its unit, or what stands where there is none."""
+    return MISSING if value is None else f"{short(value)} {unit}"

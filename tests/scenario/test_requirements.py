@@ -1,0 +1,104 @@
+"""Requirements: their rules, their table in a scenario file, what a run could not show."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.scenario.files import save_scenario
+from afl_mujoco.scenario.requirements import NONE, UNITS, Requirements, recoveries
+
+PUSHES = (
+    afl.ForcePulse(force=5.0, start=2.0, duration=0.5),
+    afl.ForcePulse(force=-5.0, start=2.4, duration=0.2),
+    afl.Impulse(momentum=1.0, time=6.0),
+)
+TABLE = """
+duration = 10.0
+[[disturbances]]
+shape = "pulse"
+force = 20.0
+start = 6.0
+duration = 0.1
+[requirements]
+completes = false
+max_position = 1.0
+max_angle = 0.3
+max_force = 150
+settling_time = 5.5
+recover_within = 3.0
+position_band = 0.1
+"""
+
+
+def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(TABLE)
+    scenario = afl.load_scenario(tmp_path / "rig.toml")
+    assert scenario.requirements == Requirements(
+        completes=False,
+        max_position=1.0,
+        max_angle=0.3,
+        max_force=150.0,
+        settling_time=5.5,
+        recover_within=3.0,
+        position_band=0.1,
+    )
+    save_scenario(scenario, tmp_path / "again.toml")
+    assert afl.load_scenario(tmp_path / "again.toml") == scenario
+    assert "angle_band" not in (tmp_path / "again.toml").read_text()  # a default
+
+
+def test_to_complete_is_what_every_scenario_requires() -> None:
+    assert all(scenario.requirements == NONE for scenario in afl.SCENARIOS.values())
+    assert NONE.completes
+    assert all(getattr(NONE, name) is None for name in UNITS if name != "completes")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("max_position = -1", "requirements.max_position must be positive, got -1"),
+        ("max_angle = nan", "requirements.max_angle must be"),
+        ('max_force = "weak"', "requirements.max_force must be a number, got 'weak'"),
+        ("angle_band = 0", "requirements.angle_band must be positive, got 0"),
+        ("completes = 1", "requirements.completes must be true or false, got 1"),
+        ("max_positon = 1", "requirements.max_positon is not a known key; known are completes, "),
+        ("settling_time = 20", "settling_time must be less than 20 s, the duration, got 20 s"),
+        ("recover_within = 1", "recover_within needs a disturbance to recover from"),
+    ],
+)
+def test_a_requirement_that_breaks_its_rule_is_named(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "bad.toml").write_text(f"[requirements]\n{text}\n")
+    with pytest.raises(AflMujocoError) as caught:
+        afl.load_scenario(tmp_path / "bad.toml")
+    assert str(caught.value).startswith(f"{tmp_path / 'bad.toml'}: {message}")
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"settling_time": 2.0}, "must be less than 2 s, when the first disturbance begins"),
+        ({"recover_within": 3.4}, "must be less than 3.4 s, what is left after the disturbance"),
+    ],
+)
+def test_what_a_run_could_not_show_is_refused(asked: dict[str, float], message: str) -> None:
+    with pytest.raises(AflMujocoError, match=message):
+        afl.Scenario(
+            name="pushed",
+            disturbances=PUSHES,
+            duration=10.0,
+            requirements=Requirements(**asked),
+        )
+
+
+def test_disturbances_that_overlap_are_recovered_from_together() -> None:
+    ends = recoveries(10.0, PUSHES)
+    assert [pytest.approx(end) for end in ends] == [(2.6, 6.0), (6.0, 10.0)]
+    touching = (*PUSHES[:1], dataclasses.replace(PUSHES[1], start=2.5))
+    assert [pytest.approx(end) for end in recoveries(10.0, touching)] == [(2.7, 10.0)]

@@ -1,0 +1,134 @@
+"""Requirements judged: on runs made by hand, whose figures one can read off."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.scenario.requirements import UNITS, Requirements
+from afl_mujoco.simulation.judgement import Judgement, judge, judge_failure
+from afl_mujoco.simulation.trajectory import Outcome, Trajectory
+
+PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
+ALL = Requirements(
+    max_position=2.0,
+    max_angle=0.5,
+    max_force=30.0,
+    settling_time=3.0,
+    recover_within=2.0,
+    position_band=0.1,
+    angle_band=0.05,
+)
+SCENARIO = afl.Scenario(name="judged", disturbances=(PULSE,), duration=10.0, requirements=ALL)
+
+
+def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 0.0 * t, end=None):
+    """A run whose z, phi and force are functions of time; one with an end fell there."""
+    time = np.round(np.arange(0.0, (10.0 if end is None else end) + 1e-9, 0.01), 9)
+    state = np.zeros((len(time), 4))
+    state[:, 0], state[:, 1] = z(time), phi(time)
+    return Trajectory(
+        time=time,
+        state=state,
+        force=force(time) + 0.0 * time,
+        cart_mass=np.ones_like(time),
+        half_length=np.ones_like(time),
+        outcome=Outcome("completed", 10.0) if end is None else Outcome("fell", end),
+    )
+
+
+def judged(run, **asked):
+    """What a run makes of requirements, by name."""
+    scenario = dataclasses.replace(SCENARIO, requirements=dataclasses.replace(ALL, **asked))
+    return {one.requirement: one for one in judge(scenario, run)}
+
+
+def test_every_requirement_is_judged_in_its_unit() -> None:
+    run = made(
+        z=lambda t: -1.5 * (t < 2.0) + 1.0 * ((t >= 4.5) & (t < 6.5)),
+        phi=lambda t: 0.4 * (t < 2.5),
+        force=lambda t: -40.0 * (t < 0.02),
+    )
+    found = judged(run)
+    assert list(found) == list(UNITS)
+    values = {name: (one.value, one.left) for name, one in found.items()}
+    expected = {
+        "completes": (10.0, 0.0),
+        "max_position": (1.5, 0.5),
+        "max_angle": (0.4, 0.1),
+        "max_force": (40.0, -10.0),
+        "settling_time": (2.5, 0.5),
+        "recover_within": (1.5, 0.5),  # from 5 s, the end of the pulse, to 6.5 s
+    }
+    for name, (value, left) in expected.items():
+        assert values[name] == (pytest.approx(value), pytest.approx(left)), name
+    assert [name for name, one in found.items() if not one.met] == ["max_force"]
+    assert found["max_force"].relative == pytest.approx(-1 / 3)
+    assert {name: one.unit for name, one in found.items()} == dict(UNITS)
+
+
+def test_each_requirement_fails_alone() -> None:
+    faults = {
+        "max_position": {"z": lambda t: 2.1 * (t < 1.0)},
+        "max_angle": {"phi": lambda t: -0.6 * (t < 1.0)},
+        "max_force": {"force": lambda t: 31.0 * (t > 9.0)},
+        "settling_time": {"phi": lambda t: 0.06 * (t < 3.2)},
+        "recover_within": {"z": lambda t: 0.2 * ((t > 4.0) & (t < 7.3))},
+    }
+    for name, fault in faults.items():
+        assert [k for k, one in judged(made(**fault)).items() if not one.met] == [name]
+
+
+def test_what_never_comes_to_rest_is_taken_to_do_so_at_the_end() -> None:
+    found = judged(made(z=lambda t: 0.2 + 0.0 * t))
+    assert (found["settling_time"].value, found["settling_time"].left) == (None, -1.0)
+    assert (found["recover_within"].value, found["recover_within"].left) == (None, -3.0)
+
+
+def test_a_run_that_fell_shows_only_what_it_broke() -> None:
+    found = judged(made(phi=lambda t: t, end=1.5))
+    assert (found["completes"].value, found["completes"].left) == (1.5, -8.5)
+    assert found["max_angle"].left == pytest.approx(-1.0)
+    for name in ("max_position", "max_force"):
+        assert (found[name].left, found[name].relative, found[name].met) == (None, None, False)
+    assert not any(one.met for one in found.values())
+
+
+def test_a_run_that_fell_late_had_come_to_rest_before() -> None:
+    found = judged(made(phi=lambda t: 0.04 * (t < 9.0) + (t >= 9.0), end=9.5))
+    assert found["settling_time"].met
+    assert not found["recover_within"].met
+
+
+def test_nothing_is_judged_that_is_not_asked_for() -> None:
+    plain = dataclasses.replace(SCENARIO, requirements=Requirements())
+    assert [one.requirement for one in judge(plain, made())] == ["completes"]
+    free = dataclasses.replace(SCENARIO, requirements=Requirements(completes=False))
+    assert judge(free, made(end=1.0)) == ()
+
+
+def test_a_controller_that_failed_meets_nothing() -> None:
+    found = judge_failure(SCENARIO)
+    assert [one.requirement for one in found] == list(UNITS)
+    assert [one.limit for one in found] == [10.0, 2.0, 0.5, 30.0, 3.0, 2.0]
+    assert not any(one.met for one in found)
+
+
+def test_there_is_no_other_requirement() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean max_angle"):
+        Judgement(requirement="max_angel", limit=1.0, value=1.0, left=0.0)
+
+
+def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
+    scenario = dataclasses.replace(
+        afl.SCENARIOS["nominal"],
+        requirements=Requirements(max_position=7.0, max_force=100.0, settling_time=19.0),
+    )
+    run = afl.simulate_mujoco(scenario, "fixed", "sampled")
+    found = {one.requirement: one for one in judge(scenario, run)}
+    assert found["max_position"].left == pytest.approx(7.0 - np.abs(run.state[:, 0]).max())
+    assert [one.met for one in found.values()] == [True, False, True, True]

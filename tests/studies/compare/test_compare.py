@@ -1,0 +1,192 @@
+"""Controllers compared: whose run is which, what they need, and who meets the requirements."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.catalogue import as_controller
+from afl_mujoco.document.blocks import Finding, Table
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.studies.compare.comparison import compare
+from afl_mujoco.studies.compare.sections import sections, verdict
+from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.registry import find_study
+
+RIG = """
+name = "rig"
+pole_mass = 0.2
+duration = 6.0
+initial_state = [0.0, 0.2, 0.0, 0.0]
+[schedule]
+cart_mass = 8.0
+half_length = 1.5
+[imperfections]
+control_period = 0.01
+delay = 0.005
+noise_phi = 0.001
+[requirements]
+max_position = 1.0
+settling_time = 5.5
+"""
+OWN = """
+class Counting:
+    made = 0
+
+    def __init__(self):
+        Counting.made += 1
+        self.calls = 0
+
+    def __call__(self, time, state, belief):
+        self.calls += 1
+        return 40.0 * state[0] - 600.0 * state[1] + 80.0 * state[2] - 250.0 * state[3]
+
+
+def zero(time, state, belief):
+    return 0.0
+
+
+def late(time, state, belief):
+    return 0.0 if time < 0.5 else 1 / 0
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a scenario and controllers of one's own."""
+    monkeypatch.setattr("sys.dont_write_bytecode", True)
+    (tmp_path / "rig.toml").write_text(RIG)
+    (tmp_path / "compared.py").write_text(OWN)
+    return tmp_path
+
+
+@pytest.fixture
+def result(rig: Path):
+    scenario = afl.load_scenario(rig / "rig.toml")
+    return compare([scenario], [as_controller(name) for name in ("lqr", "adaptive")])
+
+
+def test_each_run_is_that_of_the_simulator_with_its_imperfections(rig: Path, result) -> None:
+    scenario = afl.load_scenario(rig / "rig.toml")
+    for name in ("lqr", "adaptive"):
+        run = afl.simulate_mujoco(scenario, name, "sampled")
+        curves = result.curves[f"rig/{name}"]
+        np.testing.assert_array_equal(curves.state, run.state)
+        np.testing.assert_array_equal(curves.force, run.force)
+        (compared,) = (one for one in result.runs if one.controller == name)
+        assert compared.outcome == str(run.outcome)
+        assert compared.metrics["peak_z"] == np.abs(run.state[:, 0]).max()
+
+
+def test_a_gain_beyond_its_table_is_remarked_on(result) -> None:
+    remarks = {run.controller: " ".join(run.remarks) for run in result.runs}
+    assert remarks["lqr"] == ""  # designed for this plant
+    assert "found for M 0.1 to 2 kg, and M reaches 8 kg here" in remarks["adaptive"]
+    assert "found for l 0.05 to 1 m, and l reaches 1.5 m here" in remarks["adaptive"]
+
+
+def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line: object) -> None:
+    code, output, errors = command_line(  # type: ignore[operator]
+        "compare", "rig.toml", "--controllers", "lqr", "compared:Counting", "compared:zero",
+        "compared:late", "--out", "out",
+    )  # fmt: skip
+    assert (code, errors) == (1, "")
+    last = output.splitlines()[-1]
+    assert "compared.zero on rig (fell at t = " in last
+    assert last.endswith(" and compared.late on rig (failed)")
+    written = {path.name for path in (rig / "out").iterdir()}
+    assert {"compare.json", "compare.npz", "compare.md", "report.html"} <= written
+    found = load_record(find_study("compare"), rig / "out").result
+    by_name = {run.controller: run for run in found.runs}
+    assert by_name["lqr"].missed == []
+    assert by_name["compared.late"].outcome == (
+        "failed: raised ZeroDivisionError at t = 0.5 s: division by zero"
+    )
+    assert len(by_name["compared.late"].missed) == 3
+    assert "rig/compared.late" not in found.curves
+    data = json.loads((rig / "out" / "compare.json").read_text())
+    assert data["scenarios"][0]["requirements"]["max_position"] == 1.0
+
+
+def test_three_controllers_that_do_what_is_asked_pass(rig: Path, command_line) -> None:
+    (rig / "rig.toml").write_text(RIG.replace("settling_time = 5.5", "max_force = 200"))
+    code, output, _ = command_line(
+        "compare", "rig.toml", "--controllers", "lqr", "compared:Counting", "--no-page"
+    )
+    assert (code, output.splitlines()[-1]) == (0, "PASS: all 6 requirements are met")
+
+
+def test_the_same_object_with_memory_makes_the_same_run_twice(rig: Path) -> None:
+    class Integrating:
+        def __init__(self) -> None:
+            self.sum = 0.0
+
+        def reset(self) -> None:
+            self.sum = 0.0
+
+        def __call__(self, time, state, belief):
+            self.sum += state[0]
+            return 40 * state[0] - 600 * state[1] + 80 * state[2] - 250 * state[3] + 0.01 * self.sum
+
+    scenario, own = afl.load_scenario(rig / "rig.toml"), as_controller(Integrating())
+    one, two = (compare([scenario], [own]).curves["rig/Integrating"] for _ in range(2))
+    np.testing.assert_array_equal(one.state, two.state)
+
+
+def test_the_words_are_those_of_the_runs(result) -> None:
+    (section,) = sections(result)
+    findings = [block for block in section.walk() if isinstance(block, Finding)]
+    assert "`lqr` meets every requirement; `adaptive` misses" in findings[0].text
+    assert "“at rest after 5.5 s”" in findings[0].text
+    tables = [block for block in section.walk() if isinstance(block, Table)]
+    rows = [[getattr(cell, "text", cell) for cell in row] for row in tables[0].rows]
+    assert rows[0] == ["lqr", "runs to the end 6 s", "6 s", "0 s (0 %)"]
+    assert [row[0] for row in rows] == ["lqr"] * 3 + ["adaptive"] * 3
+    assert not verdict(result).passed
+
+
+def test_without_requirements_a_fall_still_fails() -> None:
+    falling = afl.Scenario(name="falling", initial_state=(0.0, 1.5, 0.0, 0.0), duration=2.0)
+    assert falling.requirements == Requirements()
+    found = compare([falling], [as_controller("lqr")])
+    assert not found.passed
+    assert "lqr on falling (fell at t = " in verdict(found).text
+
+
+def test_the_library_takes_functions_classes_and_names(rig: Path) -> None:
+    class Own:
+        def __call__(self, time, state, belief):
+            return 40 * state[0] - 600 * state[1] + 80 * state[2] - 250 * state[3]
+
+    def idle(time, state, belief):
+        return 0.0
+
+    found = afl.compare(rig / "rig.toml", ["lqr", Own, idle])
+    assert repr(found) == "<lqr, Own, idle on rig: 6 of 9 requirements met>"
+    assert [row["controller"] for row in found.table] == ["lqr", "Own", "idle"]
+    assert found.table[0]["peak_z"] == found.runs[0].metrics["peak_z"]
+    missed = [row for row in found.requirements if not row["met"]]
+    assert {row["controller"] for row in missed} == {"idle"}
+    assert len(found.plot("rig").axes) == 4
+    with pytest.raises(afl.AflMujocoError, match="scenario must be one of rig, got 'rug'"):
+        found.plot("rug")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nominal", "nominal"), "scenario names must differ, got 'nominal' twice"),
+        (("--controllers", "lqr", "lqr"), "controller names must differ, got 'lqr' twice"),
+        (("--integrator", "RK5"), "integrator must be one of RK4, Euler"),
+        (("--control-period", "0.0015"), "timestep 0.001 s must divide control_period 0.0015 s"),
+    ],
+)
+def test_bad_input_is_one_line(rig: Path, command_line, arguments, message: str) -> None:
+    code, output, errors = command_line("compare", *arguments, "--out", "out")
+    assert (code, output) == (2, "")
+    assert errors.startswith(f"afl-mujoco: {message}") and errors.count("\n") == 1
+    assert not (rig / "out").exists()
