@@ -8,7 +8,7 @@ def force(time, state, belief):
     z, phi, z_dot, phi_dot = state  # position [m], angle from upright [rad], and their rates
     mass, length = belief.cart_mass + belief.pole_mass, 4.0 / 3.0 * belief.half_length
     lean = -25.0 * phi - 10.0 * phi_dot  # the angular acceleration that uprights the pole ...
-    home = (5.0 * z + 8.0 * z_dot) / (1.0 + length)  # ... and the one that leans it towards home
+    home = (5.0 * z + 8.3 * z_dot) / (1.0 + length)  # ... and the one that leans it towards home
     return mass * (length * (lean + home) - belief.gravity * sin(phi)) / cos(phi)
 
 
