@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import shlex
+import time
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import IO, Any, get_type_hints
 
 import tyro
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
 
 SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
 FILMS, RESULTS = Path("renders"), Path("renders/validation")
 """Where films, and the results of studies with their page, are written by default."""
+
+
+SECONDS = 30.0
+"""Time between two lines of progress where there is no terminal [s]."""
 
 
 def separated(value: Any) -> Any:
@@ -30,29 +33,23 @@ def separated(value: Any) -> Any:
 @contextlib.contextmanager
 def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
     """Give a callable that advances a bar by one, given what has been done."""
-    with _bar() as bar:
-        task = bar.add_task(doing, total=total)
-        yield lambda done: bar.update(task, advance=1, description=done)
+    with _shown() as add:
+        update, done = add(doing, total), itertools.count(1)
+        yield lambda what: update(next(done), what)
 
 
 @contextlib.contextmanager
 def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
     """Give a callable that adds a bar, by what it says and its total, and returns what sets it."""
-    with _bar() as shown:
-
-        def add(doing: str, total: int) -> Callable[[int], None]:
-            task = shown.add_task(doing, total=total)
-            return lambda done: shown.update(task, completed=done)
-
+    with _shown() as add:
         yield add
 
 
 @contextlib.contextmanager
 def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
     """Give a callable that sets a bar to how many are done, as sweeps count."""
-    with _bar() as bar:
-        task = bar.add_task(doing, total=total)
-        yield lambda done: bar.update(task, completed=done)
+    with _shown() as add:
+        yield add(doing, total)
 
 
 def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
@@ -72,10 +69,40 @@ def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
     return shlex.join(["afl-mujoco", command, *names, *words])
 
 
-def _bar() -> Progress:
-    """Return bars on stderr, with the time left; silent when that is no terminal."""
+@contextlib.contextmanager
+def _shown() -> Iterator[Callable[[str, int], Callable[..., None]]]:
+    """Give what adds a bar on stderr; elsewhere than on a terminal, a line now and then."""
     from rich.console import Console
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    return Progress(console=console, disable=not console.is_terminal, transient=True)
+    if not console.is_terminal:
+        yield _lines(console.file)
+        return
+    with Progress(console=console, transient=True) as shown:
+
+        def add(doing: str, total: int) -> Callable[..., None]:
+            task = shown.add_task(doing, total=total)
+
+            def update(done: int, what: str = doing) -> None:
+                shown.update(task, completed=done, description=what)
+
+            return update
+
+        yield add
+
+
+def _lines(stream: IO[str]) -> Callable[[str, int], Callable[..., None]]:
+    """Return what reports progress in a line every `SECONDS`."""
+    last = time.monotonic()
+
+    def add(doing: str, total: int) -> Callable[..., None]:
+        def update(done: int, what: str = doing) -> None:
+            nonlocal last
+            if time.monotonic() - last >= SECONDS and done < total:
+                last = time.monotonic()
+                print(f"{what}: {done} of {total}", file=stream, flush=True)
+
+        return update
+
+    return add

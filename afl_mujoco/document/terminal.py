@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
@@ -17,6 +18,12 @@ from afl_mujoco.document.markup import CODE, EMPHASIS, spans
 
 WIDTH = 160
 """Columns where there is no terminal that has a width."""
+
+SHORT = 12
+"""Cells of texts that are not broken into lines."""
+
+GAP = 3
+"""Cells between two columns of a table."""
 
 STYLES = {CODE: "cyan", EMPHASIS: "italic"}
 STATUS_STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "magenta"}
@@ -42,9 +49,17 @@ def print_verdict(verdict: blocks.Verdict) -> None:
     _console().print(RichText(f"{verdict.word}: {verdict.text}", style=colour), soft_wrap=True)
 
 
+class _Console(Console):
+    """One that leaves it to the program what a reader means that has stopped reading."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise what was raised."""
+        raise BrokenPipeError
+
+
 def _console() -> Console:
     """Return the terminal, or what stands for one."""
-    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    return _Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
 
 
 def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
@@ -56,7 +71,8 @@ def _print_section(section: blocks.Section, folder: Path, console: Console) -> N
         elif isinstance(block, NOT_SHOWN) or (isinstance(block, blocks.Text) and block.note):
             continue
         elif isinstance(block, blocks.Table) and not block.summary:
-            console.print(_table(block))
+            for part in _tables(block, console.width):
+                console.print(part)
         else:
             console.print(_line(block, folder), soft_wrap=isinstance(block, blocks.Command))
 
@@ -100,19 +116,67 @@ def _style(cell: blocks.Cell) -> str:
     return STATUS_STYLES.get(cell.status, "bold" if cell.strong else "")
 
 
-def _table(table: blocks.Table) -> RichTable:
-    """Return a table; what leads in a row and repeats the row above is left out."""
-    shown = RichTable(box=SIMPLE_HEAD, title=RichText(table.caption), title_justify="left")
-    for column in table.columns:
-        side: Any = "right" if column.number else "left"
-        shown.add_column(RichText(column.title), justify=side, overflow="fold")
-    above: list[str] = []
-    for row in table.cells:
-        texts = [MARKS[cell.status] + cell.text for _, cell in row]
-        styles = [_style(cell) for _, cell in row]
-        repeated = texts[0] if above[:1] == texts[:1] else None
-        above = list(texts)
-        if repeated is not None:
-            texts[0] = ""
-        shown.add_row(*(RichText(t, style=s) for t, s in zip(texts, styles, strict=True)))
-    return shown
+def _tables(table: blocks.Table, width: int) -> Iterator[RichTable]:
+    """Yield a table, in parts that fit a width, each with the columns that name the rows.
+
+    Neither numbers nor words are broken; what leads in a row and repeats the row above is left out.
+    """
+    rows = [
+        [(MARKS[cell.status] + cell.text, _style(cell)) for _, cell in row] for row in table.cells
+    ]
+    texts = [[column.title, *(row[k][0] for row in rows)] for k, column in enumerate(table.columns)]
+    most = [max(map(cell_len, found)) for found in texts]
+    least = [
+        full if column.number or full <= SHORT else max(map(_longest_word, found))
+        for column, found, full in zip(table.columns, texts, most, strict=True)
+    ]
+    firsts = [row[0][0] for row in rows]
+    names = 2 if len(set(firsts)) < len(firsts) and len(most) > 2 else 1
+    title = table.caption
+    for part in _parts(least, names, width - 1):
+        shown = RichTable(box=SIMPLE_HEAD, title=RichText(title), title_justify="left")
+        widths = _widths([least[k] for k in part], [most[k] for k in part], width - 1)
+        for k, wide in zip(part, widths, strict=True):
+            column = table.columns[k]
+            side: Any = "right" if column.number else "left"
+            shown.add_column(RichText(column.title), justify=side, overflow="fold", width=wide)
+        above = ""
+        for row in rows:
+            cells = [RichText(text, style=style) for text, style in (row[k] for k in part)]
+            if row[0][0] == above:
+                cells[0] = RichText("")
+            above = row[0][0]
+            shown.add_row(*cells)
+        yield shown
+        title = f"{table.caption} (continued)"
+
+
+def _longest_word(text: str) -> int:
+    """Return the cells of the longest word of a text."""
+    return max(map(cell_len, text.split()), default=0)
+
+
+def _parts(least: Sequence[int], names: int, width: int) -> list[list[int]]:
+    """Return the columns of each part of a table, the first of which name its rows."""
+    first = list(range(names))
+    parts, room = [[*first]], width - sum(least[k] + GAP for k in first)
+    left = room
+    for k in range(names, len(least)):
+        if least[k] + GAP > left and len(parts[-1]) > names:
+            parts.append([*first])
+            left = room
+        parts[-1].append(k)
+        left -= least[k] + GAP
+    return parts
+
+
+def _widths(least: Sequence[int], most: Sequence[int], width: int) -> list[int]:
+    """Return the widths of columns: all that they could use, or what there is, shared fairly."""
+    widths = list(most)
+    while sum(widths) + GAP * len(widths) > width:
+        spare = [(wide - low, k) for k, (wide, low) in enumerate(zip(widths, least, strict=True))]
+        most_spare, k = max(spare)
+        if most_spare <= 0:
+            break
+        widths[k] -= 1
+    return widths

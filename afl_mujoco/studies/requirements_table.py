@@ -53,7 +53,8 @@ def finding(runs: Sequence[JudgedRun]) -> str:
             parts.append(f"`{run.controller}` {run.outcome}")
         elif run.missed:
             parts.append(f"`{run.controller}` misses {listed(list(map(_miss, run.missed)), 'and')}")
-    return "; ".join(parts) + "."
+    who = f"Of {len(runs)} controllers " if len(runs) > 1 else "The controller "
+    return who + "; ".join(parts) + "."
 
 
 def _miss(one: Judgement) -> str:

@@ -177,3 +177,39 @@ def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> No
 
 def test_a_figure_without_its_files_is_said_to_be_missing(tmp_path: Path) -> None:
     assert "The figure “A line” is missing" in html(tmp_path)
+
+
+WIDE = Table(
+    caption="Wide",
+    columns=(
+        Column("Scenario"),
+        Column("Controller"),
+        Column("Outcome"),
+        *(Column(f"B{k}", number=True) for k in range(8)),
+    ),
+    rows=[
+        (scenario, controller, "fell at t = 1.26 s", *(f"{k}.0×10⁻¹²" for k in range(8)))
+        for scenario in ("step-step", "a-very-long-name-of-a-scenario")
+        for controller in ("adaptive", "lqr")
+    ],
+)
+
+
+@pytest.mark.parametrize("width", [80, 104, 300])
+def test_a_table_that_is_too_wide_goes_on_below_with_no_column_lost_and_no_number_broken(
+    width: int,
+) -> None:
+    out = StringIO()
+    console = Console(file=out, width=width, highlight=False)
+    print_sections([Section("Part", "part", (WIDE,))], Path(), console)
+    lines = out.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    text = out.getvalue()
+    for column in WIDE.columns:
+        assert column.header in text
+    for k in range(8):
+        assert text.count(f"{k}.0×10⁻¹²") == 4
+    assert text.count("fell at") == 4
+    parts = text.count("Scenario")
+    assert (parts > 1) == ("(continued)" in text) == (width < 150)
+    assert text.count("lqr") == 2 * parts  # what names a row stands in every part

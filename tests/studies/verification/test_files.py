@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from afl_mujoco.errors import FileError
+from afl_mujoco.simulation.judgement import JudgedRun, Judgement
 from afl_mujoco.studies.record import load_record, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.verification.files import junit
@@ -50,6 +51,22 @@ def test_junit_has_a_case_for_each_check_and_a_failure_for_each_that_fails(
     assert len(suite.findall("testcase")) == len(result.checks)
     assert len(suite.findall("testcase/failure")) == failing
     assert suite.attrib["failures"] == str(failing)
+
+
+def test_junit_has_a_case_for_each_requirement() -> None:
+    requirement = Judgement(requirement="completes", limit=2.0, value=0.7, left=-1.3)
+    fell = JudgedRun(
+        scenario="step-step",
+        controller="fixed",
+        outcome="fell at t = 0.7 s",
+        requirements=(requirement,),
+    )
+    result = replace(make_result(), requirements=(fell,), verdict="fail")
+    suite = ElementTree.fromstring(junit(result))
+    (case,) = (one for one in suite.findall("testcase") if one.attrib["classname"] == "completes")
+    assert case.attrib["name"] == "step-step/fixed"
+    assert case.find("failure").attrib["message"] == "The controller `fixed` fell at t = 0.7 s."
+    assert suite.attrib["failures"] == "1"
 
 
 BROKEN: dict[str, tuple[Any, str]] = {

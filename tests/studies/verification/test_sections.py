@@ -9,6 +9,7 @@ import pytest
 
 from afl_mujoco.document.blocks import Cell, Facts, Finding, Section, Table, Tally
 from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.simulation.judgement import JudgedRun, Judgement
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.result import Result, verdict_of
 from afl_mujoco.studies.verification.sections import sections, verdict
@@ -95,6 +96,38 @@ def test_a_verdict_on_two_codes_does_not_hide_that_the_pole_fell() -> None:
     assert {tuple(c.text for c in line[2:4]) for line in lines} == {
         ("completed", "fell at t = 1 s")
     }
+
+
+def judged(outcome: str, left: float) -> JudgedRun:
+    """What one controller made of the requirement to complete."""
+    whole = Judgement(requirement="completes", limit=2.0, value=2.0 + left, left=left)
+    return JudgedRun(
+        scenario="step-step", controller="adaptive", outcome=outcome, requirements=(whole,)
+    )
+
+
+def test_the_verdict_says_both_whether_codes_agree_and_whether_requirements_are_met() -> None:
+    good, fell = judged("completed", 0.0), judged("fell at t = 0.7 s", -1.3)
+    result = replace(make_result(), requirements=(good,))
+    assert verdict(result).text == "all 22 checks hold; the one requirement is met"
+    assert verdict(result).passed
+    assert "Requirements" not in {section.title for section in sections(result)}
+    checks = result.checks
+    missed = replace(result, requirements=(fell,), verdict=verdict_of(checks, requirements=(fell,)))
+    assert missed.verdict == "fail"
+    assert verdict(missed).text == (
+        "all 22 checks hold; 1 of 1 requirements is not met: adaptive on step-step (fell at t = "
+        "0.7 s)"
+    )
+    assert findings(missed)["step-step"] == "The controller `adaptive` fell at t = 0.7 s."
+    (row,) = table(missed, "Requirements")
+    assert [cell.text for cell in row[2:]] == [
+        "runs to the end 2 s", "fell at 0.7 s", "−1.3 s (−65 %)"
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="verdict must be 'fail'"):
+        replace(missed, verdict="pass")
+    both = replace(make_result(b3=3.4e-7), requirements=(fell,))
+    assert verdict(both).text.startswith("4 of 22 checks fail; 1 of 1 requirements is not met")
 
 
 def test_what_a_run_that_fell_did_not_do_is_no_merit_of_it() -> None:

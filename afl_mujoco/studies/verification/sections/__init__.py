@@ -18,8 +18,8 @@ AGREE = (
     "the paper or on a controller."
 )
 MISSED = (
-    "MuJoCo and the equations agree within every limit, and in both a controller does not do what "
-    "its scenario requires."
+    "MuJoCo and the equations agree within every limit. As deployed, at least one controller does "
+    "not do what its scenario requires."
 )
 DIFFER = (
     "At least one figure lies beyond its limit: no conclusion may rest on the numbers below until "

@@ -1,0 +1,41 @@
+"""What the commands share: progress on a terminal and elsewhere, the output that nobody reads."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco.cli import terminal
+from tests.program import COMMAND, run
+
+
+def test_without_a_terminal_progress_is_a_line_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = iter((0.0, 10.0, 31.0, 31.0, 40.0, 70.0, 70.0, 120.0))
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: next(clock))
+    with terminal.count_bar(9, "filming") as progress:
+        for done in (1, 2, 3, 4):  # at 10 s, 31 s, 40 s and 70 s
+            progress(done)
+        progress(9)
+    assert capsys.readouterr() == ("", "filming: 2 of 9\nfilming: 4 of 9\n")
+
+
+def test_a_reader_that_stops_reading_gets_no_traceback(tmp_path: Path) -> None:
+    command = [*COMMAND, "compare", "nominal", "--controllers", "lqr", "--no-page"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        said = process.stderr.read()
+    assert (process.returncode, said) == (141, "")
+
+
+def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+    from afl_mujoco import __version__
+
+    done = run("--version", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, f"afl-mujoco {__version__}\n")
