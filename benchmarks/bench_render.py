@@ -18,8 +18,8 @@ from afl_mujoco.graphics import require_backend
 BACKEND = require_backend()  # before anything imports mujoco
 
 import afl_mujoco as afl  # noqa: E402
-from afl_mujoco.studies.films.plan import plan  # noqa: E402
-from afl_mujoco.studies.films.renderer import make_films  # noqa: E402
+from afl_mujoco.films.plan import plan  # noqa: E402
+from afl_mujoco.films.renderer import make_films  # noqa: E402
 
 CONTROLLERS = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
 

@@ -11,11 +11,11 @@ import numpy as np
 
 import afl_mujoco as afl
 from afl_mujoco.files import write_json
+from afl_mujoco.films.listing import LISTING, Entry, Listing
+from afl_mujoco.films.replay import Deployment
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.cases import REPORTED, Run, Settings
-from afl_mujoco.studies.films.listing import LISTING, Entry, Listing
-from afl_mujoco.studies.films.replay import Deployment
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.error_budget import AtWorst, ErrorBudget

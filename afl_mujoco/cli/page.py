@@ -52,11 +52,12 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
         Study whose result will be replaced.
     """
     from afl_mujoco.files import require_no_folder
-    from afl_mujoco.studies.films.listing import load_listing
+    from afl_mujoco.films.listing import load_listing
     from afl_mujoco.studies.record import PAGE, load_records
 
     require_no_folder(folder, (PAGE,))
-    load_listing(films)
+    for place in {films, folder}:
+        load_listing(place)
     load_records(folder, leave_out=leave_out)
 
 
@@ -64,7 +65,7 @@ def write_page(folder: Path, films: Path) -> Path:
     """Write the page of a folder, whole or not at all; nothing is computed."""
     from afl_mujoco.document.html import to_html
     from afl_mujoco.files import write_text
-    from afl_mujoco.studies.films.sections import sections as film_sections
+    from afl_mujoco.films.sections import sections as film_sections
     from afl_mujoco.studies.record import PAGE, load_records
 
     records = load_records(folder)
@@ -73,10 +74,11 @@ def write_page(folder: Path, films: Path) -> Path:
     found = [section for record in records for section in record.sections]
     parts = [
         ([_overview(records, found), *found], folder),
-        (film_sections(films), films),
+        *((film_sections(place), place) for place in dict.fromkeys((films, folder))),
         ([_reproduce(records), _notation()], folder),
     ]
-    verdict = next((record.verdict for record in records if record.verdict), None)
+    verdicts = [record.verdict for record in records if record.verdict]
+    verdict = min(verdicts, key=lambda one: one.passed, default=None)  # a failure counts
     write_text(folder / PAGE, to_html(TITLE, parts, folder, lede=LEDE, verdict=verdict))
     return folder / PAGE
 

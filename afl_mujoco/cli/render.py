@@ -24,7 +24,7 @@ class Render:
 
     Example: afl-mujoco render step-step-impulse --controllers fixed,adaptive --size 1280x720
 
-    Writes one MP4 for each scenario and controller, one of the first two controllers side by side,
+    Writes one MP4 for each scenario and controller, one of up to four controllers side by side,
     and, if no scenario is named, a showcase of the paper's four cases; and films.json, from which
     `afl-mujoco report` takes them.
     """
@@ -66,9 +66,9 @@ class Render:
         size = self._size()
         require_backend()
 
-        from afl_mujoco.studies.films.plan import plan
-        from afl_mujoco.studies.films.renderer import make_films, write_stills
-        from afl_mujoco.studies.films.replay import Deployment
+        from afl_mujoco.films.plan import plan
+        from afl_mujoco.films.renderer import make_films, write_stills
+        from afl_mujoco.films.replay import Deployment
 
         deployment = Deployment(
             timestep=self.timestep, control_period=self.control_period, integrator=self.integrator

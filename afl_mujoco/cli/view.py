@@ -50,9 +50,9 @@ class View:
         require_display()
         os.environ["MUJOCO_GL"] = "glfw"
 
+        from afl_mujoco.films.replay import Deployment, record
+        from afl_mujoco.films.viewer import view
         from afl_mujoco.simulation.mujoco_model import CartPoleModel
-        from afl_mujoco.studies.films.replay import Deployment, record
-        from afl_mujoco.studies.films.viewer import view
 
         deployment = Deployment(
             timestep=self.timestep, control_period=self.control_period, integrator=self.integrator

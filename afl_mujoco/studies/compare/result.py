@@ -37,6 +37,15 @@ class Curves:
     force: Array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmRequest:
+    """Scenarios and controllers as they were asked for, and the reading of the paper's gains."""
+
+    scenarios: tuple[str, ...]
+    controllers: tuple[str, ...]
+    gain_labels: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Result:
     """Controllers compared.
@@ -51,6 +60,8 @@ class Result:
         Each run over time, by ``scenario/controller``; none if the controller failed.
     timestep, control_period, integrator
         How they were deployed; a period of None is that of the scenario, else one step.
+    film
+        What is filmed, as it was asked for; None for no film.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -59,6 +70,7 @@ class Result:
     timestep: float
     control_period: float | None
     integrator: str
+    film: FilmRequest | None = None
 
     def __post_init__(self) -> None:
         """Raise if the parts contradict each other."""

@@ -20,9 +20,11 @@ from afl_mujoco.document.blocks import (
     good_or_bad,
 )
 from afl_mujoco.document.numbers import short
+from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
 from afl_mujoco.simulation.metrics import LABELS, unit_of
+from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.compare.figures import draw_responses
 from afl_mujoco.studies.compare.result import ComparedRun, Result
@@ -46,27 +48,28 @@ def verdict(result: Result) -> Verdict:
 def sections(result: Result) -> list[Section]:
     """Return what a report says of a comparison."""
     parts = [_scenario(result, number, one) for number, one in enumerate(result.scenarios, 1)]
-    return [Section("Controllers compared", "compare", [Text(_deployment(result)), *parts])]
+    return [Section("Controllers compared", "compare", parts)]
 
 
-def _deployment(result: Result) -> str:
-    """Say how the controllers were run."""
-    period = result.control_period
-    held = (
-        "for one physics step, or as the scenario's imperfections say"
-        if period is None
-        else f"for {short(1e3 * period)} ms"
-    )
+def _deployment(result: Result, scenario: Scenario) -> str:
+    """Say how the controllers were run on a scenario."""
+    period = control_period_of(scenario, result.control_period, result.timestep)
+    ideal = scenario.imperfections == IDEAL
     return (
-        f"As deployed: the force held {held}, physics steps of {short(1e3 * result.timestep)} ms "
-        f"({result.integrator})."
+        f"As deployed in MuJoCo, {'ideal' if ideal else 'with the imperfections listed below'}: "
+        f"the force held for {short(1e3 * period)} ms, physics steps of "
+        f"{short(1e3 * result.timestep)} ms ({result.integrator})."
     )
 
 
 def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
     """Return what there is to say of a scenario."""
     runs = result.runs_on(scenario)
-    blocks: list[Block] = [Finding(scenario.name, finding(runs)), requirements_table(runs)]
+    blocks: list[Block] = [
+        Finding(scenario.name, finding(runs)),
+        Text(_deployment(result, scenario)),
+        requirements_table(runs),
+    ]
     if curves := result.curves_on(scenario):
         blocks.append(
             Figure(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from afl_mujoco.control.names import REFERENCE, SUBJECT
@@ -43,6 +43,8 @@ class Compare:
     imperfections, else one step, by default."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    film: bool = False
+    """Film the controllers side by side, the first four: an MP4 for each scenario."""
 
 
 def check(configuration: Compare) -> None:
@@ -53,10 +55,11 @@ def check(configuration: Compare) -> None:
 def run(configuration: Compare, *, progress: Progress = silent) -> Result:
     """Run every controller on every scenario."""
     from afl_mujoco.studies.compare.comparison import compare
+    from afl_mujoco.studies.compare.result import FilmRequest
 
     c = configuration
     scenarios, controllers = _asked(c)
-    return compare(
+    result = compare(
         scenarios,
         controllers,
         timestep=c.timestep,
@@ -64,6 +67,10 @@ def run(configuration: Compare, *, progress: Progress = silent) -> Result:
         integrator=c.integrator,
         advance=counted(progress, "simulating", len(scenarios) * len(controllers)),
     )
+    if not c.film:
+        return result
+    film = FilmRequest(scenarios=c.scenarios, controllers=c.controllers, gain_labels=c.gain_labels)
+    return replace(result, film=film)
 
 
 def _asked(configuration: Compare) -> tuple[list[Scenario], list[Controller]]:
@@ -72,6 +79,10 @@ def _asked(configuration: Compare) -> tuple[list[Scenario], list[Controller]]:
 
     c = configuration
     scenarios = [find_scenario(name) for name in c.scenarios]  # before what is slow to import
+    if c.film:
+        from afl_mujoco.graphics import require_backend
+
+        require_backend()  # before MuJoCo
 
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.studies.compare.comparison import require_comparable

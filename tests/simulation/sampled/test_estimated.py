@@ -12,13 +12,13 @@ from afl_mujoco.control.estimation.estimated_controller import EstimatedControll
 from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.films.replay import Deployment, record
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.estimated import simulate_estimated
 from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
 from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 from afl_mujoco.simulation.sampled.runs import prepare
-from afl_mujoco.studies.films.replay import Deployment, record
 
 REAL = Imperfections(
     noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004,

@@ -11,6 +11,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.document.blocks import Finding, Table
+from afl_mujoco.films.listing import load_listing
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.compare.comparison import compare
 from afl_mujoco.studies.compare.sections import sections, verdict
@@ -190,3 +191,23 @@ def test_bad_input_is_one_line(rig: Path, command_line, arguments, message: str)
     assert (code, output) == (2, "")
     assert errors.startswith(f"afl-mujoco: {message}") and errors.count("\n") == 1
     assert not (rig / "out").exists()
+
+
+def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(
+    rig: Path, command_line, graphics: None
+) -> None:
+    (rig / "rig.toml").write_text(RIG.replace("duration = 6.0", "duration = 0.4").split("[req")[0])
+    controllers = ("lqr", "adaptive", "compared:Counting")
+    code, _, errors = command_line(
+        "compare", "rig.toml", "--controllers", *controllers, "--film", "--out", "out"
+    )
+    assert (code, errors) == (0, "")
+    (film,) = load_listing(rig / "out")
+    assert (rig / "out" / film.file).stat().st_size > 1000
+    assert film.controllers == ("lqr", "adaptive", "compared.Counting")
+    assert film.deployment.control_period == 0.01  # the scenario's, not a step
+    asked = " ".join(controllers)
+    assert film.command == f"afl-mujoco compare rig.toml --controllers {asked} --film"
+    page = (rig / "out" / "report.html").read_text()
+    assert "rig, lqr beside adaptive beside compared.Counting" in page
+    assert "force held for 10 ms" in page and "force is held for 1 ms" not in page

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.studies.films.replay import Deployment, record
+from afl_mujoco.films.replay import Deployment, record
 
 FPS = 30
 

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco.studies.films.camera import Frame, follow
-from afl_mujoco.studies.films.overlays import ARROW_SCALE, cart_size
-from afl_mujoco.studies.films.scene import open_scene
+from afl_mujoco.films.camera import Frame, follow
+from afl_mujoco.films.overlays import ARROW_SCALE, cart_size
+from afl_mujoco.films.scene import open_scene
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from afl_mujoco.studies.films.replay import Replay
+from afl_mujoco.films.replay import Replay
 
 FIELD_OF_VIEW = 30.0
 """Vertical field of view [deg], that of ``models/scene.xml``."""

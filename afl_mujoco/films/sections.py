@@ -7,8 +7,8 @@ from pathlib import Path
 
 from afl_mujoco.document.blocks import Block, Film, Section, Text
 from afl_mujoco.document.numbers import sentence
-from afl_mujoco.studies.films.listing import Entry, load_listing
-from afl_mujoco.studies.films.plan import SINGLE
+from afl_mujoco.films.listing import Entry, load_listing
+from afl_mujoco.films.plan import SINGLE
 
 
 def sections(folder: Path) -> list[Section]:

@@ -14,12 +14,12 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError, InvalidValueError
-from afl_mujoco.studies.films.film import RESULT_TIME, TITLE_TIME
-from afl_mujoco.studies.films.listing import LISTING, load_listing
-from afl_mujoco.studies.films.plan import COMPARISON, SHOWCASE, SINGLE, plan
-from afl_mujoco.studies.films.renderer import make_films, write_stills
-from afl_mujoco.studies.films.replay import Deployment, record
-from afl_mujoco.studies.films.video import write_video
+from afl_mujoco.films.film import RESULT_TIME, TITLE_TIME
+from afl_mujoco.films.listing import LISTING, load_listing
+from afl_mujoco.films.plan import COMPARISON, SHOWCASE, SINGLE, plan
+from afl_mujoco.films.renderer import make_films, write_stills
+from afl_mujoco.films.replay import Deployment, record
+from afl_mujoco.films.video import write_video
 
 pytestmark = pytest.mark.slow
 

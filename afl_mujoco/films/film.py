@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.studies.films.camera import CameraPath, Frame, follow
-from afl_mujoco.studies.films.captions import (
+from afl_mujoco.films.camera import CameraPath, Frame, follow
+from afl_mujoco.films.captions import (
     INK,
     QUIET,
     Text,
@@ -22,9 +22,9 @@ from afl_mujoco.studies.films.captions import (
     readouts,
     write,
 )
-from afl_mujoco.studies.films.plots import draw_plots
-from afl_mujoco.studies.films.replay import Replay
-from afl_mujoco.studies.films.scene import Scene, open_scene
+from afl_mujoco.films.plots import draw_plots
+from afl_mujoco.films.replay import Replay
+from afl_mujoco.films.scene import Scene, open_scene
 
 Picture = NDArray[np.uint8]
 HALF = Frame(top=0.16, bottom=0.30, foot=0.21)
@@ -58,6 +58,11 @@ class Shot:
         return np.maximum(self.scene.draw(self.replay, index, self.path), self.behind)
 
 
+def _scale(size: tuple[int, int]) -> float:
+    """Return how large letters are, 1 in a picture of 1280 x 720: they fit its width as well."""
+    return min(size[1] / 720, size[0] / 1280)
+
+
 def single(
     replay: Replay, held: str, size: tuple[int, int], fps: int, indices: Iterable[int]
 ) -> Iterator[Picture]:
@@ -69,7 +74,7 @@ def single(
         Width and height [px].
     """
     width, height = size
-    s = height / 720
+    s = _scale(size)
     behind = write(backdrop(width, height), heading(replay, held, width, height), s)
     with open_scene(replay, width, height) as scene:
         shot = Shot(replay, follow(replay, fps, width, height, Frame()), scene, behind)
@@ -83,21 +88,31 @@ def single(
 def comparison(
     replays: Sequence[Replay], held: str, size: tuple[int, int], fps: int, indices: Iterable[int]
 ) -> Iterator[Picture]:
-    """Yield the frames of a film of two runs of one scenario, with curves that grow in step."""
+    """Yield the frames of a film of up to four runs of one scenario.
+
+    Two stand beside each other, above curves that grow in step; four in a square; of three, the
+    curves take the fourth place.
+    """
     width, height = size
-    s = height / 720
+    s = _scale(size)
     part = (2 * (width // 4), 2 * (height // 4))
-    plots = draw_plots(replays, (width, height - part[1]))
+    two = len(replays) == 2
+    left = 0 if two else part[0]
+    plots = draw_plots(replays, (width - left, height - part[1])) if len(replays) < 4 else None
     key = _key(held, width, s)
     head = replays[0]
+    places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
     with open_scene(head, *part) as scene:
         shots = _shots(replays, part, fps, scene)
         for index in indices:
             picture = np.zeros((height, width, 3), np.uint8)
-            picture[: part[1], : part[0]] = _part(shots[0], index, s)
-            picture[: part[1], width - part[0] :] = _part(shots[1], index, s)
-            picture[: part[1], part[0]] = DIVIDER
-            picture[part[1] :] = plots.until(float(head.time[index]))
+            for shot, (y, x) in zip(shots, places, strict=False):
+                picture[y : y + part[1], x : x + part[0]] = _part(shot, index, s)
+            picture[: part[1] if two else height, part[0]] = DIVIDER
+            if not two:
+                picture[part[1]] = DIVIDER
+            if plots is not None:
+                picture[part[1] :, left:] = plots.until(float(head.time[index]))
             yield write(picture, key, s)
 
 
@@ -106,7 +121,7 @@ def showcase(
 ) -> Iterator[Picture]:
     """Yield the frames of the showcase: four runs at once."""
     width, height = size
-    s = height / 720
+    s = _scale(size)
     part = (2 * (width // 4), 2 * (height // 4))
     behind = backdrop(width, height)
     with open_scene(replays[0], *part) as scene:
@@ -152,7 +167,7 @@ def _key(held: str, width: int, s: float) -> list[Text]:
 def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> Picture:
     """Return the showcase's first title frame."""
     width, height = size
-    s = height / 720
+    s = _scale(size)
     lines = (
         ("A published cart-pole controller in MuJoCo", 44, INK),
         (f"{replays[0].controller}, four schedules of mass and length", 26, INK),
@@ -170,7 +185,7 @@ def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> P
 def result_card(replays: Sequence[Replay], size: tuple[int, int]) -> Picture:
     """Return the showcase's last title frame: how far MuJoCo and the ideal equations were apart."""
     width, height = size
-    s = height / 720
+    s = _scale(size)
     head = "Largest |MuJoCo - ideal ODE| in the frames shown"
     texts = [Text(0.5 * width, 190 * s, head, 34, anchor="ms")]
     for row, replay in enumerate(replays):

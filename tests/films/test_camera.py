@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco.studies.films.camera import NUMBERS_Y, NUMBERS_Z, TRACK, Frame, follow
+from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, TRACK, Frame, follow
 
 FPS = 30
 SIZES = [(1280, 720), (640, 360), (640, 480), (320, 1080), (1920, 200)]

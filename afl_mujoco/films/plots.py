@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from afl_mujoco.studies.films.captions import BOTTOM
-from afl_mujoco.studies.films.replay import Replay
+from afl_mujoco.films.captions import BOTTOM
+from afl_mujoco.films.replay import Replay
 
 Picture = NDArray[np.uint8]
 
@@ -25,7 +25,7 @@ LINES = ("-", "--", "-.", ":")
 LABELS = (
     "pole angle φ [rad]",
     "cart position z [m]",
-    "force F [N]",
+    "force F [N], log",
     "mass M [kg]",
     "half-length l [m]",
 )
@@ -136,7 +136,13 @@ def _plot(axes: Sequence[Axes], replays: Sequence[Replay]) -> list[Line2D]:
         axis.grid(lw=0.6)
     for axis in axes[2:]:
         axis.set_xlabel("time t [s]")
-    axes[0].legend(loc="upper right", ncols=2, frameon=False, handlelength=2.6)
+    axes[0].figure.legend(
+        handles=lines[:: len(curves)][: len(replays)],
+        loc="outside upper center",
+        ncols=2,
+        frameon=False,
+        handlelength=2.6,
+    )
     return lines
 
 

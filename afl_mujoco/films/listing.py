@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from afl_mujoco.files import read_json, write_json
-from afl_mujoco.studies.films.replay import Deployment
+from afl_mujoco.films.replay import Deployment
 
 LISTING = "films.json"
 """File beside the films that says what they show."""

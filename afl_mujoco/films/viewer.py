@@ -9,12 +9,12 @@ import mujoco.viewer
 import numpy as np
 
 from afl_mujoco.errors import GraphicsError
+from afl_mujoco.films.camera import ELEVATION
+from afl_mujoco.films.captions import endings, readouts
+from afl_mujoco.films.overlays import BAR, add_overlays
+from afl_mujoco.films.replay import Replay
+from afl_mujoco.films.scene import pose
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.studies.films.camera import ELEVATION
-from afl_mujoco.studies.films.captions import endings, readouts
-from afl_mujoco.studies.films.overlays import BAR, add_overlays
-from afl_mujoco.studies.films.replay import Replay
-from afl_mujoco.studies.films.scene import pose
 
 DISTANCE = 7.5
 """From the camera to the hinge [m], at first."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
+from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
@@ -32,6 +34,11 @@ class Deployment:
     timestep: float = 1e-3
     control_period: float | None = None
     integrator: str = "RK4"
+
+    def on(self, scenario: Scenario) -> Deployment:
+        """Return the same with the control period that holds on a scenario."""
+        period = control_period_of(scenario, self.control_period, self.timestep)
+        return replace(self, control_period=period)
 
     def describe(self) -> str:
         """Say it in a line."""
@@ -97,9 +104,10 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
 def record(scenario: Scenario, controller: Controller, deployment: Deployment, fps: int) -> Replay:
     """Run the controller as deployed in MuJoCo, and the ideal ODE, for a film.
 
-    In the ideal ODE an estimating controller is given the true parameters, and the force of one
-    with memory is held.
+    In the ideal ODE nothing of the scenario's imperfections is left, an estimating controller is
+    given the true parameters, and the force of one with memory is held.
     """
+    nominal = replace(scenario, imperfections=IDEAL)
     run = simulate_mujoco(
         scenario,
         controller,
@@ -111,9 +119,9 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     h, period = deployment.timestep, deployment.control_period
     informed = controller.without_estimator()
     if informed.stateful:  # which has no continuous form
-        ideal = simulate_ode_held(scenario, informed, timestep=h, control_period=period)
+        ideal = simulate_ode_held(nominal, informed, timestep=h, control_period=period)
     else:
-        ideal = simulate_ode(scenario, informed, sample_period=h)
+        ideal = simulate_ode(nominal, informed, sample_period=h)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
     runs_on = times <= run.outcome.time

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.films.camera import CameraPath
+from afl_mujoco.films.replay import Replay
 from afl_mujoco.simulation.mujoco_description import CART_HALF_SIZE, POLE_RADIUS
-from afl_mujoco.studies.films.camera import CameraPath
-from afl_mujoco.studies.films.replay import Replay
 
 ARROW_SCALE = 0.2
 """Length of a force's arrow [m] over the square root of the force [N]: 1 N is seen, 100 N fits."""

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.films.camera import ELEVATION, CameraPath
+from afl_mujoco.films.overlays import BAR, add_overlays, add_shadow, marks, show_mass
+from afl_mujoco.films.replay import Replay
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
-from afl_mujoco.studies.films.camera import ELEVATION, CameraPath
-from afl_mujoco.studies.films.overlays import BAR, add_overlays, add_shadow, marks, show_mass
-from afl_mujoco.studies.films.replay import Replay
 
 LARGEST = (1920, 1080)
 """Largest picture (width, height) [px]: the off-screen buffer of ``models/scene.xml``."""

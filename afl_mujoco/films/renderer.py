@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.execution.executors import open_executor
-from afl_mujoco.studies.films import film as films
-from afl_mujoco.studies.films.listing import REMOVE, list_film, load_listing
-from afl_mujoco.studies.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
-from afl_mujoco.studies.films.replay import Replay, record
-from afl_mujoco.studies.films.video import write_picture, write_video
+from afl_mujoco.films import film as films
+from afl_mujoco.films.listing import REMOVE, list_film, load_listing
+from afl_mujoco.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
+from afl_mujoco.films.replay import Replay, record
+from afl_mujoco.films.video import write_picture, write_video
 
 POSTER_TIME = 1.2
 """Instant of the still that stands for a film [s]: the pole is under way."""

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.films.film import RESULT_TIME, TITLE_TIME
+from afl_mujoco.films.listing import Entry
+from afl_mujoco.films.replay import Deployment, frame_times
+from afl_mujoco.films.scene import require_size
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.films.film import RESULT_TIME, TITLE_TIME
-from afl_mujoco.studies.films.listing import Entry
-from afl_mujoco.studies.films.replay import Deployment, frame_times
-from afl_mujoco.studies.films.scene import require_size
 
 SINGLE, COMPARISON, SHOWCASE = "film", "comparison", "showcase"
+AS_IS = Deployment()
+
+BESIDE = 4
+"""Most runs in a film of one scenario."""
+
 FPS_LIMIT = 240
 """Most frames a second."""
 
@@ -48,7 +53,7 @@ class Film:
     name: str
     title: str
     runs: tuple[tuple[Scenario, Controller], ...]
-    deployment: Deployment = field(default_factory=Deployment)
+    deployment: Deployment = AS_IS
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
     command: str = ""
@@ -110,13 +115,30 @@ class Film:
         )
 
 
+def side_by_side(
+    scenario: Scenario, controllers: Sequence[Controller], deployment: Deployment, **settings: Any
+) -> Film:
+    """Return the film of the first `BESIDE` controllers on a scenario."""
+    used = controllers[:BESIDE]
+    names = [controller.name for controller in used]
+    return Film(
+        kind=COMPARISON if len(used) > 1 else SINGLE,
+        name=f"{scenario.name}-{'-and-'.join(names)}",
+        title=f"{scenario.name}, {' beside '.join(names)}",
+        runs=tuple((scenario, controller) for controller in used),
+        deployment=deployment.on(scenario),
+        **settings,
+    )
+
+
 def plan(
     scenarios: Sequence[Scenario],
     controllers: Sequence[Controller],
     showcase: Sequence[Scenario] = (),
+    deployment: Deployment = AS_IS,
     **settings: Any,
 ) -> list[Film]:
-    """Return the films of some scenarios: one per controller, and the first two side by side.
+    """Return the films of some scenarios: one per controller, and the first four side by side.
 
     Parameters
     ----------
@@ -125,27 +147,9 @@ def plan(
     """
     planned = []
     for s in scenarios:
-        planned += [
-            Film(
-                kind=SINGLE,
-                name=f"{s.name}-{c.name}",
-                title=f"{s.name}, {c.name}",
-                runs=((s, c),),
-                **settings,
-            )
-            for c in controllers
-        ]
+        planned += [side_by_side(s, [c], deployment, **settings) for c in controllers]
         if len(controllers) > 1:
-            one, other = controllers[:2]
-            planned.append(
-                Film(
-                    kind=COMPARISON,
-                    name=f"{s.name}-{one.name}-and-{other.name}",
-                    title=f"{s.name}, {one.name} beside {other.name}",
-                    runs=((s, one), (s, other)),
-                    **settings,
-                )
-            )
+            planned.append(side_by_side(s, controllers, deployment, **settings))
     if showcase:
         planned.append(
             Film(
@@ -153,6 +157,7 @@ def plan(
                 name="showcase",
                 title=f"The four cases with {controllers[-1].name}",
                 runs=tuple((s, controllers[-1]) for s in showcase),
+                deployment=deployment,
                 **settings,
             )
         )

@@ -11,9 +11,9 @@ import pytest
 
 from afl_mujoco.document.blocks import Film
 from afl_mujoco.errors import FileError
-from afl_mujoco.studies.films.listing import LISTING, list_film, load_listing
-from afl_mujoco.studies.films.replay import Deployment
-from afl_mujoco.studies.films.sections import sections
+from afl_mujoco.films.listing import LISTING, list_film, load_listing
+from afl_mujoco.films.replay import Deployment
+from afl_mujoco.films.sections import sections
 from tests.verification_result import film_entry, write_listing
 
 
