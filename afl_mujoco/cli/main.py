@@ -17,14 +17,22 @@ from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.study import study_commands
-from afl_mujoco.cli.terminal import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, SUCCESS
+from afl_mujoco.cli.terminal import (
+    BAD_INPUT,
+    BROKEN_PIPE,
+    INTERRUPTED,
+    SUCCESS,
+    numbers_apart,
+    told,
+)
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, UnknownNameError
+from afl_mujoco.studies.registry import studies
 
 PROGRAM = "afl-mujoco"
 
-OTHERS = (Report, Simulate, Render, View, Tune, Regression)
+OTHERS: tuple[type, ...] = (Report, Simulate, Render, View, Tune, Regression)
 """Commands behind those of the studies."""
 
 
@@ -66,11 +74,11 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 def _parse(arguments: Sequence[str] | None) -> Any:
     """Parse the arguments; bad ones end the program with one line."""
-    given = sys.argv[1:] if arguments is None else arguments
-    if list(given) == ["--version"]:
+    given = numbers_apart(sys.argv[1:] if arguments is None else arguments)
+    if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
-    commands: Any = Union[(*study_commands(), *OTHERS)]
+    commands: Any = Union[(*study_commands(), *map(told, OTHERS))]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
@@ -80,12 +88,24 @@ def _parse(arguments: Sequence[str] | None) -> Any:
                 description="Compare a cart-pole controller in MuJoCo with its ideal equations.\n\n"
                 "Example: afl-mujoco validate step-step\n\n--version prints the version.",
                 args=given,
-                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
+                config=(
+                    tyro.conf.DisallowNone,
+                    tyro.conf.FlagCreatePairsOff,
+                    tyro.conf.OmitSubcommandPrefixes,
+                ),
             )
     except SystemExit as end:
         if end.code == BAD_INPUT:
-            lines = (line.strip("│╭╮╰╯─ ") for line in complaint.getvalue().splitlines()[1:])
-            said = " ".join(line for line in lines if line).partition(" Perhaps you meant")[0]
-            print(f"{PROGRAM}: {said}", file=sys.stderr)
+            print(f"{PROGRAM}: {_in_one_line(complaint.getvalue(), given)}", file=sys.stderr)
         raise
     return command
+
+
+def _in_one_line(complaint: str, given: Sequence[str]) -> str:
+    """Return what the parser complains of, with what was meant."""
+    names = [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
+    if given and not given[0].startswith("-") and given[0] not in names:
+        return str(UnknownNameError.among("command", given[0], names))
+    lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
+    said, _, meant = " ".join(line for line in lines if line).partition(" Perhaps you meant: ")
+    return f"{said}; did you mean {meant.split()[0]}?" if meant.startswith("--") else said

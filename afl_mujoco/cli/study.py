@@ -11,7 +11,16 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
-from afl_mujoco.cli.terminal import CHECK_FAILED, FILMS, RESULTS, SUCCESS, bars, separated, typed
+from afl_mujoco.cli.terminal import (
+    CHECK_FAILED,
+    FILMS,
+    RESULTS,
+    SUCCESS,
+    bars,
+    separated,
+    told,
+    typed,
+)
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.studies.contract import Progress, Study
 from afl_mujoco.studies.registry import studies
@@ -24,7 +33,7 @@ class StudyCommand:
     study: ClassVar[Study]
 
     page: bool = True
-    """Figures, and report.html of everything in the folder; --no-page leaves them out."""
+    """Make neither figures nor report.html of what is in the folder."""
     films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes: films for the page, if there."""
     out: Path = RESULTS
@@ -128,5 +137,5 @@ def _command(study: Study) -> Any:
     }
     name = f"{study.configuration.__name__}Command"
     made = type(name, (StudyCommand, *mixed, study.configuration), members)
-    command: Any = dataclass(frozen=True, kw_only=True)(made)
+    command: Any = told(dataclass(frozen=True, kw_only=True)(made))
     return Annotated[command, tyro.conf.subcommand(study.name)]

@@ -6,10 +6,10 @@ import contextlib
 import itertools
 import shlex
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import IO, Any, get_type_hints
+from typing import IO, Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
@@ -18,6 +18,8 @@ SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 FILMS, RESULTS = Path("renders"), Path("renders/validation")
 """Where films, and the results of studies with their page, are written by default."""
 
+
+Command = TypeVar("Command")
 
 SECONDS = 30.0
 """Time between two lines of progress where there is no terminal [s]."""
@@ -28,6 +30,37 @@ def separated(value: Any) -> Any:
     if not (isinstance(value, tuple) and all(isinstance(word, str) for word in value)):
         return value
     return tuple(word for given in value for word in given.split(","))
+
+
+def numbers_apart(words: Sequence[str]) -> list[str]:
+    """Return the words of a command line, lists of numbers with commas taken apart."""
+    found: list[str] = []
+    for word in words:
+        parts = word.split(",")
+        found += parts if len(parts) > 1 and all(map(_is_number, parts)) else [word]
+    return found
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def told(kind: type[Command]) -> type[Command]:
+    """Return the dataclass of a command, its help without defaults that say nothing.
+
+    They are None, of which the option's own words say what stands for it, and those of switches.
+    """
+    hints = get_type_hints(kind, include_extras=True)
+    for option in fields(kind):  # type: ignore[arg-type]
+        if option.default is None or isinstance(option.default, bool):
+            silent = tyro.conf.arg(help_behavior_hint="")
+            kind.__annotations__[option.name] = Annotated[hints[option.name], silent]
+    return kind
 
 
 @contextlib.contextmanager

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, progress_bar
+from afl_mujoco.cli.terminal import SUCCESS, count_bar, progress_bar, told
 
 if TYPE_CHECKING:
     from afl_mujoco.control.gain_table import GainTable
     from afl_mujoco.studies.gain_tuning.gain_table import PairSearch
 
 
+@told
 @dataclass(frozen=True, kw_only=True)
 class Table:
     """Search the best gains of every plant of a grid by the paper's genetic algorithm.
@@ -27,9 +28,9 @@ class Table:
 
     quick: bool = False
     """A grid of 9 plants and a population of 200 over 60 generations, where not given otherwise."""
-    masses: tuple[float, ...] | None = None
+    cart_masses: tuple[float, ...] | None = None
     """Cart masses of the grid [kg]; the paper's 0.1 to 2.0 by default."""
-    lengths: tuple[float, ...] | None = None
+    half_lengths: tuple[float, ...] | None = None
     """Half-lengths of the grid [m]; the paper's 0.05 to 1.00 by default."""
     population: int | None = None
     """Chromosomes; the paper's 1000 by default."""
@@ -111,8 +112,8 @@ class Table:
         )
         grid = (QUICK_MASSES, QUICK_LENGTHS) if self.quick else (CART_MASSES, HALF_LENGTHS)
         return pair_searches(
-            grid[0] if self.masses is None else self.masses,
-            grid[1] if self.lengths is None else self.lengths,
+            grid[0] if self.cart_masses is None else self.cart_masses,
+            grid[1] if self.half_lengths is None else self.half_lengths,
             settings,
             self.seed,
             box=Box(self.lower or GAIN_BOX.lower, self.upper or GAIN_BOX.upper),
@@ -127,6 +128,7 @@ def _print_rows(table: GainTable) -> None:
               " in MuJoCo {:.6f}".format(*row))  # fmt: skip
 
 
+@told
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """Fit the gain function (G1) to a gain table, by the paper's search and by least squares.

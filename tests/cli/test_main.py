@@ -125,7 +125,7 @@ BAD_ARGUMENTS = {
         "scenario names must differ, got 'nominal' twice",
     ),
     "unknown option": (["validate", "--fast"], "Unrecognized options: --fast"),
-    "unknown command": (["validat"], "Unrecognized options: validat"),
+    "unknown command": (["validat"], "got 'validat'; did you mean validate?"),
     "no command": (
         [],
         "Expected one of {validate, compare, thresholds, montecarlo, attraction, margins, "

@@ -39,3 +39,34 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
 
     done = run("--version", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, f"afl-mujoco {__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("comapre",), "got 'comapre'; did you mean compare?"),
+        (("compare", "--contollers", "lqr"), "--contollers, lqr; did you mean --controllers?"),
+        (("validate", "--masses", "1"), "--masses, 1; did you mean --cart-masses?"),
+    ],
+)
+def test_a_typo_is_one_line_with_what_was_meant(
+    arguments: tuple[str, ...], message: str, tmp_path: Path
+) -> None:
+    done = run(*arguments, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.rstrip().endswith(message) and done.stderr.count("\n") == 1
+
+
+def test_lists_of_numbers_take_commas_and_nothing_else_is_taken_apart() -> None:
+    words = ["--cart-masses", "0.1,2", "--lower=1,2", "-1,1e-3", "a,b", "1", "640x480", ","]
+    assert terminal.numbers_apart(words) == [
+        "--cart-masses", "0.1", "2", "--lower=1,2", "-1", "1e-3", "a,b", "1", "640x480", ","
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["compare", "attraction", "simulate", "tune table"])
+def test_help_does_not_say_a_default_that_says_nothing(command: str, tmp_path: Path) -> None:
+    said = " ".join(run(*command.split(), "--help", cwd=tmp_path).stdout.split())
+    assert "default: " in said
+    for nothing in ("None", "default: False", "default: True"):
+        assert nothing not in said

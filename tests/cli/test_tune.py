@@ -16,7 +16,17 @@ from tests.program import interrupt, run
 
 pytestmark = pytest.mark.slow
 
-SMALL = ("--masses", "0.5", "1.0", "--lengths", "0.5", "--population", "60", "--workers", "1")
+SMALL = (
+    "--cart-masses",
+    "0.5",
+    "1.0",
+    "--half-lengths",
+    "0.5",
+    "--population",
+    "60",
+    "--workers",
+    "1",
+)
 HAS_DASK = subprocess.run([sys.executable, "-c", "import distributed"], capture_output=True)
 
 
@@ -50,16 +60,35 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_a_grid_in_another_order_is_another_search(tmp_path: Path) -> None:
-    grid = ("table", "--lengths", "0.5", "--population", "20", "--workers", "1", "--out", "out")
-    first = run("tune", *grid, "--generations", "2", "--masses", "1", "2", cwd=tmp_path)
+    grid = (
+        "table",
+        "--half-lengths",
+        "0.5",
+        "--population",
+        "20",
+        "--workers",
+        "1",
+        "--out",
+        "out",
+    )
+    first = run("tune", *grid, "--generations", "2", "--cart-masses", "1", "2", cwd=tmp_path)
     assert first.returncode == 0, first.stderr
-    other = (*grid, "--generations", "2", "--masses", "2", "1", "--resume")
+    other = (*grid, "--generations", "2", "--cart-masses", "2", "1", "--resume")
     refused(tmp_path, "cart_masses", *other)
 
 
 def test_a_plant_that_falls_in_mujoco_has_no_objective_there(tmp_path: Path) -> None:
     gains = ("--lower", "100", "1000", "90", "--upper", "100", "1000", "90")
-    small = ("--masses", "1", "--lengths", "0.5", "--population", "20", "--generations", "1")
+    small = (
+        "--cart-masses",
+        "1",
+        "--half-lengths",
+        "0.5",
+        "--population",
+        "20",
+        "--generations",
+        "1",
+    )
     result = run("tune", "table", *gains, *small, "--workers", "1", "--out", "out", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     content = json.loads((tmp_path / "out" / "gain_table.json").read_text())
@@ -80,9 +109,19 @@ BAD = {
         ["table", "--lower", "100", "5", "90", "--upper", "200", "1", "110"],
         "upper[1] must not be below lower 5.0, got 1.0",
     ),
-    "empty grid": (["table", "--masses"], "cart mass of the grid must hold at least one"),
+    "empty grid": (["table", "--cart-masses"], "cart mass of the grid must hold at least one"),
     "negative mass": (
-        ["table", "--masses", "-1", "--lengths", "0.5", "--population", "20", "--workers", "1"],
+        [
+            "table",
+            "--cart-masses",
+            "-1",
+            "--half-lengths",
+            "0.5",
+            "--population",
+            "20",
+            "--workers",
+            "1",
+        ],
         "cart mass of the grid must be positive",
     ),
     "negative seed": (["table", "--seed", "-1"], "seed must be a whole number of at least 0"),
@@ -94,7 +133,7 @@ BAD = {
         ["table", "--upper", "1e12", "5", "110"],
         "would take as many steps",
     ),
-    "mass given twice": (["table", "--masses", "1", "1"], "cart mass of the grid must differ"),
+    "mass given twice": (["table", "--cart-masses", "1", "1"], "cart mass of the grid must differ"),
     "no population": (["table", "--population", "0"], "population_size must be a whole number"),
     "no workers": (["table", "--workers", "0"], "workers must be at least 1, got 0"),
     "missing table": (["fit", "--table", "none.json"], "none.json cannot be read: no such file"),

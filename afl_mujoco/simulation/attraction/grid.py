@@ -143,7 +143,8 @@ def state_grid(
     phi, phi_dot = (grid.ravel() for grid in np.meshgrid(columns, rows))
     starts, plants = np.zeros((len(phi), 4)), np.empty((len(phi), 2))
     starts[:, 1], starts[:, 3] = phi, phi_dot
-    plants[:] = require_positive("mass", cart_mass), require_positive("length", half_length)
+    plants[:, 0] = require_positive("cart_mass", cart_mass)
+    plants[:, 1] = require_positive("half_length", half_length)
     return Grid(plane=STATES, columns=columns, rows=rows, starts=starts, plants=plants)
 
 
@@ -162,8 +163,8 @@ def plant_grid(
     start
         (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s].
     """
-    columns, rows = _coordinates("mass", masses), _coordinates("length", lengths)
-    for name, values in (("mass", columns), ("length", rows)):
+    columns, rows = _coordinates("cart_mass", masses), _coordinates("half_length", lengths)
+    for name, values in (("cart_mass", columns), ("half_length", rows)):
         require_positive(name, float(values.min()))
     starts = np.empty((len(columns) * len(rows), 4))
     starts[:] = [require_finite("start", x) for x in start]

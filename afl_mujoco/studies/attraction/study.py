@@ -36,17 +36,17 @@ class Attraction:
     """Grid points along each axis; 101 by default."""
     quick: bool = False
     """21 grid points along each axis, unless a number is given."""
-    mass: float = 1.0
+    cart_mass: float = 1.0
     """Cart mass M of the map over states [kg]."""
-    length: float = 0.5
+    half_length: float = 0.5
     """Half-length l of the map over states [m]."""
     max_angle: float = 1.55
     """The map over states reaches from minus this to this phi0 [rad]."""
     max_rate: float = 10.0
     """The map over states reaches from minus this to this phi0' [rad/s]."""
-    masses: tuple[float, float] = (0.1, 2.0)
+    cart_masses: tuple[float, float] = (0.1, 2.0)
     """Edges of the map over plants: M [kg]."""
-    lengths: tuple[float, float] = (0.05, 1.0)
+    half_lengths: tuple[float, float] = (0.05, 1.0)
     """Edges of the map over plants: l [m]."""
     start_angle: float = -math.pi / 3.0
     """phi0 of the map over plants [rad]."""
@@ -112,12 +112,12 @@ def _grid(configuration: Attraction, plane: str) -> Grid:
         return state_grid(
             axis("max_angle", -c.max_angle, c.max_angle, count),
             axis("max_rate", -c.max_rate, c.max_rate, count),
-            cart_mass=c.mass,
-            half_length=c.length,
+            cart_mass=c.cart_mass,
+            half_length=c.half_length,
         )
     return plant_grid(
-        axis("masses", *c.masses, count),
-        axis("lengths", *c.lengths, count),
+        axis("cart_masses", *c.cart_masses, count),
+        axis("half_lengths", *c.half_lengths, count),
         start=(0.0, c.start_angle, 0.0, 0.0),
     )
 
