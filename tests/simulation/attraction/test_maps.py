@@ -281,7 +281,10 @@ def test_what_a_task_raises_ends_the_others_and_is_raised() -> None:
         (lambda: axis("masses", 1.0, math.inf, 3), "masses must be finite, got inf"),
         (lambda: plant_grid([0.0, 1.0], [1.0]), "cart_mass must be positive, got 0"),
         (lambda: plant_grid([1.0], [[1.0]]), r"half_length must be a row of finite numbers"),
-        (lambda: state_grid([0.1], [0.0], half_length=-1.0), "half_length must be positive, got -1"),
+        (
+            lambda: state_grid([0.1], [0.0], half_length=-1.0),
+            "half_length must be positive, got -1",
+        ),
         (lambda: Settling(dwell=30.0), "dwell must be within 20 s, got 30"),
         (lambda: Settling(bands=(0.1, 0.1, 0.0, 0.1)), "bands must be positive, got 0"),
         (lambda: map_by_ode(states(2), afl.CONTROLLERS["lqr"], threads=0), "threads must be at "),
