@@ -33,11 +33,11 @@ def describe(scenario: Scenario) -> list[tuple[str, str]]:
         ("disturbances", _disturbances(scenario)),
         ("start", start),
         ("horizon", f"{short(scenario.duration)} s"),
-        ("imperfections", _departures(scenario.imperfections)),
+        ("imperfections", departures(scenario.imperfections)),
     ]
 
 
-def _departures(imperfections: Imperfections) -> str:
+def departures(imperfections: Imperfections) -> str:
     """Say what is not ideal, by the keys of a scenario file."""
     found = {field.name: getattr(imperfections, field.name) for field in fields(imperfections)}
     return (

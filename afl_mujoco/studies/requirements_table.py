@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from afl_mujoco.document.blocks import Cell, Column, Table, good_or_bad
 from afl_mujoco.document.numbers import MISSING, listed, percent, short
+from afl_mujoco.scenario.requirements import UNITS
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import JudgedRun, Judgement
 from afl_mujoco.simulation.trajectory import COMPLETED
 
@@ -21,6 +23,17 @@ IN_WORDS = {
 
 MOST = 3
 """How many runs that miss a requirement a verdict names."""
+
+
+def in_words(scenario: Scenario) -> list[str]:
+    """Return what a scenario requires besides to complete, each in a few words."""
+    asked = scenario.requirements
+    limits = {name: getattr(asked, name) for name in UNITS if name != "completes"}
+    return [
+        f"{IN_WORDS[name]} {short(limit)} {UNITS[name]}"
+        for name, limit in limits.items()
+        if limit is not None
+    ]
 
 
 def tally(runs: Sequence[JudgedRun]) -> str:

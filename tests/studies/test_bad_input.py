@@ -154,7 +154,7 @@ CASES = {
         (["--tolerance", "nan"], "tolerance must lie in 1e-4 to 1, got nan"),
         (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
         (["--gain-labels", "table3"], "gain labels must be one of table2, table1"),
-        (["real.toml"], "scenario 'real' must be ideal: remove [imperfections]"),
+        (["slow.toml"], "timestep 0.001 s must divide control_period 0.0015 s"),
     ],
     "montecarlo": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
@@ -207,6 +207,7 @@ def test_an_option_that_breaks_its_rule(
     (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
     (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
     (tmp_path / "real.toml").write_text('name = "real"\n[imperfections]\ndelay = 0.01\n')
+    (tmp_path / "slow.toml").write_text("[imperfections]\ncontrol_period = 0.0015\n")
     (tmp_path / "integrating.py").write_text(
         "class Force:\n    def __call__(self, time, state, belief): return 0.0\n"
     )

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.parameters import NOMINAL
+from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import Judgement, judge
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.sampled.runs import perform, prepare
+from afl_mujoco.simulation.sampled.runs import perform, prepare, recorded
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
 
 DWELL = 1.0
@@ -46,6 +48,9 @@ class Rollouts:
         if that is less than `DWELL` before the end, or the run did not complete.
     stop_time
         When the cart first reached an end stop [s]; NaN if it never did.
+    requirements
+        What each run made of the requirements of its scenario; nothing where it has none but to
+        complete.
     """
 
     status: NDArray[np.int64]
@@ -57,6 +62,7 @@ class Rollouts:
     iae_phi: NDArray[np.float64]
     settling_time: NDArray[np.float64]
     stop_time: NDArray[np.float64]
+    requirements: tuple[tuple[Judgement, ...], ...]
 
     def __len__(self) -> int:
         """Return how many runs there were."""
@@ -113,14 +119,19 @@ def run_rollouts(
     controller = as_controller(controller)
     count = len(scenarios)
     status = np.zeros(count, dtype=np.int64)
-    figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:]}
+    figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:-1]}
+    judged: list[tuple[Judgement, ...]] = [()] * count
     settings: Any = {"timestep": timestep, "control_period": control_period}
 
     def run(model: CartPoleModel, i: int) -> None:
-        model.set_imperfections(scenarios[i].imperfections, scenarios[i].parameters_at(0.0))
-        done, _ = perform(
-            model, prepare(scenarios[i], controller, **settings), controller, record=False
-        )
+        scenario = scenarios[i]
+        model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
+        prepared = prepare(scenario, controller, **settings)
+        asked = scenario.requirements != NONE
+        done, rows = perform(model, prepared, controller, record=asked)
+        if asked:
+            whole = recorded(scenario, controller, prepared, done, rows, integrator)
+            judged[i] = judge(scenario, whole)
         status[i] = done["status"]
         for name, value in _figures(done, timestep).items():
             figures[name][i] = value
@@ -138,7 +149,7 @@ def run_rollouts(
         for _ in range(1 if alone else min(threads, max(count, 1)))
     ]
     share(count, [task_on(model) for model in models], part=1)
-    return Rollouts(status=status, **figures)
+    return Rollouts(status=status, requirements=tuple(judged), **figures)
 
 
 def _figures(run: Any, timestep: float) -> dict[str, float]:

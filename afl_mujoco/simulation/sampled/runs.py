@@ -219,7 +219,19 @@ def simulate_sampled(
             imperfections=scenario.imperfections,
         )
     run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
-    count = int(run["step"])
+    return recorded(scenario, controller, prepared, run, rows, integrator)
+
+
+def recorded(
+    scenario: Scenario,
+    controller: Controller,
+    prepared: PreparedRun,
+    run: Any,
+    rows: NDArray[np.float64],
+    integrator: str,
+) -> Trajectory:
+    """Return the trajectory of what `perform` returns of a recorded run."""
+    count, timestep = int(run["step"]), prepared.plan.timestep
     times = _grid(prepared.plan.steps + 1) * timestep
     settings = {
         "timestep": timestep,

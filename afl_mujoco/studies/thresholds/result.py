@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from afl_mujoco.scenario.imperfections import Imperfection
+from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.bisection import Threshold
 from afl_mujoco.studies.delay_margin import LeastMargin
 from afl_mujoco.studies.thresholds.imperfections import TIMESTEP
 
 END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "no force"
 """Ways to fail besides the outcomes of a run."""
+
+MISSES = "misses "
+"""Before the requirement that a run misses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,9 +27,11 @@ class Verdict:
     level
         The level.
     survives
-        Whether no pole fell, no run diverged and no cart reached an end stop.
+        Whether no pole fell, no run diverged and no cart reached an end stop; where the scenario
+        has requirements, whether they were met.
     settles
-        Whether every run survived and ended within the bands of `sampled.loop`.
+        Whether every run survived and ended within the bands of `sampled.loop`; where the scenario
+        has requirements, the same as survival.
     failure
         How the first run failed, survival before settling; empty if none did.
     scenario, time
@@ -112,6 +119,8 @@ class Result:
         Names of the imperfections that were added one after another, at their reference level.
     combined
         By controller, the verdict with the first, the first two ... of `added`.
+    scenarios
+        In all of which each level must be survived.
     delay_margins
         Least delay margin of the linearised loop of each controller over the plants of the
         scenarios, if the delay was among the imperfections; not of a controller with the
@@ -125,6 +134,12 @@ class Result:
     added: tuple[str, ...]
     combined: dict[str, tuple[Verdict, ...]]
     delay_margins: tuple[LeastMargin, ...]
+    scenarios: tuple[Scenario, ...] = ()
+
+    @property
+    def required(self) -> bool:
+        """Whether a scenario has requirements, by which its runs are judged."""
+        return any(scenario.requirements != NONE for scenario in self.scenarios)
 
     def imperfection(self, name: str) -> Imperfection | None:
         """Return an imperfection by its name, None if it was not studied."""

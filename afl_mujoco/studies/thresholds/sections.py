@@ -18,9 +18,11 @@ from afl_mujoco.document.blocks import (
     Text,
 )
 from afl_mujoco.document.numbers import fixed, listed, percent, sentence, short
-from afl_mujoco.scenario.imperfections import Imperfection
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
+from afl_mujoco.scenario.words import departures
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
+from afl_mujoco.studies.requirements_table import in_words
 from afl_mujoco.studies.thresholds.classes import (
     FAILS,
     LITTLE,
@@ -63,11 +65,7 @@ def sections(result: Result) -> list[Section]:
     """Return what a report says of the thresholds."""
     blocks: list[Block] = [
         *findings(result),
-        Text(
-            "To *survive*: no pole falls, no run diverges, no cart reaches an end stop. To "
-            f"*settle*: at the end |z| stays within {short(1e2 * BAND_Z)} cm and |φ| within "
-            f"{short(BAND_PHI)} rad."
-        ),
+        Text(_meaning(result)),
         _thresholds_figure(result),
         _overview(result),
         _details(result),
@@ -76,6 +74,29 @@ def sections(result: Result) -> list[Section]:
     if result.delay_margins:
         blocks.append(_delays(result))
     return [Section("Imperfection thresholds", "thresholds", blocks)]
+
+
+def _meaning(result: Result) -> str:
+    """Say what it is to survive and to settle, and to what the imperfections are added."""
+    text = (
+        "To *survive*: no pole falls, no run diverges, no cart reaches an end stop. To "
+        f"*settle*: at the end |z| stays within {short(1e2 * BAND_Z)} cm and |φ| within "
+        f"{short(BAND_PHI)} rad."
+    )
+    for scenario in result.scenarios:
+        if asked := in_words(scenario):
+            text += f" On {scenario.name} to survive and to settle is to meet its requirements: "
+            text += f"{listed(asked, 'and')}."
+        if scenario.imperfections != IDEAL:
+            text += f" Each imperfection is on top of those of {scenario.name} itself, in place of "
+            text += f"one of the same key: {departures(scenario.imperfections)}."
+    return text
+
+
+def _failing(result: Result) -> str:
+    """Say what it is not to survive."""
+    how = "the pole falls, the run diverges or the cart reaches an end stop"
+    return f"a requirement is not met, or {how}" if result.required else how
 
 
 def findings(result: Result) -> Iterator[Finding]:
@@ -137,7 +158,7 @@ def _rail(rail: Imperfection, sweep: Sweep) -> str:
 def _clause(one: Imperfection, sweep: Sweep) -> str:
     """Say from which level on a controller fails, and how."""
     failure = "" if sweep.failure is None else sweep.failure.failure
-    how, level = _HOW.get(failure, failure), reached(sweep.survives)
+    how, level = _HOW.get(failure, f"the run {failure}"), reached(sweep.survives)
     at = f"{level_text(one, level)} {one.unit}"
     if sweep.survives.bound == UPPER:
         return f"{one.title}: already at {at}, the mildest tried, {how}"
@@ -176,16 +197,16 @@ def _thresholds(result: Result, ours: str) -> str:
 
 def _all_combined(one: Imperfection, sweep: Sweep) -> str:
     """Say at how many times the reference all imperfections combined are too much."""
-    bound = in_words(one, sweep.survives)
+    bound = _bound(one, sweep.survives)
     if sweep.survives.bound == LOWER:
         return f"with all imperfections combined it survives up to {bound} times the reference"
     return (
         f"with all imperfections combined, but for the rail's end, it fails at {bound} times the "
-        f"reference levels and no longer settles at {in_words(one, sweep.settles)} times"
+        f"reference levels and no longer settles at {_bound(one, sweep.settles)} times"
     )
 
 
-def in_words(one: Imperfection, threshold: Threshold) -> str:
+def _bound(one: Imperfection, threshold: Threshold) -> str:
     """Return a threshold as a sentence has it: 5, more than 5, less than 5."""
     return threshold_text(one, threshold).replace("> ", "more than ").replace("< ", "less than ")
 
@@ -210,7 +231,7 @@ def _compared(result: Result, ours: str) -> str:
         text += f"; neither fails under {neither}"
     if (everything := result.imperfection(COMBINED.name)) is not None:
         mine_text, theirs_text = (
-            in_words(everything, result.sweep(everything.name, name).survives)
+            _bound(everything, result.sweep(everything.name, name).survives)
             for name in (ours, REFERENCE)
         )
         text += f"; combined, it fails at {mine_text} times the reference, LQR at {theirs_text}"
@@ -229,10 +250,10 @@ def _thresholds_figure(result: Result) -> Figure:
         title="From where each controller no longer survives",
         caption=(
             f"Scenario {listed(result.settings.scenarios, 'and')}. In each cell the level, in the "
-            "unit of its row, from which the pole falls, the run diverges or the cart reaches an "
-            f"end stop, by bisection to {100.0 * result.settings.tolerance:g} %. The colour "
-            "compares it with the reference hardware, whose level is given beside each "
-            "imperfection. ~ : at that level the controller survives but does not settle."
+            f"unit of its row, from which {_failing(result)}, by bisection to "
+            f"{100.0 * result.settings.tolerance:g} %. The colour compares it with the reference "
+            "hardware, whose level is given beside each imperfection. ~ : at that level the "
+            "controller survives but does not settle."
         ),
         alt=(
             f"A table of {len(result.imperfections)} imperfections by {len(result.controllers)} "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 from afl_mujoco.control.catalogue import GainError, find_controller
@@ -20,6 +20,7 @@ from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, counted, silent
@@ -33,6 +34,7 @@ from afl_mujoco.studies.thresholds.imperfections import (
 )
 from afl_mujoco.studies.thresholds.result import (
     END_STOP,
+    MISSES,
     REFUSED,
     UNSETTLED,
     Result,
@@ -43,6 +45,8 @@ from afl_mujoco.studies.thresholds.result import (
 from afl_mujoco.studies.thresholds.study import DEFAULT, QUICK, Thresholds
 
 SCENARIO, DELAY = "step-step", "delay"
+
+NOISE = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
 
 METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 """Metrics of a run, in SI units, as of `Rollouts`."""
@@ -59,7 +63,7 @@ def sweep(unit: Unit) -> Sweep:
 
     @functools.cache
     def at(level: float) -> Verdict:
-        chance = seeds(imperfection.seeded, settings)
+        chance = seeds(imperfection.seeded, scenarios, settings)
         hardware = [imperfections_at(imperfection, level, seed) for seed in chance]
         runs = on_hardware(scenarios, hardware)
         own = replace(settings, timestep=imperfection.quantum or settings.timestep)
@@ -89,20 +93,32 @@ def sweep_combined(unit: tuple[Controller, Scenarios, Settings]) -> tuple[Verdic
     found = []
     for count in range(1, len(added()) + 1):
         present = added()[:count]
-        chance = seeds(any(one.seeded for one in present), settings)
+        chance = seeds(any(one.seeded for one in present), scenarios, settings)
         runs = on_hardware(scenarios, [combined(1.0, present, seed) for seed in chance])
         found.append(judge(float(count), runs, controller, settings))
     return tuple(found)
 
 
-def seeds(seeded: bool, settings: Settings) -> range:
+def seeds(seeded: bool, scenarios: Scenarios, settings: Settings) -> range:
     """Return the seeds that must be survived; one where nothing is random."""
-    return range(settings.seeds if seeded else 1)
+    noisy = any(getattr(s.imperfections, name) for s in scenarios for name in NOISE)
+    return range(settings.seeds if seeded or noisy else 1)
 
 
 def on_hardware(scenarios: Scenarios, hardware: Sequence[Imperfections]) -> list[Scenario]:
-    """Return every scenario with each of some imperfections."""
-    return [replace(s, imperfections=one) for s in scenarios for one in hardware]
+    """Return every scenario with each of some imperfections on top of its own."""
+    return [
+        replace(s, imperfections=_on_top(s.imperfections, one))
+        for s in scenarios
+        for one in hardware
+    ]
+
+
+def _on_top(own: Imperfections, added: Imperfections) -> Imperfections:
+    """Return imperfections with those of others in place of theirs, and another seed."""
+    given = {f.name: getattr(added, f.name) for f in fields(added)}
+    changed = {f.name: given[f.name] for f in fields(added) if given[f.name] != f.default}
+    return replace(own, **{**changed, "seed": own.seed + added.seed})
 
 
 def judge(
@@ -140,8 +156,14 @@ def _refused(level: float, message: str) -> Verdict:
 
 
 def _failure(runs: Rollouts, index: int) -> str:
-    """Return how a run failed; empty if it did not."""
+    """Return how a run failed; empty if it did not.
+
+    Where its scenario has requirements, a run that completed fails by the first that it misses.
+    """
     outcome = runs.outcome(index)
+    if judged := runs.requirements[index]:
+        missed = [one.requirement for one in judged if not one.met]
+        return outcome.kind if missed[:1] == ["completes"] else MISSES + missed[0] if missed else ""
     if math.isfinite(runs.stop_time[index]):
         return END_STOP
     if outcome.kind != COMPLETED:
@@ -204,10 +226,9 @@ def require(
         raise InvalidValueError("tolerance", "must lie in 1e-4 to 1", settings.tolerance)
     require_integrator(settings.integrator)
     for scenario in scenarios:
-        if scenario.imperfections != IDEAL:
-            rule = "must be ideal: remove [imperfections], which this study sets"
-            raise InvalidValueError(f"scenario {scenario.name!r}", rule)
         whole_steps("duration", scenario.duration, "timestep", settings.timestep)
+        period = control_period_of(scenario, None, settings.timestep)
+        whole_steps("control_period", period, "timestep", settings.timestep)
     return names
 
 
@@ -232,10 +253,12 @@ def find_thresholds(
         sweeps = compute_all(sweep, units, executor, advance)
         verdicts = compute_all(sweep_combined, each, executor, advance)
         linear = [one for one in controllers if one.estimator is None and not one.interpreted]
-        plants = [(controller, scenarios) for controller in linear if DELAY in names]
+        alone = DELAY in names and all(s.imperfections == IDEAL for s in scenarios)
+        plants = [(controller, scenarios) for controller in linear if alone]
         margins = compute_all(least_margin, plants, executor)
     return Result(
         settings=replace(settings, scenarios=tuple(scenario.name for scenario in scenarios)),
+        scenarios=tuple(scenarios),
         controllers=tuple(controller.name for controller in controllers),
         imperfections=tuple(find_imperfection(name) for name in names),
         sweeps=tuple(sweeps),

@@ -20,11 +20,13 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 
-FIGURES = Rollouts.__slots__
+FIGURES = Rollouts.__slots__[:-1]
 SETTINGS = {"integrator": "Euler", "control_period": 0.002}
 
 
@@ -187,3 +189,16 @@ def test_an_error_in_one_run_is_raised(scenarios, adaptive):
         run_rollouts([*scenarios, tiny], CONTROLLERS["adaptive"], threads=2)
     with pytest.raises(InvalidValueError, match=r"^timestep 0\.003 s must divide"):
         run_rollouts(scenarios, adaptive, timestep=0.003)
+
+
+def test_requirements_are_judged_as_of_the_single_run(adaptive):
+    asked = Requirements(max_position=2.0, max_force=80.0, settling_time=5.0, angle_band=0.1)
+    noisy = Imperfections(noise_phi=1e-3, delay=0.003)
+    with_them = Scenario(name="asked", duration=6.0, imperfections=noisy, requirements=asked)
+    without = Scenario(name="plain", duration=6.0, imperfections=noisy)
+    many = run_rollouts([without, with_them], adaptive, **SETTINGS)
+    assert many.requirements[0] == ()
+    run = simulate_mujoco(with_them, adaptive, "sampled", **SETTINGS)
+    assert many.requirements[1] == judge(with_them, run)
+    assert [one.requirement for one in many.requirements[1] if not one.met]
+    assert many.peak_z[0] == many.peak_z[1]

@@ -9,17 +9,21 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.document.blocks import Text
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies.bisection import BRACKETED, LOWER
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME
 from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED
+from afl_mujoco.studies.thresholds.sections import sections
 from afl_mujoco.studies.thresholds.sweep import (
     Settings,
     added,
     find_thresholds,
     judge,
+    on_hardware,
     require,
+    seeds,
     sweep,
     sweep_combined,
 )
@@ -145,9 +149,9 @@ def test_the_numbers_do_not_depend_on_the_workers():
         ({"scenarios": (CASE, CASE)}, (), "scenario names must differ, got 'step-step' twice"),
         ({}, ("delay", "delay"), "imperfection names must differ, got 'delay' twice"),
         (
-            {"scenarios": (replace(CASE, imperfections=Imperfections(delay=0.1)),)},
+            {"scenarios": (replace(CASE, imperfections=Imperfections(control_period=0.0015)),)},
             (),
-            "scenario 'step-step' must be ideal: remove [imperfections]",
+            "timestep 0.001 s must divide control_period 0.0015 s",
         ),
     ],
 )
@@ -156,3 +160,41 @@ def test_a_setting_that_breaks_its_rule_is_named(changes, names, message):
     with pytest.raises((InvalidValueError, UnknownNameError)) as error:
         require([LQR], asked.pop("scenarios"), replace(SETTINGS, **asked), names)
     assert str(error.value).startswith(message)
+
+
+OWN = replace(
+    CASE,
+    duration=6.0,
+    imperfections=Imperfections(control_period=0.005, delay=0.002, noise_phi=1e-4, seed=7),
+    requirements=afl.Requirements(max_position=3.0, settling_time=5.5),
+)
+
+
+def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
+    hardware = [Imperfections(delay=0.009, seed=s) for s in (0, 1)]
+    found = [scenario.imperfections for scenario in on_hardware((OWN,), hardware)]
+    assert found == [replace(OWN.imperfections, delay=0.009, seed=7 + s) for s in (0, 1)]
+    assert len(seeds(False, (OWN,), SETTINGS)) == SETTINGS.seeds  # the scenario is noisy itself
+    assert len(seeds(False, CASES, SETTINGS)) == 1
+
+
+def test_where_a_scenario_has_requirements_they_decide() -> None:
+    wide = replace(OWN, requirements=afl.Requirements(max_position=50.0))
+    narrow = replace(OWN, requirements=afl.Requirements(max_position=0.5))
+    verdicts = {name: judge(1.0, [one], LQR, SETTINGS) for name, one in
+                (("wide", wide), ("narrow", narrow))}  # fmt: skip
+    assert verdicts["wide"].survives and verdicts["wide"].settles
+    assert (verdicts["narrow"].survives, verdicts["narrow"].settles) == (False, False)
+    assert verdicts["narrow"].failure == "misses max_position"
+    steep = replace(narrow, initial_state=(0.0, 1.5, 0.0, 0.0))
+    assert judge(1.0, [steep], LQR, SETTINGS).failure == "fell"
+
+
+def test_the_result_says_by_what_its_runs_are_judged() -> None:
+    found = find_thresholds([LQR], (OWN,), replace(SETTINGS, scan=2, tolerance=1.0), ["delay"])
+    assert found.required
+    assert found.delay_margins == ()  # of the ideal loop
+    (section,) = sections(found)
+    text = " ".join(block.text for block in section.walk() if isinstance(block, Text))
+    assert "is to meet its requirements: |z| at most 3 m and at rest after 5.5 s." in text
+    assert "on top of those of step-step itself" in text and "delay = 0.002" in text
