@@ -45,11 +45,14 @@ class Controller(Protocol):
         (decision D7).
     interpreted
         Whether it is called by the interpreter, through `command`, and has no compiled form.
+    estimates
+        Whether M, l and the state are estimated from measured positions, in sampled mode only.
     """
 
     name: str
     belief: CartPoleParameters | None
     interpreted: ClassVar[bool] = False
+    estimates: ClassVar[bool] = False
 
     @property
     def kind(self) -> int:
@@ -60,9 +63,8 @@ class Controller(Protocol):
         """Return the controller as compiled loops take it, good for these plants; or raise."""
         ...
 
-    @property
-    def estimator(self) -> Estimator | None:
-        """What estimates M, l and the state from measured positions, in sampled mode only."""
+    def estimator_for(self, plants: PlantRange) -> Estimator | None:
+        """Return what estimates M, l and the state on these plants, if anything does."""
         return None
 
     @property

@@ -229,5 +229,8 @@ class Scenario:
             If it does.
         """
         if self.imperfections != IDEAL:
-            rule = "has imperfections, which only sampled mode simulates"
+            rule = (
+                "has imperfections, which only sampled mode simulates: simulate, compare, render "
+                "and thresholds run it, or remove [imperfections]"
+            )
             raise InvalidValueError(f"scenario {self.name!r}", rule)

@@ -22,9 +22,18 @@ from afl_mujoco.control.estimation.prediction import (
 from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, PlantRange
 
 DT = 1e-3
 ODD = {"pole_mass": 0.083, "gravity": 9.65}
+
+
+PLANTS = PlantRange.of(NOMINAL)
+
+
+def known_to(settings):
+    """The m and g that the estimator knows: those given, else the scenario's."""
+    return settings.pole_mass or NOMINAL.pole_mass, settings.gravity or NOMINAL.gravity
 
 
 def flow(x, force, pole_mass, gravity):
@@ -75,7 +84,7 @@ class Textbook:
         self.nis = 0.0
 
     def update(self, z, phi, force, dt):
-        s, known = self.settings, (self.settings.pole_mass, self.settings.gravity)
+        s, known = self.settings, known_to(self.settings)
         before, after = self.x, rk4(self.x, force, *known, dt)
         middle = np.concatenate([(before[:4] + after[:4]) / 2, before[4:]])
         A, rate = jacobian(middle, force, *known), flow(middle, force, *known)
@@ -99,7 +108,8 @@ class Textbook:
         K[4:][~learns] = 0.0
         self.x = after + K @ innovation
         self.P = (np.eye(6) - K @ H) @ P @ (np.eye(6) - K @ H).T + K @ R @ K.T
-        ranges = np.log([s.cart_mass_range, s.half_length_range])
+        _, assumed = s.on(PLANTS)
+        ranges = np.log([assumed.cart_mass, assumed.half_length])
         for i in range(2):
             if excited[i]:
                 self.P[4 + i, 4 + i] = max(self.P[4 + i, 4 + i], least[i])
@@ -124,9 +134,9 @@ def along(memory, settings, measured, forces, dt):
 
 def run_estimator(settings, measured, forces, dt=DT):
     memory = estimator.new_filter()
-    return along(memory, settings.record, np.ascontiguousarray(measured), np.asarray(forces), dt), (
-        memory
-    )
+    record, _ = settings.on(PLANTS)
+    found = along(memory, record, np.ascontiguousarray(measured), np.asarray(forces), dt)
+    return found, memory
 
 
 def driven(rng, x, count, push=8.0, known=(0.05, 9.81), walk=0.0):
@@ -206,7 +216,7 @@ def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(
 )  # fmt: skip
 @pytest.mark.parametrize("dt", [1e-3, 4e-3], ids=["1 ms", "4 ms"])
 def test_it_is_the_textbook_s_filter(settings, dt, rng):
-    known = (settings.pole_mass, settings.gravity)
+    known = known_to(settings)
     x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
     states, forces = driven(rng, x, 1200, known=known)
     forces[600:] *= 0.01  # and a stretch with little to learn from
@@ -319,8 +329,8 @@ def test_the_mirror_image_has_the_same_estimates_to_the_last_bit(rng):
 
 def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
     """1000 cases: any plant and start of the box, noise, period; sensors and forces that lie."""
-    rng, settings = np.random.default_rng(7), EstimatorSettings()
-    least, largest = np.array([settings.cart_mass_range, settings.half_length_range]).T
+    rng, (_, assumed) = np.random.default_rng(7), EstimatorSettings().on(PLANTS)
+    least, largest = np.array([assumed.cart_mass, assumed.half_length]).T
     for _ in range(1000):
         noise = 10 ** rng.uniform(-6, -2, 2)
         settings = EstimatorSettings(
@@ -344,7 +354,7 @@ def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
 
 def test_an_update_allocates_nothing(rng):
     measured, forces = rng.standard_normal((100, 2)), rng.standard_normal(99)
-    memory, settings = estimator.new_filter(), EstimatorSettings().record
+    memory, settings = estimator.new_filter(), EstimatorSettings().on(PLANTS)[0]
     along(memory, settings, measured[:2], forces[:1], DT)
     counts = []
     _nrt_python.memsys_enable_stats()
@@ -358,23 +368,34 @@ def test_an_update_allocates_nothing(rng):
 
 @pytest.mark.parametrize("name", ["adaptive", "adaptive-retuned"])
 def test_the_gains_are_positive_for_every_estimate(name):
-    settings, controller = EstimatorSettings(), afl.CONTROLLERS[name]
+    box = PlantRange((CART_MASSES[0], CART_MASSES[-1]), (HALF_LENGTHS[0], HALF_LENGTHS[-1]),
+                     NOMINAL.pole_mass, NOMINAL.gravity)  # fmt: skip
+    _, assumed = EstimatorSettings().on(box)
     mass, length = np.meshgrid(
-        np.linspace(*settings.cart_mass_range, 50), np.linspace(*settings.half_length_range, 50)
+        np.linspace(*assumed.cart_mass, 50), np.linspace(*assumed.half_length, 50)
     )
-    controller.inputs_along_run(
-        mass, length, settings.pole_mass, settings.gravity
-    )  # raises otherwise
+    afl.CONTROLLERS[name].inputs_along_run(mass, length, NOMINAL.pole_mass, NOMINAL.gravity)
 
 
 # The settings
 
 
-def test_the_defaults_hold_the_paper_s_box_with_a_quarter_to_spare():
-    s = EstimatorSettings()
-    assert s.cart_mass_range == (0.1 / 1.25, 2.0 * 1.25)
-    assert s.half_length_range == (0.05 / 1.25, 1.0 * 1.25)
-    assert (s.pole_mass, s.gravity) == (0.05, 9.81)
+def test_by_default_it_knows_m_and_g_and_keeps_to_the_plants_and_a_quarter_more():
+    _, usual = EstimatorSettings().on(PLANTS)
+    assert usual == PlantRange((0.08, 2.5), (0.04, 1.25), 0.05, 9.81)
+    heavy = PlantRange((8.0, 10.0), (1.5, 1.5), 0.2, 3.7)
+    record, assumed = EstimatorSettings().on(heavy)
+    assert assumed == PlantRange((0.08, 12.5), (0.04, 1.875), 0.2, 3.7)
+    assert (record["pole_mass"], record["gravity"]) == (0.2, 3.7)
+    np.testing.assert_allclose(np.exp(record["ln_highest"]), (12.5, 1.875))
+
+
+def test_what_is_given_is_kept_or_refused_where_it_leaves_a_plant_out():
+    given = EstimatorSettings(cart_mass_range=(0.1, 3.0), pole_mass=0.07)
+    record, assumed = given.on(PLANTS)
+    assert (assumed.cart_mass, record["pole_mass"]) == ((0.1, 3.0), 0.07)
+    with pytest.raises(InvalidValueError, match="cart_mass_range of the estimator must hold the"):
+        given.on(PlantRange((1.0, 8.0), (0.5, 0.5), 0.05, 9.81))
 
 
 @pytest.mark.parametrize(
@@ -391,7 +412,7 @@ def test_the_defaults_hold_the_paper_s_box_with_a_quarter_to_spare():
             "half_length_range must be two increasing numbers, got (0.1, 0.2, 0.3)",
         ),
         (
-            {"initial_cart_mass": 3.0},
+            {"initial_cart_mass": 3.0, "cart_mass_range": (0.08, 2.5)},
             "initial_cart_mass must lie in cart_mass_range, 0.08 to 2.5, got 3.0",
         ),
     ],

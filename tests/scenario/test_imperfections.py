@@ -144,7 +144,9 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
     with pytest.raises(InvalidValueError) as caught:
         simulate(real, CONTROLLERS["fixed"])
     assert (
-        str(caught.value) == "scenario 'mine' has imperfections, which only sampled mode simulates"
+        str(caught.value)
+        == "scenario 'mine' has imperfections, which only sampled mode simulates: simulate, "
+        "compare, render and thresholds run it, or remove [imperfections]"
     )
 
 

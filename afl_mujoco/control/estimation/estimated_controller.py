@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,6 +36,7 @@ class EstimatedController(Controller):
     controller: Controller
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     belief: CartPoleParameters | None = field(default=None, init=False)
+    estimates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Validate the kind of every field."""
@@ -63,12 +64,10 @@ class EstimatedController(Controller):
         rule = "uses the estimator; only sampled mode supports it"
         return InvalidValueError(f"controller {self.name!r}", rule)
 
-    @property
-    def estimator(self) -> Estimator:
-        """Controller and settings as compiled loops take them."""
-        s = self.settings
-        plants = PlantRange(s.cart_mass_range, s.half_length_range, s.pole_mass, s.gravity)
-        return Estimator(self.controller.compiled_for(plants), s.record)
+    def estimator_for(self, plants: PlantRange) -> Estimator:
+        """Return controller and settings as compiled loops take them."""
+        settings, assumed = self.settings.on(plants)
+        return Estimator(self.controller.compiled_for(assumed), settings)
 
     def without_estimator(self) -> Controller:
         """Return the controller inside, which sees the true M and l."""
@@ -93,5 +92,5 @@ class EstimatedController(Controller):
 def require_no_estimator(controllers: Iterable[Controller]) -> None:
     """Raise if a controller uses the estimator, before anything is run that does not support it."""
     for controller in controllers:
-        if controller.estimator is not None:
+        if controller.estimates:
             _ = controller.kind

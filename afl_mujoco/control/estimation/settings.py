@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -9,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import NOMINAL, require_positive, require_type
+from afl_mujoco.scenario.parameters import (
+    CART_MASSES,
+    HALF_LENGTHS,
+    PlantRange,
+    require_positive,
+    require_type,
+)
 
 SETTINGS = np.dtype(
     [
@@ -62,10 +69,10 @@ class EstimatorSettings:
     speed_spread, rate_spread
         The same of the velocities, which are assumed zero then [m/s, rad/s].
     cart_mass_range, half_length_range
-        Least and largest M [kg] and l [m] that are ever assumed: the box of the paper and a
-        quarter more.
+        Least and largest M [kg] and l [m] that are ever assumed: by default the box of the paper
+        and the plants of the scenario, and a quarter more.
     pole_mass, gravity
-        m [kg] and g [m/s^2], which are known.
+        m [kg] and g [m/s^2], which are known: by default those of the scenario.
     force_sensed
         Whether the drive reports the force that it exerts, as one does that measures its current.
         Otherwise the estimator gets what was commanded, cut off at the force limit, which leaves
@@ -91,10 +98,10 @@ class EstimatorSettings:
     half_length_spread: float = 1.0
     speed_spread: float = 1.0
     rate_spread: float = 1.0
-    cart_mass_range: tuple[float, float] = (0.08, 2.5)
-    half_length_range: tuple[float, float] = (0.04, 1.25)
-    pole_mass: float = NOMINAL.pole_mass
-    gravity: float = NOMINAL.gravity
+    cart_mass_range: tuple[float, float] | None = None
+    half_length_range: tuple[float, float] | None = None
+    pole_mass: float | None = None
+    gravity: float | None = None
     force_sensed: bool = False
 
     def __post_init__(self) -> None:
@@ -102,20 +109,58 @@ class EstimatorSettings:
         require_type("force_sensed", self.force_sensed, bool)
         for field in fields(self)[:-1]:
             name, value = field.name, getattr(self, field.name)
+            if value is None and field.default is None:
+                continue
             checked = _range(name, value) if name in _RANGES else require_positive(name, value)
             object.__setattr__(self, name, checked)
         for name in ("cart_mass", "half_length"):
-            least, largest = getattr(self, f"{name}_range")
+            least, largest = getattr(self, f"{name}_range") or (0.0, math.inf)
             value = getattr(self, f"initial_{name}")
             if not least <= value <= largest:
                 rule = f"must lie in {name}_range, {least:g} to {largest:g}"
                 raise InvalidValueError(f"initial_{name}", rule, value)
 
-    @property
-    def record(self) -> Any:
-        """The settings as the compiled estimator takes them, fields as of `SETTINGS`."""
+    def on(self, plants: PlantRange) -> tuple[Any, PlantRange]:
+        """Return the settings as the compiled estimator takes them, and the plants it may assume.
+
+        Parameters
+        ----------
+        plants
+            Those of the scenario, for what is not given.
+
+        Returns
+        -------
+        record
+            Fields as of `SETTINGS`.
+        assumed
+            The plants that the controller is designed for.
+
+        Raises
+        ------
+        InvalidValueError
+            If a range that is given does not hold the plants.
+        """
+        masses = _covering(
+            "cart_mass_range",
+            self.cart_mass_range,
+            plants.cart_mass,
+            (*CART_MASSES, self.initial_cart_mass),
+        )
+        lengths = _covering(
+            "half_length_range",
+            self.half_length_range,
+            plants.half_length,
+            (*HALF_LENGTHS, self.initial_half_length),
+        )
+        pole_mass = plants.pole_mass if self.pole_mass is None else self.pole_mass
+        gravity = plants.gravity if self.gravity is None else self.gravity
+        assumed = PlantRange(masses, lengths, pole_mass, gravity)
+        return self._record(assumed), assumed
+
+    def _record(self, assumed: PlantRange) -> Any:
+        """Return the settings as the compiled estimator takes them."""
         found = np.zeros(1, SETTINGS)
-        lowest, highest = np.log([self.cart_mass_range, self.half_length_range]).T
+        lowest, highest = np.log([assumed.cart_mass, assumed.half_length]).T
         values = {
             "position_variance": self.position_noise**2,
             "angle_variance": self.angle_noise**2,
@@ -129,13 +174,33 @@ class EstimatorSettings:
             "speed_variance": self.speed_spread**2,
             "rate_variance": self.rate_spread**2,
             "excitation_memory": self.excitation_memory,
-            "pole_mass": self.pole_mass,
-            "gravity": self.gravity,
+            "pole_mass": assumed.pole_mass,
+            "gravity": assumed.gravity,
             "force_sensed": self.force_sensed,
         }
         for name, value in values.items():
             found[name] = value
         return found[0]
+
+
+MORE = 1.25
+"""How much beyond the plants an estimate may go, a factor at either end."""
+
+
+def _covering(
+    name: str,
+    given: tuple[float, float] | None,
+    plants: tuple[float, float],
+    usual: tuple[float, ...],
+) -> tuple[float, float]:
+    """Return the range in which an estimate is kept, or raise if a given one leaves plants out."""
+    if given is None:
+        return min(*plants, *usual) / MORE, max(*plants, *usual) * MORE
+    for value in plants:
+        if not given[0] <= value <= given[1]:
+            rule = f"must hold the scenario's {value:g}"
+            raise InvalidValueError(f"{name} of the estimator", rule, given)
+    return given
 
 
 def _range(name: str, value: object) -> tuple[float, float]:

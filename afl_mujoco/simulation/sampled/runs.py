@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.estimation.estimator import new_filter
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.sampling import SNAP, impulses_by_step, whole_steps
@@ -41,6 +41,8 @@ class PreparedRun:
         What happens to the plant, as of `loop.start`.
     inputs
         Of the controller at each control tick, as of `loop.run_to_end`.
+    estimator
+        What estimates M, l and the state, if anything does.
     """
 
     plan: loop.Plan
@@ -49,6 +51,7 @@ class PreparedRun:
     profile: NDArray[Any]
     initial_state: NDArray[np.float64]
     inputs: NDArray[np.float64]
+    estimator: Estimator | None
 
 
 def control_period_of(scenario: Scenario, given: float | None, timestep: float) -> float:
@@ -97,7 +100,7 @@ def prepare(
     late = r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0
     known_at = ticks * hold * timestep - late
     mass_error, length_error = r.mass_error, r.length_error
-    if controller.estimator is not None:  # its assumed parameters are the estimates
+    if controller.estimates:  # its assumed parameters are the estimates
         mass_error = length_error = 0.0
     return PreparedRun(
         plan=loop.Plan(
@@ -112,6 +115,7 @@ def prepare(
         actuator=actuator_of(r, timestep, count),
         profile=input_profile(s, timestep, changing, count),
         initial_state=np.array(s.initial_state),
+        estimator=controller.estimator_for(s.plants),
         inputs=controller.inputs_along_run(
             s.cart_mass(known_at) * (1.0 + mass_error),
             s.half_length(known_at) * (1.0 + length_error),
@@ -174,7 +178,7 @@ def perform(
     rows = np.empty((plan.steps + 1 if record else 0, 5))
     plant = (at, plan, prepared.profile, run)
     devices = (prepared.initial_state, prepared.sensors, actuator)
-    if (estimator := controller.estimator) is not None:
+    if (estimator := prepared.estimator) is not None:
         kept = np.empty((0, 2)) if estimates is None else estimates
         filter_ = (estimator.compiled, new_filter(), estimator.settings, kept)
         loop.run_estimating(*plant, pending, rows, *devices, *filter_)

@@ -98,7 +98,7 @@ def require_study(name: str, cases: Sequence[str], seeds: int) -> EstimatedContr
     if seeds < 1:
         raise InvalidValueError("seeds", "must be at least 1", seeds)
     controller = find_controller(name)
-    if controller.estimator is not None or controller.interpreted or controller.belief is not None:
+    if controller.estimates or controller.interpreted or controller.belief is not None:
         rule = "must be a compiled controller that takes M and l: the study estimates them"
         raise InvalidValueError(f"controller {name!r}", rule)
     for case in cases:

@@ -252,7 +252,7 @@ def find_thresholds(
     with open_executor(workers, cluster) as executor:
         sweeps = compute_all(sweep, units, executor, advance)
         verdicts = compute_all(sweep_combined, each, executor, advance)
-        linear = [one for one in controllers if one.estimator is None and not one.interpreted]
+        linear = [one for one in controllers if not one.estimates and not one.interpreted]
         alone = DELAY in names and all(s.imperfections == IDEAL for s in scenarios)
         plants = [(controller, scenarios) for controller in linear if alone]
         margins = compute_all(least_margin, plants, executor)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS, CartPoleModel, simulate_mujoco, simulate_ode
 from afl_mujoco.control.compiled_controller import compiled_force
 from afl_mujoco.control.estimation import estimator
@@ -41,7 +42,7 @@ def by_hand(scenario, controller):
     model = CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
     pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 5))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
-    filtering, settings = estimator.new_filter(), controller.settings.record
+    filtering, settings = estimator.new_filter(), controller.settings.on(scenario.plants)[0]
     loop.start(*plant, rows, run.initial_state)
     tick, command = 0, 0.0
     while memory["status"] == loop.RUNNING:
@@ -56,12 +57,13 @@ def by_hand(scenario, controller):
             mass, length = estimator.update(filtering, settings, z, phi, force, 0.002)
         assumed_parameters = (
             mass,
-            controller.settings.pole_mass,
+            scenario.pole_mass,
             length,
-            controller.settings.gravity,
+            scenario.gravity,
         )
         state = estimator.filtered_state(filtering)
-        command = compiled_force(*controller.estimator.compiled, *state, assumed_parameters)
+        compiled = controller.estimator_for(scenario.plants).compiled
+        command = compiled_force(*compiled, *state, assumed_parameters)
         loop.advance(*plant[:2], run.actuator, *plant[2:], pending, rows, command)
         tick += 1
     count = int(memory["step"])
@@ -143,3 +145,20 @@ def test_its_ghost_in_a_film_sees_the_true_parameters(odd_scenario, estimating, 
     truth = record(odd_scenario, adaptive, Deployment(), 50)
     np.testing.assert_array_equal(film.ideal, truth.ideal)
     assert np.abs(film.state - truth.state).max() > 1e-6
+
+
+@pytest.mark.parametrize("name", ["lqr-estimated", "adaptive-estimated"])
+def test_a_plant_far_from_the_paper_s_is_estimated_and_balanced(name):
+    rig = afl.Scenario(
+        name="rig",
+        cart_mass=afl.constant(8.0),
+        half_length=afl.constant(1.5),
+        pole_mass=0.2,
+        initial_state=(0.0, 0.2, 0.0, 0.0),
+        duration=12.0,
+    )
+    run = simulate_estimated(rig, afl.find_controller(name))
+    assert str(run.run.outcome) == "completed"
+    assert abs(run.run.state[-1, 1]) < 0.01
+    np.testing.assert_allclose(run.cart_mass[-1], 8.0, rtol=0.1)
+    np.testing.assert_allclose(run.half_length[-1], 1.5, rtol=0.1)
