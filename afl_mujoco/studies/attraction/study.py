@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from afl_mujoco.control.names import REFERENCE, SUBJECT
@@ -40,6 +40,10 @@ class Attraction:
     """Cart mass M of the map over states [kg]."""
     half_length: float = 0.5
     """Half-length l of the map over states [m]."""
+    pole_mass: float = 0.05
+    """m of every map [kg]."""
+    gravity: float = 9.81
+    """g of every map [m/s^2]."""
     max_angle: float = 1.55
     """The map over states reaches from minus this to this phi0 [rad]."""
     max_rate: float = 10.0
@@ -71,7 +75,7 @@ class Request(NamedTuple):
 def request_of(configuration: Attraction) -> Request:
     """Return the request of a configuration, or raise."""
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.scenario.parameters import require_distinct
+    from afl_mujoco.scenario.parameters import require_distinct, require_positive
     from afl_mujoco.scenario.sampling import whole_steps
     from afl_mujoco.simulation.attraction.grid import Settling
     from afl_mujoco.simulation.mujoco_model import require_integrator
@@ -80,7 +84,8 @@ def request_of(configuration: Attraction) -> Request:
     require_distinct("controller", c.controllers)
     require_distinct("plane", c.planes)
     controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
-    maps = [_grid(c, plane) for plane in c.planes]
+    m, g = require_positive("pole_mass", c.pole_mass), require_positive("gravity", c.gravity)
+    maps = [replace(_grid(c, plane), pole_mass=m, gravity=g) for plane in c.planes]
     settling = Settling(horizon=c.horizon)
     for name, time in (("dwell", settling.dwell), ("horizon", settling.horizon)):
         whole_steps(name, time, "timestep", c.timestep)

@@ -55,6 +55,8 @@ def scenario_of(grid: Grid, k: int) -> afl.Scenario:
         name="point",
         cart_mass=afl.constant(mass),
         half_length=afl.constant(length),
+        pole_mass=grid.pole_mass,
+        gravity=grid.gravity,
         initial_state=tuple(grid.starts[k].tolist()),
         duration=SETTLING.horizon,
     )
@@ -88,7 +90,10 @@ def some_of(grid: Grid, found: AttractionMap, seed: int) -> list[int]:
     return chosen
 
 
+HEAVY = dataclasses.replace(states(15, plant=(8.0, 1.5)), pole_mass=0.3, gravity=3.7)
+
 CASES = [
+    pytest.param("lqr", HEAVY, id="lqr-heavy"),
     pytest.param("fixed", states(15), id="fixed-states"),
     pytest.param("lqr", states(15, plant=(0.3, 0.2)), id="lqr-states"),
     pytest.param("partial-linearization", states(15), id="partial-states"),
