@@ -74,9 +74,11 @@ def write_page(folder: Path, films: Path) -> Path:
     found = [section for record in records for section in record.sections]
     parts = [
         ([_overview(records, found), *found], folder),
-        *((film_sections(place), place) for place in dict.fromkeys((films, folder))),
+        (film_sections(films), films),
         ([_reproduce(records), _notation()], folder),
     ]
+    if folder.resolve() != films.resolve():  # compare films into the folder of its result
+        parts.insert(2, (film_sections(folder, "Films of the comparison", "own-films"), folder))
     verdicts = [record.verdict for record in records if record.verdict]
     verdict = min(verdicts, key=lambda one: one.passed, default=None)  # a failure counts
     write_text(folder / PAGE, to_html(TITLE, parts, folder, lede=LEDE, verdict=verdict))

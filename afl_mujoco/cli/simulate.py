@@ -103,7 +103,7 @@ class Simulate:
         if scenario.requirements != NONE:
             requirements = Section("Requirements", "requirements", [requirements_table([judged])])
             print_sections([requirements], folder)
-        for remark in controller.remarks(scenario.plants):
+        for remark in controller.remarks(scenario.assumed_plants):
             print(f"{controller.name}: {remark}")
         print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
         print_verdict(Verdict(not judged.missed, tally([judged])))

@@ -69,6 +69,7 @@ class StudyCommand:
                 record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
             )
         print_sections(record.sections, folder)
+        files += study.write_films(result, folder)
         if self.page:
             files.append(write_page(folder, self.films))
         print(f"wrote {_told(files)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,6 +79,17 @@ def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Ent
 
 REMOVE = "remove it"
 """What mends a list in the way of new films."""
+
+
+def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
+    """Remove some films of a folder, and from its list."""
+    entries = load_listing(folder, REMOVE)
+    gone = [entry for entry in entries if unwanted(entry)]
+    for entry in gone:
+        for name in (entry.file, entry.poster):
+            (folder / name).unlink(missing_ok=True)
+    if gone:
+        write_json(folder / LISTING, Listing(films=tuple(e for e in entries if e not in gone)))
 
 
 def list_film(folder: Path, entry: Entry) -> None:

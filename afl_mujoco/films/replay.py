@@ -105,7 +105,8 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     """Run the controller as deployed in MuJoCo, and the ideal ODE, for a film.
 
     In the ideal ODE nothing of the scenario's imperfections is left, an estimating controller is
-    given the true parameters, and the force of one with memory is held.
+    given the true parameters, and the force of one in Python is held: it may have memory, or
+    switch as often as it is asked.
     """
     nominal = replace(scenario, imperfections=IDEAL)
     run = simulate_mujoco(
@@ -118,7 +119,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     )
     h, period = deployment.timestep, deployment.control_period
     informed = controller.without_estimator()
-    if informed.stateful:  # which has no continuous form
+    if informed.interpreted:
         ideal = simulate_ode_held(nominal, informed, timestep=h, control_period=period)
     else:
         ideal = simulate_ode(nominal, informed, sample_period=h)

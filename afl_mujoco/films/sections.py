@@ -11,7 +11,7 @@ from afl_mujoco.films.listing import Entry, load_listing
 from afl_mujoco.films.plan import SINGLE
 
 
-def sections(folder: Path) -> list[Section]:
+def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[Section]:
     """Return what a report shows of a folder's films; nothing if there are none."""
     entries = load_listing(folder)
     if not entries:
@@ -24,13 +24,13 @@ def sections(folder: Path) -> list[Section]:
     blocks += [
         Section(
             scenario,
-            f"films-{number}",
+            f"{anchor}-{number}",
             _films([entry for entry in entries if entry.scenario == scenario], folder),
             folded=True,
         )
         for number, scenario in enumerate(scenarios, start=1)
     ]
-    return [Section("Films", "films", blocks)]
+    return [Section(title, anchor, blocks)]
 
 
 def _films(entries: Sequence[Entry], folder: Path) -> list[Film]:

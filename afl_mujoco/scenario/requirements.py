@@ -103,6 +103,10 @@ NONE = Requirements()
 """To reach the horizon, and nothing else."""
 
 
+SNAP = 1e-9
+"""Time between two disturbances that round-off may put there [s]."""
+
+
 def calm(duration: float, disturbances: Sequence[ForcePulse | Impulse]) -> float:
     """Return until when [s] nothing disturbs a run."""
     return min((min(d.breakpoints) for d in disturbances), default=duration)
@@ -118,7 +122,7 @@ def recoveries(
     spans = sorted((min(d.breakpoints), max(d.breakpoints)) for d in disturbances)
     ends: list[tuple[float, float]] = []
     for start, end in spans:
-        if ends and start <= ends[-1][1]:
+        if ends and start <= ends[-1][1] + SNAP:
             ends[-1] = (ends[-1][0], max(end, ends[-1][1]))
         else:
             ends.append((start, end))

@@ -138,11 +138,23 @@ class Scenario:
 
     @property
     def plants(self) -> PlantRange:
-        """The plants that its schedules go through."""
-        masses, lengths = self.cart_mass.values, self.half_length.values
-        return PlantRange(
-            (min(masses), max(masses)), (min(lengths), max(lengths)), self.pole_mass, self.gravity
-        )
+        """The plants that its schedules go through up to the horizon."""
+        masses, lengths = map(self._range, (self.cart_mass, self.half_length))
+        return PlantRange(masses, lengths, self.pole_mass, self.gravity)
+
+    @property
+    def assumed_plants(self) -> PlantRange:
+        """What a controller is told that they are: M and l may be wrong."""
+        (m0, m1), (l0, l1), pole_mass, gravity = self.plants
+        mass, length = 1.0 + self.imperfections.mass_error, 1.0 + self.imperfections.length_error
+        return PlantRange((m0 * mass, m1 * mass), (l0 * length, l1 * length), pole_mass, gravity)
+
+    def _range(self, schedule: Schedule) -> tuple[float, float]:
+        """Return the least and the largest value of a schedule up to the horizon."""
+        turns = (*self.breakpoints, self.duration)
+        values = [schedule.at(0.0), *map(schedule.at, self.breakpoints)]
+        values += [schedule.before(time) for time in turns]
+        return min(values), max(values)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -230,7 +242,7 @@ class Scenario:
         """
         if self.imperfections != IDEAL:
             rule = (
-                "has imperfections, which only sampled mode simulates: simulate, compare, render "
-                "and thresholds run it, or remove [imperfections]"
+                "has imperfections, which only sampled mode simulates: compare runs it as "
+                "deployed, or remove [imperfections]"
             )
             raise InvalidValueError(f"scenario {self.name!r}", rule)

@@ -89,10 +89,12 @@ def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
 
 
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
-    """Judge a run of which nothing is left, as its controller failed: no requirement is met."""
-    asked = scenario.requirements
-    limits = {name: getattr(asked, name) for name in UNITS}
-    limits["completes"] = scenario.duration if asked.completes else None
+    """Judge a run of which nothing is left, as its controller failed: no requirement is met.
+
+    To complete is one of them even where the scenario does not ask for it.
+    """
+    limits = {name: getattr(scenario.requirements, name) for name in UNITS}
+    limits["completes"] = scenario.duration
     return tuple(
         Judgement(requirement=name, limit=limit, value=None, left=None)
         for name, limit in limits.items()
@@ -105,11 +107,12 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
     if asked.completes:
         reached = scenario.duration if completed else run.outcome.time
+        left = reached - scenario.duration
         yield Judgement(
             requirement="completes",
             limit=scenario.duration,
             value=reached,
-            left=reached - scenario.duration,
+            left=left if completed or left < 0.0 else None,  # it may fall at the very end
         )
     peaks = {
         "max_position": run.state[:, 0],
@@ -150,7 +153,7 @@ def _rest(
     for begin, end in windows:
         last = np.flatnonzero(outside & (time >= begin) & (time <= end))
         rest = end
-        if run.outcome.kind == COMPLETED or run.outcome.time >= end:
+        if run.outcome.kind == COMPLETED or run.outcome.time > end:
             following = last[-1] + 1 if len(last) else int(np.searchsorted(time, begin))
             rest = time[following] if following < len(time) else end
         lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step

@@ -13,6 +13,9 @@ A study is a package of this folder:
 ``sections.py``
     ``sections(result)``: the only place that puts the study into words; ``verdict(result)`` for a
     study that judges, whose command ends with it and fails where it does.
+``films.py``
+    Only for a study that can film what it ran: ``require(folder)`` raises before the run,
+    ``write(result, folder)`` returns the films, made once the result has been written.
 ``files.py``
     Only for a study that writes more than figures: ``require(folder)`` raises before the run,
     ``write(result, folder)`` returns what it wrote.
@@ -124,12 +127,17 @@ class Study:
 
     def require_folder(self, folder: Path) -> None:
         """Raise if what the folder holds would be lost, or is in the way of its files."""
-        if self._has("files"):
-            self._module("files").require(folder)
+        for module in ("files", "films"):
+            if self._has(module):
+                self._module(module).require(folder)
 
     def write_files(self, result: Any, folder: Path) -> list[Path]:
         """Write what it has besides its figures; return what that is."""
         return list(self._module("files").write(result, folder)) if self._has("files") else []
+
+    def write_films(self, result: Any, folder: Path) -> list[Path]:
+        """Film what was run, if the study does and it was asked for; return the films."""
+        return list(self._module("films").write(result, folder)) if self._has("films") else []
 
     def _has(self, module: str) -> bool:
         """Return whether its package has a module."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -101,7 +101,7 @@ class Design:
         What it does, as plain data.
     """
 
-    method: Method
+    method: Method = field(repr=False)
     description: Mapping[str, Any]
 
     def over(self, plants: PlantRange) -> GainGrid:

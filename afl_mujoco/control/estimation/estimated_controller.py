@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_controller import CompiledController
@@ -14,6 +15,9 @@ from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange, require_type
+
+GRID = 11
+"""Values of M, and of l, for which gains are looked at before a run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +71,15 @@ class EstimatedController(Controller):
     def estimator_for(self, plants: PlantRange) -> Estimator:
         """Return controller and settings as compiled loops take them."""
         settings, assumed = self.settings.on(plants)
+        masses, lengths = (np.linspace(*ends, GRID) for ends in assumed[:2])
+        self.controller.inputs_along_run(  # raises if a gain is not positive
+            *np.meshgrid(masses, lengths), assumed.pole_mass, assumed.gravity
+        )
         return Estimator(self.controller.compiled_for(assumed), settings)
+
+    def remarks(self, plants: PlantRange) -> list[str]:
+        """Return what there is to know of the controller inside."""
+        return self.controller.remarks(plants)
 
     def without_estimator(self) -> Controller:
         """Return the controller inside, which sees the true M and l."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.own.python_controller import ControllerError
+from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
@@ -26,7 +26,7 @@ from afl_mujoco.studies.compare.result import ComparedRun, Curves, Result
 
 def compare(
     scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
-    controllers: Sequence[Any],
+    controllers: Any,
     *,
     timestep: float = 1e-3,
     control_period: float | None = None,
@@ -40,7 +40,7 @@ def compare(
     scenarios
         One or several: scenarios, names or TOML files.
     controllers
-        Each as of `as_controller`.
+        One or several, each as of `as_controller`.
     timestep, control_period, integrator
         As of `simulate_mujoco`.
     advance
@@ -58,7 +58,8 @@ def compare(
     """
     one = isinstance(scenarios, Scenario | str | Path)
     asked = [as_scenario(x) for x in cast(Sequence[Any], (scenarios,) if one else scenarios)]
-    used = [as_controller(x) for x in controllers]
+    several = isinstance(controllers, Sequence) and not isinstance(controllers, str)
+    used = [as_controller(x) for x in (controllers if several else (controllers,))]
     deployed: Any = {
         "timestep": timestep,
         "control_period": control_period,
@@ -102,11 +103,11 @@ def require_comparable(
 
 def _run(
     scenario: Scenario, controller: Controller, deployed: dict[str, Any]
-) -> Trajectory | ControllerError:
-    """Return a run, or how the controller failed."""
+) -> Trajectory | AflMujocoError:
+    """Return a run, or how the controller failed: settings have been checked before."""
     try:
         return simulate_mujoco(scenario, controller, "sampled", **deployed)
-    except ControllerError as error:
+    except AflMujocoError as error:
         return error
 
 
@@ -118,16 +119,17 @@ def _compared(scenario: Scenario, controller: Controller, run: Trajectory) -> Co
         outcome=str(run.outcome),
         metrics=metrics(scenario, controller, run),
         requirements=judge(scenario, run),
-        remarks=tuple(controller.remarks(scenario.plants)),
+        remarks=tuple(controller.remarks(scenario.assumed_plants)),
     )
 
 
-def _failed(scenario: Scenario, controller: Controller, error: ControllerError) -> ComparedRun:
+def _failed(scenario: Scenario, controller: Controller, error: AflMujocoError) -> ComparedRun:
     """Return what is kept of a run whose controller failed."""
+    reason = str(error).removeprefix(f"controller {controller.name!r}").strip()
     return ComparedRun(
         scenario=scenario.name,
         controller=controller.name,
-        outcome=f"failed: {error.rule}",
+        outcome=f"failed: {reason.removeprefix(': ')}",
         metrics={},
         requirements=judge_failure(scenario),
     )

@@ -95,6 +95,11 @@ def _asked(configuration: Compare) -> tuple[list[Scenario], list[Controller]]:
         control_period=c.control_period,
         integrator=c.integrator,
     )
+    if c.film:
+        from afl_mujoco.films.plan import AS_IS, side_by_side
+
+        for scenario in scenarios:  # raises if it does not last a frame
+            side_by_side(scenario, controllers, AS_IS)
     return scenarios, controllers
 
 

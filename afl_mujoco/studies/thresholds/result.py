@@ -35,7 +35,8 @@ class Verdict:
     failure
         How the first run failed, survival before settling; empty if none did.
     scenario, time
-        Which that was, and when it ended or reached the stop [s]; None if none failed.
+        Which that was, and when it ended or reached the stop [s]; None if none failed, or what it
+        missed is a requirement on the whole run.
     metrics
         The largest of each of `sweep.METRICS` over the runs; None where a run has none.
     message
@@ -123,7 +124,8 @@ class Result:
         In all of which each level must be survived.
     delay_margins
         Least delay margin of the linearised loop of each controller over the plants of the
-        scenarios, if the delay was among the imperfections; not of a controller with the
+        scenarios, if the delay was among the imperfections and they have none of their own; not of
+        a controller with the
         estimator, nor of a Python controller, which may be stateful.
     """
 
@@ -135,6 +137,11 @@ class Result:
     combined: dict[str, tuple[Verdict, ...]]
     delay_margins: tuple[LeastMargin, ...]
     scenarios: tuple[Scenario, ...] = ()
+
+    @property
+    def endless(self) -> bool:
+        """Whether no scenario has an end to its rail."""
+        return all(one.imperfections.rail_half_length is None for one in self.scenarios)
 
     @property
     def required(self) -> bool:

@@ -95,8 +95,9 @@ def _meaning(result: Result) -> str:
 
 def _failing(result: Result) -> str:
     """Say what it is not to survive."""
-    how = "the pole falls, the run diverges or the cart reaches an end stop"
-    return f"a requirement is not met, or {how}" if result.required else how
+    if result.required:
+        return "a requirement of the scenario is not met"
+    return "the pole falls, the run diverges or the cart reaches an end stop"
 
 
 def findings(result: Result) -> Iterator[Finding]:
@@ -118,9 +119,10 @@ def _holds(result: Result, ours: str) -> str:
     survived = sum(sweep.reference.survives for sweep in sweeps)
     settled = sum(sweep.reference.settles for sweep in sweeps)
     ample = sum(tolerated(*pair) >= 10.0 for pair in zip(single, sweeps, strict=True))
+    without = _endless(result, " and without a rail's end")
     return (
-        f"Of {len(single)} single imperfections, each at the level of the reference hardware and "
-        f"without a rail's end, the {ours} controller survives {survived}, settles under "
+        f"Of {len(single)} single imperfections, each at the level of the reference hardware"
+        f"{without}, the {ours} controller survives {survived}, settles under "
         f"{settled}, and survives {ample} even at ten times that level."
     )
 
@@ -143,7 +145,13 @@ def _breaks(result: Result, ours: str) -> str:
         if not failing:
             return f"{text}."
     clause = _clause(*min(failing.values(), key=lambda pair: tolerated(*pair)))
-    return f"{text}; on an endless rail, {clause}." if text else f"{sentence(clause)}."
+    rail = "on an endless rail" if result.endless else "of the others"
+    return f"{text}; {rail}, {clause}." if text else f"{sentence(clause)}."
+
+
+def _endless(result: Result, words: str) -> str:
+    """Return words that are true of a rail without an end."""
+    return words if result.endless else ""
 
 
 def _rail(rail: Imperfection, sweep: Sweep) -> str:
@@ -183,7 +191,8 @@ def _thresholds(result: Result, ours: str) -> str:
         subject = "" if fatal else f"the {ours} controller "
         parts.append(f"{subject}survives {listed(harmless, 'and')}, the harshest tried")
     if (one := result.imperfection(COMBINED.name)) is not None:
-        parts.append(_all_combined(one, result.sweep(one.name, ours)))
+        but = _endless(result, ", but for the rail's end,")
+        parts.append(_all_combined(one, result.sweep(one.name, ours), but))
     if not parts:
         return "Delay, control period, force limit and noise were not tried."
     settings = result.settings
@@ -195,13 +204,19 @@ def _thresholds(result: Result, ours: str) -> str:
     )
 
 
-def _all_combined(one: Imperfection, sweep: Sweep) -> str:
-    """Say at how many times the reference all imperfections combined are too much."""
+def _all_combined(one: Imperfection, sweep: Sweep, but: str) -> str:
+    """Say at how many times the reference all imperfections combined are too much.
+
+    Parameters
+    ----------
+    but
+        What is not among them.
+    """
     bound = _bound(one, sweep.survives)
     if sweep.survives.bound == LOWER:
         return f"with all imperfections combined it survives up to {bound} times the reference"
     return (
-        f"with all imperfections combined, but for the rail's end, it fails at {bound} times the "
+        f"with all imperfections combined{but} it fails at {bound} times the "
         f"reference levels and no longer settles at {_bound(one, sweep.settles)} times"
     )
 
@@ -353,7 +368,8 @@ def _detail(one: Imperfection, sweep: Sweep) -> tuple[Cell | str, ...]:
     kinds: tuple[Status, ...] = ("bad", "neutral", "good", "good")
     reference, metrics = sweep.reference, sweep.reference.metrics
     status: Status = "good" if reference.settles else "neutral" if reference.survives else "bad"
-    settles = f"settles in {fixed(metrics['settling_time'], 1)} s"
+    settled = metrics["settling_time"]
+    settles = "as required" if settled is None else f"settles in {fixed(settled, 1)} s"
     return (
         one.title,
         f"{level_text(one, one.reference)} {one.unit}",

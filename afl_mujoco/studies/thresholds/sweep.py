@@ -141,7 +141,7 @@ def judge(
         settles=not any(failures),
         failure=failures[worst],
         scenario=scenarios[worst].name if failures[worst] else None,
-        time=ended if failures[worst] else None,
+        time=ended if failures[worst] and not failures[worst].startswith(MISSES) else None,
         metrics={name: _largest(getattr(runs, name).tolist()) for name in METRICS},
     )
 
@@ -163,7 +163,9 @@ def _failure(runs: Rollouts, index: int) -> str:
     outcome = runs.outcome(index)
     if judged := runs.requirements[index]:
         missed = [one.requirement for one in judged if not one.met]
-        return outcome.kind if missed[:1] == ["completes"] else MISSES + missed[0] if missed else ""
+        if not missed:
+            return ""
+        return MISSES + missed[0] if outcome.kind == COMPLETED else outcome.kind
     if math.isfinite(runs.stop_time[index]):
         return END_STOP
     if outcome.kind != COMPLETED:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.document.blocks import Finding, Table
 from afl_mujoco.films.listing import load_listing
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.compare.comparison import compare
 from afl_mujoco.studies.compare.sections import sections, verdict
@@ -211,3 +213,60 @@ def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(
     page = (rig / "out" / "report.html").read_text()
     assert "rig, lqr beside adaptive beside compared.Counting" in page
     assert "force held for 10 ms" in page and "force is held for 1 ms" not in page
+
+
+def test_a_pole_that_falls_at_the_very_end_has_not_completed() -> None:
+    start = (0.0, 1.4, 0.0, 0.0)
+    falling = afl.Scenario(name="falling", initial_state=start, duration=2.0)
+
+    def idle(time, state, belief):
+        return 0.0
+
+    end = afl.simulate_mujoco(falling, idle, "sampled").outcome
+    assert end.kind == "fell"
+    found = afl.compare(replace(falling, duration=end.time), idle)
+    assert found.runs[0].outcome == str(end)
+    assert not found.passed
+
+
+def test_a_controller_that_fails_meets_nothing_even_where_nothing_is_asked() -> None:
+    free = afl.Scenario(name="free", duration=1.0, requirements=Requirements(completes=False))
+
+    def broken(time, state, belief):
+        raise ArithmeticError
+
+    found = afl.compare(free, ["lqr", broken])
+    assert [bool(run.missed) for run in found.runs] == [False, True]
+    assert not found.passed
+
+
+def test_gains_without_a_value_are_a_row_and_not_the_end() -> None:
+    believed = Imperfections(mass_error=0.5)
+    heavy = afl.Scenario(
+        name="heavy", cart_mass=afl.constant(70.0), duration=1.0, imperfections=believed
+    )
+    found = afl.compare(heavy, ["lqr", "adaptive"])
+    outcomes = {run.controller: run.outcome for run in found.runs}
+    assert outcomes["lqr"] != "" and not outcomes["lqr"].startswith("failed")
+    assert outcomes["adaptive"].startswith("failed: switching of the gain function at M = 105 kg")
+
+
+def test_remarks_are_of_what_is_assumed_up_to_the_horizon() -> None:
+    late = afl.staircase((0.5, 5.0), (1.0, 1.5, 50.0))
+    scenario = afl.Scenario(name="late", cart_mass=late, duration=1.0)
+    assert scenario.plants.cart_mass == (1.0, 1.5)
+    assert afl.find_controller("adaptive-estimated").remarks(scenario.assumed_plants) == []
+    wrong = replace(scenario, imperfections=Imperfections(mass_error=0.6))
+    for name in ("adaptive", "adaptive-estimated"):
+        (remark,) = afl.find_controller(name).remarks(wrong.assumed_plants)
+        assert "M reaches 2.4 kg here" in remark
+
+
+def test_pulses_that_touch_are_recovered_from_together() -> None:
+    pulses = tuple(afl.ForcePulse(force=1.0, start=0.1 * k, duration=0.1) for k in (7, 8))
+    afl.Scenario(
+        name="touching",
+        disturbances=pulses,
+        duration=3.0,
+        requirements=Requirements(recover_within=2.0),
+    )
