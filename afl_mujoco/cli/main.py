@@ -108,4 +108,5 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
     said, _, meant = " ".join(line for line in lines if line).partition(" Perhaps you meant: ")
-    return f"{said}; did you mean {meant.split()[0]}?" if meant.startswith("--") else said
+    name = meant.split()[0] if meant.startswith("--") else ""
+    return f"{said}; did you mean {name}?" if name and name not in given else said

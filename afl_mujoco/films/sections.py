@@ -18,7 +18,10 @@ def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[
         return []
     scenarios = dict.fromkeys(entry.scenario for entry in entries if entry.scenario)
     blocks: list[Block] = [
-        Text("MuJoCo's cart-pole as deployed; its ghost is the ideal ODE. Times are real times.")
+        Text(
+            "MuJoCo's cart-pole as deployed; its ghost is the ideal ODE, without imperfections. "
+            "Times are real times."
+        )
     ]
     blocks += _films([entry for entry in entries if not entry.scenario], folder)
     blocks += [

@@ -90,6 +90,7 @@ def requirements_table(runs: Sequence[JudgedRun], *, scenarios: bool = False) ->
             Column("Left", number=True),
         ),
         rows=[(run.scenario, *row) if scenarios else row for run in runs for row in _rows_of(run)],
+        stacked=True,
     )
 
 

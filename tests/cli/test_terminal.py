@@ -57,6 +57,10 @@ def test_a_typo_is_one_line_with_what_was_meant(
     assert done.stderr.rstrip().endswith(message) and done.stderr.count("\n") == 1
 
 
+def test_nothing_is_meant_by_an_option_of_another_command(tmp_path: Path) -> None:
+    assert "did you mean" not in run("report", "--out", "x", cwd=tmp_path).stderr
+
+
 def test_lists_of_numbers_take_commas_and_nothing_else_is_taken_apart() -> None:
     words = ["--cart-masses", "0.1,2", "--lower=1,2", "-1,1e-3", "a,b", "1", "640x480", ","]
     assert terminal.numbers_apart(words) == [
