@@ -22,19 +22,16 @@ EVERY = 0.1
 
 
 def delay_margin(
-    controller: Controller, mass: float, length: float, period: float = PERIOD
+    controller: Controller, plant: CartPoleParameters, period: float = PERIOD
 ) -> float | None:
     """Return the delay margin [s] of a linearised loop that holds its force; None without one.
 
     Parameters
     ----------
-    mass, length
-        M [kg] and l [m].
     period
         How long the force is held [s].
     """
-    loop = linearize(controller, CartPoleParameters(cart_mass=mass, half_length=length))
-    margins = loop_margins(loop, period)
+    margins = loop_margins(linearize(controller, plant), period)
     return None if margins is None or not math.isfinite(margins.delay) else margins.delay
 
 
@@ -61,9 +58,9 @@ class LeastMargin:
 def least_margin(unit: tuple[Controller, tuple[Scenario, ...]]) -> LeastMargin | None:
     """Return the least delay margin over the plants of some scenarios, looked at every `EVERY`."""
     controller, scenarios = unit
-    plants = sorted({plant for scenario in scenarios for plant in _plants_of(scenario)})
+    plants = {plant for scenario in scenarios for plant in _plants_of(scenario)}
     try:
-        margins = [(delay_margin(controller, *plant) or 0.0, *plant) for plant in plants]
+        margins = [(delay_margin(controller, p) or 0.0, p.cart_mass, p.half_length) for p in plants]
     except InvalidValueError:  # the controller has no linearisation at upright
         return None
     margin, mass, length = min(margins)
@@ -72,8 +69,7 @@ def least_margin(unit: tuple[Controller, tuple[Scenario, ...]]) -> LeastMargin |
     )
 
 
-def _plants_of(scenario: Scenario) -> set[tuple[float, float]]:
+def _plants_of(scenario: Scenario) -> set[CartPoleParameters]:
     """Return the plants that a scenario goes through."""
     times = np.arange(0.0, scenario.duration, EVERY)
-    pairs = zip(scenario.cart_mass(times), scenario.half_length(times), strict=True)
-    return {(float(mass), float(length)) for mass, length in pairs}
+    return {scenario.parameters_at(time) for time in times.tolist()}

@@ -13,6 +13,7 @@ import numpy as np
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
@@ -100,7 +101,7 @@ def measured_plants(
 
 def compare_delays(
     controllers: Sequence[Controller],
-    plants: Sequence[tuple[float, float]],
+    plants: Sequence[CartPoleParameters],
     *,
     control_period: float = TIMESTEP,
     workers: int = 1,
@@ -110,72 +111,62 @@ def compare_delays(
 
     Parameters
     ----------
-    plants
-        M [kg] and l [m] of each.
     control_period
         How long the force is held [s].
     workers
         Processes to share the work among; the result does not depend on it.
     """
-    units = [(controller, *plant, control_period) for controller in controllers for plant in plants]
+    units = [(controller, plant, control_period) for controller in controllers for plant in plants]
     done = itertools.count(1)
     with open_executor(workers) as executor:
         return compute_all(compare_delay, units, executor, lambda i: progress(next(done)))
 
 
-def compare_delay(unit: tuple[Controller, float, float, float]) -> DelayComparison:
+def compare_delay(unit: tuple[Controller, CartPoleParameters, float]) -> DelayComparison:
     """Compare margin and measurement for one controller on one plant.
 
     Parameters
     ----------
     unit
-        The controller, M [kg], l [m] and how long the force is held [s].
+        The controller, the plant and how long the force is held [s].
     """
-    controller, mass, length, period = unit
-    margin = delay_margin(controller, mass, length, period)
+    controller, plant, period = unit
+    margin = delay_margin(controller, plant, period)
     return DelayComparison(
         controller=controller.name,
-        cart_mass=mass,
-        half_length=length,
+        cart_mass=plant.cart_mass,
+        half_length=plant.half_length,
         margin=margin,
-        measured=measured_delay(
-            controller, mass, length, DELAY if margin is None else margin, period
-        ),
+        measured=measured_delay(controller, plant, DELAY if margin is None else margin, period),
     )
 
 
 def measured_delay(
-    controller: Controller, mass: float, length: float, about: float, period: float = TIMESTEP
+    controller: Controller, plant: CartPoleParameters, about: float, period: float = TIMESTEP
 ) -> float | None:
     """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
 
     Parameters
     ----------
-    mass, length
-        M [kg] and l [m].
     about
         A delay near which to look, from a fifth of it to five times it [s].
     period
         How long the force is held [s].
     """
     scan = scan_levels(about / 5.0, about * 5.0, 7)
-    found = find_threshold(
-        lambda x: motion_decays(controller, mass, length, x, period), scan, TOLERANCE
-    )
+    found = find_threshold(lambda x: motion_decays(controller, plant, x, period), scan, TOLERANCE)
     if found.bound != BRACKETED or found.holds_at is None or found.fails_at is None:
         return None
     return math.sqrt(found.holds_at * found.fails_at)
 
 
 def motion_decays(
-    controller: Controller, mass: float, length: float, delay: float, period: float = TIMESTEP
+    controller: Controller, plant: CartPoleParameters, delay: float, period: float = TIMESTEP
 ) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
 
     Parameters
     ----------
-    mass, length
-        M [kg] and l [m].
     delay
         Transport delay [s].
     period
@@ -185,8 +176,10 @@ def motion_decays(
     scenario = Scenario(
         name="small motion",
         duration=max(1, round(DURATION / period)) * period,
-        cart_mass=constant(mass),
-        half_length=constant(length),
+        cart_mass=constant(plant.cart_mass),
+        half_length=constant(plant.half_length),
+        pole_mass=plant.pole_mass,
+        gravity=plant.gravity,
         initial_state=(0.0, START, 0.0, 0.0),
         imperfections=Imperfections(delay=delay),
     )

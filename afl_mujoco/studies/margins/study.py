@@ -28,6 +28,10 @@ class MarginsConfiguration:
     """Cart masses M of the grid [kg]; the paper's 20 by default."""
     half_lengths: tuple[float, ...] | None = None
     """Half-lengths l of the grid [m]; the paper's 20 by default."""
+    pole_mass: float = 0.05
+    """m of every plant [kg]."""
+    gravity: float = 9.81
+    """g of every plant [m/s^2]."""
     control_period: float = 1e-3
     """How long the sampled loop holds the force [s]."""
     quick: bool = False
@@ -56,7 +60,8 @@ def run(
     found = survey_margins(*request, workers=workers, progress=progress)
     if not configuration.measure:
         return found
-    plants = measured_plants(found.cart_masses, found.half_lengths, few=configuration.quick)
+    pairs = measured_plants(found.cart_masses, found.half_lengths, few=configuration.quick)
+    plants = [request.plant(*pair) for pair in pairs]
     total = len(request.controllers) * len(plants)
     progress("measuring", 0, total)
     measured = compare_delays(

@@ -31,16 +31,27 @@ from afl_mujoco.studies.margins.study import MarginsConfiguration
 QUICK = 4
 """Of how many M and l one is studied in a quick run."""
 
-Unit = tuple[Controller, float, tuple[float, ...], float]
+Unit = tuple[Controller, tuple[CartPoleParameters, ...], float]
 
 
 class Request(NamedTuple):
-    """What is surveyed: controllers, M [kg] and l [m] of the grid, control period [s]."""
+    """What is surveyed: controllers, M [kg] and l [m], control period [s], m [kg], g [m/s^2]."""
 
     controllers: tuple[Controller, ...]
     cart_masses: tuple[float, ...]
     half_lengths: tuple[float, ...]
     control_period: float
+    pole_mass: float
+    gravity: float
+
+    def plant(self, cart_mass: float, half_length: float) -> CartPoleParameters:
+        """Return the plant at a place of the grid."""
+        return CartPoleParameters(
+            cart_mass=cart_mass,
+            half_length=half_length,
+            pole_mass=self.pole_mass,
+            gravity=self.gravity,
+        )
 
 
 def request_of(configuration: MarginsConfiguration) -> Request:
@@ -52,6 +63,8 @@ def request_of(configuration: MarginsConfiguration) -> Request:
         c.cart_masses or CART_MASSES[::every],
         c.half_lengths or HALF_LENGTHS[::every],
         c.control_period,
+        c.pole_mass,
+        c.gravity,
     )
 
 
@@ -60,6 +73,8 @@ def require(
     cart_masses: Sequence[float],
     half_lengths: Sequence[float],
     control_period: float,
+    pole_mass: float,
+    gravity: float,
 ) -> Request:
     """Return what is surveyed, or raise before it is.
 
@@ -77,9 +92,11 @@ def require(
     ):
         if not items or len(set(items)) < len(items):
             raise InvalidValueError(thing, "must hold at least one, each once", list(items))
+    m, g = require_positive("pole_mass", pole_mass), require_positive("gravity", gravity)
+    request = Request(tuple(controllers), masses, lengths, period, m, g)
     for controller in controllers:
-        linearize(controller, CartPoleParameters(cart_mass=masses[0], half_length=lengths[0]))
-    return Request(tuple(controllers), masses, lengths, period)
+        linearize(controller, request.plant(masses[0], lengths[0]))
+    return request
 
 
 def survey_margins(
@@ -87,6 +104,8 @@ def survey_margins(
     cart_masses: Sequence[float] = CART_MASSES,
     half_lengths: Sequence[float] = HALF_LENGTHS,
     control_period: float = 1e-3,
+    pole_mass: float = NOMINAL.pole_mass,
+    gravity: float = NOMINAL.gravity,
     *,
     workers: int = 1,
     progress: Progress = silent,
@@ -99,14 +118,17 @@ def survey_margins(
         The grid, M [kg] and l [m].
     control_period
         Over which the sampled loop holds its force [s].
+    pole_mass, gravity
+        m [kg] and g [m/s^2] of every plant.
     workers
         Processes to share the work among; the result does not depend on it.
     """
-    controllers, masses, lengths, period = require(
-        controllers, cart_masses, half_lengths, control_period
-    )
+    request = require(controllers, cart_masses, half_lengths, control_period, pole_mass, gravity)
+    controllers, masses, lengths, period = request[:4]
     units: list[Unit] = [
-        (controller, mass, lengths, period) for controller in controllers for mass in masses
+        (controller, tuple(request.plant(mass, length) for length in lengths), period)
+        for controller in controllers
+        for mass in masses
     ]
     progress("linearising", 0, len(units))
     advance = counted(progress, "linearising", len(units))
@@ -121,8 +143,8 @@ def survey_margins(
         control_period=period,
         cart_masses=masses,
         half_lengths=lengths,
-        pole_mass=NOMINAL.pole_mass,
-        gravity=NOMINAL.gravity,
+        pole_mass=request.pole_mass,
+        gravity=request.gravity,
         linearisation_step=STEP,
         margins={
             name: ControllerMargins(continuous=_grid(table[:, :, 0]), sampled=_grid(table[:, :, 1]))
@@ -149,12 +171,12 @@ def margins_of_row(unit: Unit) -> NDArray[np.float64]:
     Parameters
     ----------
     unit
-        Controller, M [kg], the half-lengths [m] and the period of the sampled loop [s].
+        Controller, the plants and the period of the sampled loop [s].
     """
-    controller, mass, lengths, period = unit
-    row = np.full((len(lengths), 2, len(METRICS)), np.nan)
-    for place, length in enumerate(lengths):
-        loop = linearize(controller, CartPoleParameters(cart_mass=mass, half_length=length))
+    controller, plants, period = unit
+    row = np.full((len(plants), 2, len(METRICS)), np.nan)
+    for place, plant in enumerate(plants):
+        loop = linearize(controller, plant)
         for kind, held in enumerate((None, period)):
             found = loop_margins(loop, held)
             if found is not None:

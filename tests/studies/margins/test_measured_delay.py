@@ -21,30 +21,47 @@ pytestmark = pytest.mark.slow
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 
 
+def plant(cart_mass: float, half_length: float, **others: float) -> afl.CartPoleParameters:
+    return afl.CartPoleParameters(cart_mass=cart_mass, half_length=half_length, **others)
+
+
+def test_margin_and_measurement_agree_on_a_plant_far_from_the_paper_s() -> None:
+    heavy = plant(8.0, 1.5, pole_mass=2.0, gravity=3.7)
+    found = compare_delay((LQR, heavy, 1e-3))
+    assert abs(found.difference) < 0.01
+    assert found.margin != pytest.approx(delay_margin(LQR, plant(8.0, 1.5)), rel=0.05)
+
+
+def test_the_least_margin_is_of_the_scenario_s_own_pole_and_gravity() -> None:
+    scenario = afl.Scenario(name="heavy", pole_mass=2.0, gravity=3.7, duration=0.5)
+    own = plant(1.0, 0.5, pole_mass=2.0, gravity=3.7)
+    assert least_margin((LQR, (scenario,))).margin == delay_margin(LQR, own)
+
+
 @pytest.mark.parametrize("name", ["adaptive", "lqr", "partial-linearization"])
 def test_margin_and_measurement_agree(name: str) -> None:
-    found = compare_delay((afl.CONTROLLERS[name], 0.5, 0.2, 1e-3))
+    found = compare_delay((afl.CONTROLLERS[name], plant(0.5, 0.2), 1e-3))
     assert found.agrees
     assert abs(found.difference) < 0.01  # far within REACH
 
 
 def test_a_wrong_margin_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = delay_margin(LQR, 1.0, 0.5)
+    true = delay_margin(LQR, plant(1.0, 0.5))
     monkeypatch.setattr(measured_delay, "delay_margin", lambda *plant: true * (1.0 + 2.0 * REACH))
-    found = compare_delay((LQR, 1.0, 0.5, 1e-3))
+    found = compare_delay((LQR, plant(1.0, 0.5), 1e-3))
     assert not found.agrees
     assert found.difference == pytest.approx(1.0 / (1.0 + 2.0 * REACH) - 1.0, abs=0.01)
 
 
 def test_a_limit_cycle_is_no_decay() -> None:
-    margin = delay_margin(ADAPTIVE, 2.0, 0.05)
-    assert motion_decays(ADAPTIVE, 2.0, 0.05, 0.98 * margin)
+    margin = delay_margin(ADAPTIVE, plant(2.0, 0.05))
+    assert motion_decays(ADAPTIVE, plant(2.0, 0.05), 0.98 * margin)
     for factor in (1.02, 1.3, 1.6, 1.9):  # it falls no more than it decays
-        assert not motion_decays(ADAPTIVE, 2.0, 0.05, factor * margin)
+        assert not motion_decays(ADAPTIVE, plant(2.0, 0.05), factor * margin)
 
 
 def test_a_loop_that_is_not_stable_has_no_margin_and_no_threshold() -> None:
-    found = compare_delay((afl.CONTROLLERS["adaptive-nominal"], 0.1, 0.05, 1e-3))
+    found = compare_delay((afl.CONTROLLERS["adaptive-nominal"], plant(0.1, 0.05), 1e-3))
     assert (found.margin, found.measured, found.difference) == (None, None, None)
     assert found.agrees
 
@@ -52,10 +69,10 @@ def test_a_loop_that_is_not_stable_has_no_margin_and_no_threshold() -> None:
 def test_the_least_margin_is_that_of_the_worst_plant_on_the_way() -> None:
     scenario = afl.SCENARIOS["step-step"]
     found = least_margin((LQR, (scenario,)))
-    plants = {
+    pairs = {
         (float(scenario.cart_mass(t)), float(scenario.half_length(t))) for t in (0.5, 1.5, 2.5, 4.0)
     }
-    expected = min((delay_margin(LQR, *plant), *plant) for plant in plants)
+    expected = min((delay_margin(LQR, plant(*pair)), *pair) for pair in pairs)
     assert (found.margin, found.cart_mass, found.half_length) == expected
 
 
@@ -68,13 +85,17 @@ def test_a_plant_that_stands_for_a_tenth_of_a_second_is_on_the_way_too() -> None
     )
     found = least_margin((LQR, (brief,)))
     assert (found.cart_mass, found.half_length) == (0.1, 0.05)
-    assert found.margin == delay_margin(LQR, 0.1, 0.05) < delay_margin(LQR, 1.0, 0.5)
+    assert found.margin == delay_margin(LQR, plant(0.1, 0.05)) < delay_margin(LQR, plant(1.0, 0.5))
 
 
 def test_the_delay_is_measured_with_the_force_held_as_long_as_the_margin_says():
     """Against the eigenvalues of the sampled loop, which for LQR on this plant cross at 15.6 ms."""
-    found = compare_delay((LQR, 2.0, 0.2, 0.02))
-    assert found.margin == delay_margin(LQR, 2.0, 0.2, 0.02) != delay_margin(LQR, 2.0, 0.2)
+    found = compare_delay((LQR, plant(2.0, 0.2), 0.02))
+    assert (
+        found.margin
+        == delay_margin(LQR, plant(2.0, 0.2), 0.02)
+        != delay_margin(LQR, plant(2.0, 0.2))
+    )
     assert found.measured == pytest.approx(15.6e-3, rel=0.03)
     assert not found.agrees
 
