@@ -31,7 +31,8 @@ def delay_margin(
     period
         How long the force is held [s].
     """
-    margins = loop_margins(linearize(controller, plant), period)
+    loop = linearize(controller, plant)
+    margins = loop_margins(loop, period)
     return None if margins is None or not math.isfinite(margins.delay) else margins.delay
 
 
