@@ -16,6 +16,7 @@ from afl_mujoco import (
 from afl_mujoco.cli.main import main
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from tests.program import without_progress
 
 SEED = 20260
 BACKEND = choose_backend()  # before a test imports mujoco
@@ -105,6 +106,6 @@ def command_line(tmp_path, monkeypatch, capsys):
         monkeypatch.chdir(tmp_path)
         code = main(arguments)
         output, errors = capsys.readouterr()
-        return code, output, errors
+        return code, output, without_progress(errors)
 
     return run

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,8 +15,8 @@ COMMAND = (sys.executable, "-m", "afl_mujoco")
 
 
 def run(*arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end in a working folder."""
-    return subprocess.run(
+    """Run a command to its end in a working folder; its lines of progress are left out."""
+    done = subprocess.run(
         [*COMMAND, *arguments],
         cwd=cwd,
         env={**os.environ, **variables},
@@ -24,6 +25,13 @@ def run(*arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedPro
         timeout=300,
         check=False,
     )
+    done.stderr = without_progress(done.stderr)
+    return done
+
+
+def without_progress(said: str) -> str:
+    """Return what was said on stderr, but how far a command that takes long had come."""
+    return re.sub(r"^[^:\n]+: \d+ of \d+\n", "", said, flags=re.MULTILINE)
 
 
 def interrupt(*arguments: str, cwd: Path, once: Callable[[], object], after: float = 0.0) -> None:
