@@ -74,7 +74,7 @@ def test_the_command_that_it_prints_replays_the_failure(folder: Path) -> None:
     )
     assert np.array_equal(shown.state, alone.state)
     bare = run("simulate", arguments[0], "--out", "bare", cwd=folder)
-    assert bare.returncode == 0, bare.stderr
+    assert bare.returncode == 1, bare.stderr
     (file,) = (folder / "bare").glob("*.npz")
     assert np.array_equal(afl.Trajectory.load(file).state, alone.state)
 
