@@ -23,7 +23,7 @@ from afl_mujoco.cli.terminal import (
     INTERRUPTED,
     SUCCESS,
     numbers_apart,
-    told,
+    plain_help,
 )
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
@@ -78,7 +78,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
     if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
-    commands: Any = Union[(*study_commands(), *map(told, OTHERS))]
+    commands: Any = Union[(*study_commands(), *map(plain_help, OTHERS))]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):

@@ -77,8 +77,8 @@ def write_page(folder: Path, films: Path) -> Path:
         (film_sections(films), films),
         ([_reproduce(records), _notation()], folder),
     ]
-    if folder.resolve() != films.resolve():  # compare films into the folder of its result
-        parts.insert(2, (film_sections(folder, "Films of the comparison", "own-films"), folder))
+    if folder.resolve() != films.resolve():  # a study films into the folder of its result
+        parts.insert(2, (film_sections(folder, "Films beside this page", "own-films"), folder))
     verdicts = [record.verdict for record in records if record.verdict]
     verdict = min(verdicts, key=lambda one: one.passed, default=None)  # a failure counts
     write_text(folder / PAGE, to_html(TITLE, parts, folder, lede=LEDE, verdict=verdict))

@@ -73,7 +73,7 @@ class Simulate:
         from afl_mujoco.files import output_folder
         from afl_mujoco.scenario.requirements import NONE
         from afl_mujoco.simulation.figures import draw_runs
-        from afl_mujoco.simulation.judgement import JudgedRun, judge
+        from afl_mujoco.simulation.judgement import judged
         from afl_mujoco.simulation.metrics import metrics
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
         from afl_mujoco.studies.requirements_table import requirements_table, tally
@@ -94,20 +94,15 @@ class Simulate:
         scales = nominal_scales(self.timestep)
         figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
         print_sections([_section(f"{scenario.name}, {controller.name}", runs, figures)], folder)
-        judged = JudgedRun(
-            scenario=scenario.name,
-            controller=controller.name,
-            outcome=str(runs[0].outcome),
-            requirements=judge(scenario, runs[0]),
-        )
+        run = judged(scenario, controller.name, runs[0])
         if scenario.requirements != NONE:
-            requirements = Section("Requirements", "requirements", [requirements_table([judged])])
+            requirements = Section("Requirements", "requirements", [requirements_table([run])])
             print_sections([requirements], folder)
         for remark in controller.remarks(scenario.assumed_plants):
             print(f"{controller.name}: {remark}")
         print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
-        print_verdict(Verdict(not judged.missed, tally([judged])))
-        return CHECK_FAILED if judged.missed else SUCCESS
+        print_verdict(Verdict(not run.missed, tally([run])))
+        return CHECK_FAILED if run.missed else SUCCESS
 
     def _simulate(
         self, scenario: Scenario, controller: Controller, simulator: str, integrator: str

@@ -17,8 +17,8 @@ from afl_mujoco.cli.terminal import (
     RESULTS,
     SUCCESS,
     bars,
+    plain_help,
     separated,
-    told,
     typed,
 )
 from afl_mujoco.errors import InvalidValueError
@@ -69,7 +69,7 @@ class StudyCommand:
                 record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
             )
         print_sections(record.sections, folder)
-        files += study.write_films(result, folder)
+        files += study.write_films(result, folder, record.command)
         if self.page:
             files.append(write_page(folder, self.films))
         print(f"wrote {_told(files)}")
@@ -138,5 +138,5 @@ def _command(study: Study) -> Any:
     }
     name = f"{study.configuration.__name__}Command"
     made = type(name, (StudyCommand, *mixed, study.configuration), members)
-    command: Any = told(dataclass(frozen=True, kw_only=True)(made))
+    command: Any = plain_help(dataclass(frozen=True, kw_only=True)(made))
     return Annotated[command, tyro.conf.subcommand(study.name)]

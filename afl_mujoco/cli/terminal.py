@@ -50,7 +50,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def told(kind: type[Command]) -> type[Command]:
+def plain_help(kind: type[Command]) -> type[Command]:
     """Return the dataclass of a command, its help without defaults that say nothing.
 
     They are None, of which the option's own words say what stands for it, and those of switches.
@@ -66,22 +66,15 @@ def told(kind: type[Command]) -> type[Command]:
 @contextlib.contextmanager
 def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
     """Give a callable that advances a bar by one, given what has been done."""
-    with _shown() as add:
+    with bars() as add:
         update, done = add(doing, total), itertools.count(1)
         yield lambda what: update(next(done), what)
 
 
 @contextlib.contextmanager
-def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
-    """Give a callable that adds a bar, by what it says and its total, and returns what sets it."""
-    with _shown() as add:
-        yield add
-
-
-@contextlib.contextmanager
 def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
     """Give a callable that sets a bar to how many are done, as sweeps count."""
-    with _shown() as add:
+    with bars() as add:
         yield add(doing, total)
 
 
@@ -103,8 +96,11 @@ def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
 
 
 @contextlib.contextmanager
-def _shown() -> Iterator[Callable[[str, int], Callable[..., None]]]:
-    """Give what adds a bar on stderr; elsewhere than on a terminal, a line now and then."""
+def bars() -> Iterator[Callable[[str, int], Callable[..., None]]]:
+    """Give what adds a bar, by what it says and its total, and returns what sets it.
+
+    It is on stderr; elsewhere than on a terminal it is a line now and then.
+    """
     from rich.console import Console
     from rich.progress import Progress
 

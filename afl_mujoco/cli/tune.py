@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, progress_bar, told
+from afl_mujoco.cli.terminal import SUCCESS, count_bar, plain_help, progress_bar
 
 if TYPE_CHECKING:
     from afl_mujoco.control.gain_table import GainTable
     from afl_mujoco.studies.gain_tuning.gain_table import PairSearch
 
 
-@told
+@plain_help
 @dataclass(frozen=True, kw_only=True)
 class Table:
     """Search the best gains of every plant of a grid by the paper's genetic algorithm.
@@ -128,7 +128,7 @@ def _print_rows(table: GainTable) -> None:
               " in MuJoCo {:.6f}".format(*row))  # fmt: skip
 
 
-@told
+@plain_help
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """Fit the gain function (G1) to a gain table, by the paper's search and by least squares.

@@ -23,6 +23,7 @@ from afl_mujoco.files import parse_json, write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.parameters import departures
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
@@ -228,8 +229,7 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     found = asdict(table)
     del found["replay"]
     for name, one in (("imperfections", s.imperfections), ("requirements", s.requirements)):
-        given = {f.name: getattr(one, f.name) for f in fields(one)}
-        found[name] = {f.name: given[f.name] for f in fields(one) if given[f.name] != f.default}
+        found[name] = departures(one)
         if not found[name]:
             del found[name]
     return found

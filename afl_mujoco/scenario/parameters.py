@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from types import UnionType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,12 @@ def require_type(thing: str, value: object, kind: type | UnionType) -> None:
             one.__name__ for one in (kind.__args__ if isinstance(kind, UnionType) else (kind,))
         ]
         raise InvalidValueError(thing, f"must be of type {' or '.join(names)}", repr(value))
+
+
+def departures(table: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that are not its defaults, by name."""
+    values = {field.name: (getattr(table, field.name), field.default) for field in fields(table)}
+    return {name: value for name, (value, default) in values.items() if value != default}
 
 
 def require_distinct(thing: str, names: Sequence[str]) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import fields
 
 from afl_mujoco.document.numbers import short
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.parameters import departures
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
 
@@ -33,21 +33,14 @@ def describe(scenario: Scenario) -> list[tuple[str, str]]:
         ("disturbances", _disturbances(scenario)),
         ("start", start),
         ("horizon", f"{short(scenario.duration)} s"),
-        ("imperfections", departures(scenario.imperfections)),
+        ("imperfections", departures_text(scenario.imperfections)),
     ]
 
 
-def departures(imperfections: Imperfections) -> str:
+def departures_text(imperfections: Imperfections) -> str:
     """Say what is not ideal, by the keys of a scenario file."""
-    found = {field.name: getattr(imperfections, field.name) for field in fields(imperfections)}
-    return (
-        "; ".join(
-            f"{field.name} = {found[field.name]}"
-            for field in fields(imperfections)
-            if found[field.name] != field.default
-        )
-        or "none"
-    )
+    found = departures(imperfections)
+    return "; ".join(f"{name} = {value}" for name, value in found.items()) or "none"
 
 
 def schedule_text(schedule: Schedule, unit: str, until: float) -> str:

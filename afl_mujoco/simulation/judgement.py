@@ -83,6 +83,16 @@ class JudgedRun:
         return [one for one in self.requirements if not one.met]
 
 
+def judged(scenario: Scenario, controller: str, run: Trajectory) -> JudgedRun:
+    """Return a controller's run with what it made of the requirements."""
+    return JudgedRun(
+        scenario=scenario.name,
+        controller=controller,
+        outcome=str(run.outcome),
+        requirements=judge(scenario, run),
+    )
+
+
 def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
     """Judge a run by the requirements of its scenario, in the order of `UNITS`."""
     return tuple(_judgements(scenario, run))

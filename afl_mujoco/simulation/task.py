@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite, require_positive
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
@@ -194,8 +194,7 @@ def load(
     AflMujocoError
         If a setting breaks its rule.
     """
-    if not isinstance(scenario, Scenario):
-        scenario = find_scenario(str(scenario))
+    scenario = as_scenario(scenario)
     period = timestep if control_period is None else control_period
     hold = whole_steps("control_period", period, "timestep", timestep)
     task = Balance(

@@ -15,7 +15,7 @@ A study is a package of this folder:
     study that judges, whose command ends with it and fails where it does.
 ``films.py``
     Only for a study that can film what it ran: ``require(folder)`` raises before the run,
-    ``write(result, folder)`` returns the films, made once the result has been written.
+    ``write(result, folder, command)`` returns the films, made once the result has been written.
 ``files.py``
     Only for a study that writes more than figures: ``require(folder)`` raises before the run,
     ``write(result, folder)`` returns what it wrote.
@@ -135,9 +135,17 @@ class Study:
         """Write what it has besides its figures; return what that is."""
         return list(self._module("files").write(result, folder)) if self._has("files") else []
 
-    def write_films(self, result: Any, folder: Path) -> list[Path]:
-        """Film what was run, if the study does and it was asked for; return the films."""
-        return list(self._module("films").write(result, folder)) if self._has("films") else []
+    def write_films(self, result: Any, folder: Path, command: str) -> list[Path]:
+        """Film what was run, if the study does and it was asked for; return the films.
+
+        Parameters
+        ----------
+        command
+            What made the result, and so the films.
+        """
+        if not self._has("films"):
+            return []
+        return list(self._module("films").write(result, folder, command))
 
     def _has(self, module: str) -> bool:
         """Return whether its package has a module."""

@@ -17,6 +17,7 @@ from afl_mujoco.control.compiled_controller import compiled_force, force_from_in
 from afl_mujoco.control.estimation.estimator import filtered_state
 from afl_mujoco.control.estimation.estimator import start as begin_estimate
 from afl_mujoco.control.estimation.estimator import update as update_estimate
+from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.simulation.mujoco_model import (
     impulse_jump,
     mj_reset_data,
@@ -36,7 +37,7 @@ from afl_mujoco.simulation.trajectory import (
     within_limits,
 )
 
-BAND_Z, BAND_PHI = 0.05, 0.02
+BAND_Z, BAND_PHI = NONE.position_band, NONE.angle_band
 """A run is settled while ``|z|`` and ``|phi|`` stay within these [m, rad]."""
 
 SETTLED = len(OUTCOMES)

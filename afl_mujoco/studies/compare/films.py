@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
-from dataclasses import fields
 from pathlib import Path
 
 from afl_mujoco.films.listing import REMOVE, load_listing, unlist_films
-from afl_mujoco.studies.compare.result import FilmRequest, Result
-from afl_mujoco.studies.compare.study import Compare
-
-MADE_BY = ("afl-mujoco", "compare")
+from afl_mujoco.studies.compare.result import Result
+from afl_mujoco.studies.compare.study import STUDY
 
 
 def require(folder: Path) -> None:
@@ -18,13 +14,13 @@ def require(folder: Path) -> None:
     load_listing(folder, REMOVE)
 
 
-def write(result: Result, folder: Path) -> list[Path]:
+def write(result: Result, folder: Path, command: str) -> list[Path]:
     """Film the controllers side by side, an MP4 for each scenario, if that was asked for.
 
     Films of an earlier comparison go: they would stand beside numbers that are not theirs.
     """
     asked = result.film
-    unlist_films(folder, lambda entry: entry.command.startswith(shlex.join(MADE_BY)))
+    unlist_films(folder, lambda entry: entry.command.startswith(STUDY.command))
     if asked is None:
         return []
     from afl_mujoco.control.catalogue import find_controller
@@ -39,25 +35,9 @@ def write(result: Result, folder: Path) -> list[Path]:
         integrator=result.integrator,
     )
     films = []
-    for scenario, name in zip(result.scenarios, asked.scenarios, strict=True):
+    for scenario in result.scenarios:
         runs = zip(controllers, result.runs_on(scenario), strict=True)
         shown = [controller for controller, run in runs if run.metrics]  # the others failed
         if shown:
-            command = shlex.join((*MADE_BY, name, *_options(result, asked)))
             films.append(side_by_side(scenario, shown, deployment, command=command))
     return make_films(films, folder) if films else []
-
-
-def _options(result: Result, asked: FilmRequest) -> list[str]:
-    """Return the options of the command that makes a film, those that are not the default."""
-    options = ["--controllers", *asked.controllers, "--film"]
-    given = {
-        "gain_labels": asked.gain_labels,
-        "timestep": result.timestep,
-        "control_period": result.control_period,
-        "integrator": result.integrator,
-    }
-    for field in fields(Compare):
-        if field.name in given and given[field.name] != field.default:
-            options += [f"--{field.name.replace('_', '-')}", str(given[field.name])]
-    return options

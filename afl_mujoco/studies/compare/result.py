@@ -39,9 +39,8 @@ class Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmRequest:
-    """Scenarios and controllers as they were asked for, and the reading of the paper's gains."""
+    """Controllers as they were asked for, and the reading of the paper's gains."""
 
-    scenarios: tuple[str, ...]
     controllers: tuple[str, ...]
     gain_labels: str
 

@@ -49,7 +49,23 @@ class Compare:
 
 def check(configuration: Compare) -> None:
     """Raise at what breaks a rule."""
-    _asked(configuration)
+    c = configuration
+    scenarios, controllers = _asked(c)
+
+    from afl_mujoco.studies.compare.comparison import require_comparable
+
+    require_comparable(
+        scenarios,
+        controllers,
+        timestep=c.timestep,
+        control_period=c.control_period,
+        integrator=c.integrator,
+    )
+    if c.film:
+        from afl_mujoco.films.plan import AS_IS, side_by_side
+
+        for scenario in scenarios:  # raises if it does not last a frame
+            side_by_side(scenario, controllers, AS_IS)
 
 
 def run(configuration: Compare, *, progress: Progress = silent) -> Result:
@@ -69,7 +85,7 @@ def run(configuration: Compare, *, progress: Progress = silent) -> Result:
     )
     if not c.film:
         return result
-    film = FilmRequest(scenarios=c.scenarios, controllers=c.controllers, gain_labels=c.gain_labels)
+    film = FilmRequest(controllers=c.controllers, gain_labels=c.gain_labels)
     return replace(result, film=film)
 
 
@@ -85,22 +101,8 @@ def _asked(configuration: Compare) -> tuple[list[Scenario], list[Controller]]:
         require_backend()  # before MuJoCo
 
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.studies.compare.comparison import require_comparable
 
-    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
-    require_comparable(
-        scenarios,
-        controllers,
-        timestep=c.timestep,
-        control_period=c.control_period,
-        integrator=c.integrator,
-    )
-    if c.film:
-        from afl_mujoco.films.plan import AS_IS, side_by_side
-
-        for scenario in scenarios:  # raises if it does not last a frame
-            side_by_side(scenario, controllers, AS_IS)
-    return scenarios, controllers
+    return scenarios, [find_controller(name, c.gain_labels) for name in c.controllers]
 
 
 STUDY = Study(

@@ -19,7 +19,7 @@ from afl_mujoco.document.blocks import (
 )
 from afl_mujoco.document.numbers import fixed, listed, percent, sentence, short
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
-from afl_mujoco.scenario.words import departures
+from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.requirements_table import in_words
@@ -89,7 +89,7 @@ def _meaning(result: Result) -> str:
             text += f"{listed(asked, 'and')}."
         if scenario.imperfections != IDEAL:
             text += f" Each imperfection is on top of those of {scenario.name} itself, in place of "
-            text += f"one of the same key: {departures(scenario.imperfections)}."
+            text += f"one of the same key: {departures_text(scenario.imperfections)}."
     return text
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 from afl_mujoco.control.catalogue import GainError, find_controller
@@ -15,7 +15,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections
-from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.parameters import departures, require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import require_integrator
@@ -46,7 +46,8 @@ from afl_mujoco.studies.thresholds.study import DEFAULT, QUICK, Thresholds
 
 SCENARIO, DELAY = "step-step", "delay"
 
-NOISE = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
+NOISE = {field for one in IMPERFECTIONS if one.seeded for field in one.fields}
+"""Fields of a scenario's imperfections that draw random numbers."""
 
 METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 """Metrics of a run, in SI units, as of `Rollouts`."""
@@ -116,9 +117,7 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Imperfections]) -> list
 
 def _on_top(own: Imperfections, added: Imperfections) -> Imperfections:
     """Return imperfections with those of others in place of theirs, and another seed."""
-    given = {f.name: getattr(added, f.name) for f in fields(added)}
-    changed = {f.name: given[f.name] for f in fields(added) if given[f.name] != f.default}
-    return replace(own, **{**changed, "seed": own.seed + added.seed})
+    return replace(own, **{**departures(added), "seed": own.seed + added.seed})
 
 
 def judge(

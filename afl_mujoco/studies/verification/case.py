@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from afl_mujoco.simulation.judgement import JudgedRun
-from afl_mujoco.simulation.judgement import judge as judge_run
+from afl_mujoco.simulation.judgement import JudgedRun, judged
 from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, Run, closed_loop_runs, reported_runs
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
@@ -40,12 +39,7 @@ def judge(case: Case) -> Judged:
     return Judged(
         closed_loop_checks(scenario, controller, runs),
         reported_runs(scenario, controller, runs),
-        JudgedRun(
-            scenario=scenario.name,
-            controller=controller.name,
-            outcome=str(runs[DEPLOYED].outcome),
-            requirements=judge_run(scenario, runs[DEPLOYED]),
-        ),
+        judged(scenario, controller.name, runs[DEPLOYED]),
         explanation,
         select_curves(
             scenario,

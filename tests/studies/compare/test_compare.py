@@ -92,8 +92,8 @@ def test_a_gain_beyond_its_table_is_remarked_on(result) -> None:
     assert "found for l 0.05 to 1 m, and l reaches 1.5 m here" in remarks["adaptive"]
 
 
-def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line: object) -> None:
-    code, output, errors = command_line(  # type: ignore[operator]
+def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) -> None:
+    code, output, errors = command_line(
         "compare", "rig.toml", "--controllers", "lqr", "compared:Counting", "compared:zero",
         "compared:late", "--out", "out",
     )  # fmt: skip
