@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.imperfections import IDEAL
+from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.studies.monte_carlo.features import FEATURES
-from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
 
@@ -63,7 +64,7 @@ def main() -> None:
     options = parser.parse_args()
     result = load_record(find_study("montecarlo"), options.folder).result
     count, seed = result.samples, result.seed
-    rigs = [sample_scenario(SampleSpace(), i, seed) for i in range(count)]
+    rigs = [sample_scenario(SampleSpace(LABORATORY), i, seed) for i in range(count)]
     for rates in result.controllers:
         name = rates.controller
         files = [options.folder / failure.file for failure in rates.failures]

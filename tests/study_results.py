@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.document.blocks import Section
+from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.simulation.attraction.grid import AttractionMap, Settling, state_grid
 from afl_mujoco.simulation.judgement import Judgement
 from afl_mujoco.simulation.metrics import UNITS
@@ -24,7 +26,6 @@ from afl_mujoco.studies.estimation.tracking import Ramp, Step, Tracking
 from afl_mujoco.studies.margins import result as margins_result
 from afl_mujoco.studies.margins.measured_delay import DelayComparison
 from afl_mujoco.studies.monte_carlo import result as monte_carlo_result
-from afl_mujoco.studies.monte_carlo.space import SampleSpace
 from afl_mujoco.studies.record import Record, load_records, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.thresholds import result as thresholds_result
@@ -138,7 +139,7 @@ def thresholds(
 
 def monte_carlo() -> monte_carlo_result.Result:
     """Return rates, a comparison and worst cases; the controllers were asked for nastily."""
-    space = SampleSpace()
+    space = SampleSpace(LABORATORY)
     return monte_carlo_result.Result(
         seed=1,
         samples=60,
@@ -148,14 +149,15 @@ def monte_carlo() -> monte_carlo_result.Result:
         space=space,
         controllers=tuple(
             monte_carlo_result.ControllerRates(
-                controller=name, asked=NASTY, samples=60, survived=survived, rate=survived / 60,
+                controller=name, asked=NASTY, samples=60, passed=survived, rate=survived / 60,
                 interval=(0.8608, 0.9896), settled=18, settled_rate=0.3,
                 settled_interval=(0.1884, 0.4321), median_displacement=1.234,
                 largest_displacement=5.6,
                 failures_by_outcome={"fell": 60 - survived, "diverged": 0, "controller failed": 0},
+                missed={},
                 failures=tuple(
                     monte_carlo_result.Failure(
-                        index=i, outcome="fell", end_time=2.5, message=None,
+                        index=i, outcome="fell", end_time=2.5, message=None, missed=(),
                         file=f"montecarlo/{name}/failure-0007.toml" if i == 7 else None,
                     )
                     for i in range(7, 67 - survived)
@@ -172,7 +174,7 @@ def monte_carlo() -> monte_carlo_result.Result:
         worst_cases=tuple(
             monte_carlo_result.WorstCase(
                 controller=name, question="hardest", failed=failed, outcome="fell", end_time=9.9,
-                message=None, severity=1.5, distance=0.43, runs=33,
+                message=None, missed=(), severity=1.5, robustness=None, distance=0.43, runs=33,
                 changes={"rail_friction": 0.99, "delay": 0.5},
                 point=tuple(space.reference.tolist()), noise=3,
                 file=f"montecarlo/{name}/hardest.toml",

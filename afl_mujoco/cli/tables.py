@@ -19,8 +19,9 @@ from pathlib import Path
 from afl_mujoco.document.markdown import cells_as_table, rewrite
 from afl_mujoco.errors import FileError
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.laboratory import LABORATORY, REASONS
 from afl_mujoco.scenario.requirements import BANDS, UNITS, Requirements
-from afl_mujoco.studies.monte_carlo.space import SampleSpace
+from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.thresholds.classes import level_text
@@ -138,10 +139,10 @@ def _factor(factor: float) -> str:
 def space_table() -> str:
     """Return the space of random hardware: unit, range, why."""
     rows = []
-    for name, unit, value, why in SampleSpace().quantities():
+    for name, unit, value in SampleSpace(LABORATORY).quantities():
         ends = value if isinstance(value, tuple) else (value,)
-        text = " to ".join("none" if x is None else f"{x:.4g}" for x in ends)
-        rows.append((f"`{name}`", unit, text, why))
+        text = " to ".join(f"{x:.4g}" for x in ends)
+        rows.append((f"`{name}`", unit, text, REASONS[name]))
     return cells_as_table(("field", "unit", "range", "why"), rows)
 
 

@@ -24,6 +24,7 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import departures
+from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
@@ -117,7 +118,11 @@ class _File:
     disturbances: list[_Disturbance] = field(default_factory=list)
     imperfections: Imperfections = field(default_factory=Imperfections)
     requirements: Requirements = field(default_factory=Requirements)
+    ranges: dict[str, Any] = field(default_factory=dict)
     replay: Replay = field(default_factory=Replay)
+
+
+_ABSENT_WHERE_EMPTY = ("imperfections", "requirements", "ranges")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -203,8 +208,8 @@ def as_scenario(scenario: Scenario | str | Path) -> Scenario:
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 
-    Every default is written out, but for `imperfections` and `requirements`, of which only what is
-    not the default.
+    Every default is written out, but for `imperfections`, `requirements` and `ranges`, of which
+    only what is not the default.
 
     Parameters
     ----------
@@ -225,14 +230,13 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
         initial_state=list(s.initial_state),
         schedule=_Schedules(**knots),
         disturbances=[{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances],
+        ranges=s.ranges.table,
     )
     found = asdict(table)
     del found["replay"]
     for name, one in (("imperfections", s.imperfections), ("requirements", s.requirements)):
         found[name] = departures(one)
-        if not found[name]:
-            del found[name]
-    return found
+    return {key: value for key, value in found.items() if value or key not in _ABSENT_WHERE_EMPTY}
 
 
 def _read(path: Path) -> _File:
@@ -268,12 +272,15 @@ def _scenario(file: _File, default_name: str) -> Scenario:
     for i, disturbance in enumerate(file.disturbances):
         with _within(f"disturbances[{i}]."):
             disturbances.append(_built(disturbance))
+    with _within("ranges."):
+        ranges = Ranges.of(file.ranges)
     name = default_name if file.name is None else file.name
     return Scenario(
         name=name,
         disturbances=tuple(disturbances),
         imperfections=file.imperfections,
         requirements=file.requirements,
+        ranges=ranges,
         **given,
     )
 

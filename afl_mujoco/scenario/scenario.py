@@ -21,6 +21,7 @@ from afl_mujoco.scenario.parameters import (
     require_positive,
     require_type,
 )
+from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.requirements import NONE, Requirements
 from afl_mujoco.scenario.schedules import Schedule, constant
 
@@ -83,6 +84,9 @@ class Scenario:
         Departures from the ideal loop, which only sampled mode simulates.
     requirements
         What a run has to achieve.
+    ranges
+        What varies from run to run where runs are drawn at random; a simulator simulates the
+        scenario as it is.
 
     Raises
     ------
@@ -100,6 +104,7 @@ class Scenario:
     duration: float = 20.0
     imperfections: Imperfections = IDEAL
     requirements: Requirements = NONE
+    ranges: Ranges = FIXED
 
     def __post_init__(self) -> None:
         """Validate every field and normalise its type."""
@@ -135,6 +140,7 @@ class Scenario:
                 raise InvalidValueError("disturbance", rule, end)
         require_type("requirements", self.requirements, Requirements)
         self.requirements.require_decidable(self.duration, self.disturbances)
+        require_type("ranges", self.ranges, Ranges)
 
     @property
     def plants(self) -> PlantRange:

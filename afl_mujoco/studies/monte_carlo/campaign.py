@@ -13,10 +13,13 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.ranges import SCHEDULES
+from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import require_integrator
+from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.studies.monte_carlo.rates import Pairing, Rate, pair
-from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
 
 CHUNK = 20
@@ -71,27 +74,32 @@ class Campaign:
         """How many samples there are."""
         return len(next(iter(self.trials.values())))
 
-    def survival(self, name: str) -> Rate:
-        """Return how often a controller survived to the end."""
-        return Rate(sum(trial.survived for trial in self.trials[name]), self.samples)
+    @property
+    def judged(self) -> bool:
+        """Whether the scenario has requirements, which decide what passes."""
+        return self.space.scenario.requirements != NONE
+
+    def success(self, name: str) -> Rate:
+        """Return how often a controller passed, as of `Trial.passed`."""
+        return Rate(sum(trial.passed for trial in self.trials[name]), self.samples)
 
     def settling(self, name: str) -> Rate:
         """Return how often a controller settled."""
         return Rate(sum(trial.settled for trial in self.trials[name]), self.samples)
 
     def failures(self, name: str) -> list[int]:
-        """Return the indices of the samples that a controller did not survive."""
-        return [i for i, trial in enumerate(self.trials[name]) if not trial.survived]
+        """Return the indices of the samples that a controller did not pass."""
+        return [i for i, trial in enumerate(self.trials[name]) if not trial.passed]
 
     def peak_displacement(self, name: str) -> tuple[float, float] | None:
-        """Return median and largest of the peaks of abs(z) [m] of a controller's survivors."""
-        peaks = [trial.peak_z for trial in self.trials[name] if trial.survived]
+        """Return median and largest of the peaks of abs(z) [m] of the runs that passed."""
+        peaks = [trial.peak_z for trial in self.trials[name] if trial.passed]
         return (float(np.median(peaks)), max(peaks)) if peaks else None
 
     def pairings(self) -> dict[tuple[str, str], Pairing]:
         """Return every two controllers compared."""
-        survived = {name: [t.survived for t in found] for name, found in self.trials.items()}
-        return {(a, b): pair(survived[a], survived[b]) for a, b in combinations(survived, 2)}
+        passed = {name: [t.passed for t in found] for name, found in self.trials.items()}
+        return {(a, b): pair(passed[a], passed[b]) for a, b in combinations(passed, 2)}
 
 
 def run_campaign(
@@ -147,10 +155,12 @@ def require_campaign(
     if not 0 <= seed <= LARGEST_SEED:
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
     require_integrator(settings.integrator)
-    for thing in ("control_period", "duration"):
-        whole_steps(thing, getattr(space, thing), "timestep", settings.timestep)
-    masses, lengths = (np.linspace(*bounds, 21) for bounds in (space.cart_mass, space.half_length))
+    scenario = space.scenario
+    period = control_period_of(scenario, None, settings.timestep)
+    for thing, length in (("control_period", period), ("duration", scenario.duration)):
+        whole_steps(thing, length, "timestep", settings.timestep)
+    masses, lengths = (np.linspace(*space.bounds(name), 21) for name in SCHEDULES)
     plants = np.meshgrid(masses, lengths)
     for controller in controllers:
         if not controller.interpreted:  # raises if a gain is not positive
-            controller.inputs_along_run(plants[0], plants[1], *space.constants)
+            controller.inputs_along_run(*plants, scenario.pole_mass, scenario.gravity)

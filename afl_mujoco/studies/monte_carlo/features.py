@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.stats import ks_2samp
 
 from afl_mujoco.scenario.imperfections import DRAWS
+from afl_mujoco.scenario.ranges import HARDWARE, unit_of
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_scenario
 
 
 def _imperfection(name: str, scale: float) -> Callable[[Scenario], float]:
@@ -42,12 +43,15 @@ FEWEST = 5
 
 
 def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArray[np.float64]]:
-    """Return every feature of every sample of a campaign, each of shape (samples,)."""
+    """Return every feature that varies over the samples of a campaign, each of shape (samples,)."""
     scenarios = [sample_scenario(space, i, seed) for i in range(samples)]
-    return {
-        name: np.array([feature(scenario) for scenario in scenarios])
-        for name, feature in FEATURES.items()
+    own = [name for name in HARDWARE if name in space.varied and name not in DRAWS]
+    known = {**FEATURES, **{f"{n} [{unit_of(n)}]": _imperfection(n, 1.0) for n in own}}
+    found = {
+        label: np.array([feature(scenario) for scenario in scenarios])
+        for label, feature in known.items()
     }
+    return {label: values for label, values in found.items() if np.ptp(values) > 0.0}
 
 
 def most_separating(

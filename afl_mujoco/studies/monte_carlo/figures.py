@@ -20,22 +20,24 @@ _MARKERS = "osD^vP"
 
 
 def draw_rates(result: Result) -> Figure:
-    """Draw how often each controller survives, and settles, with the intervals."""
+    """Draw how often each controller passes and, without requirements, settles; with intervals."""
+    passes = "meets all" if result.judged else "survives"
     names = [rates.controller for rates in result.controllers]
     found = colours(names)
     figure = new_figure(7.5, 1.3 + 0.55 * len(names))
     axis = figure.subplots()
     for row, rates in enumerate(result.controllers):
         colour = found[rates.controller]
-        for rate, up in ((rates.survival, True), (rates.settling, False)):
-            place = row + (-0.14 if up else 0.14)
+        shown = [(rates.success, True)] + [(rates.settling, False)] * (not result.judged)
+        for rate, up in shown:
+            place = row if result.judged else row + (-0.14 if up else 0.14)
             low, high = (100.0 * x for x in rate.interval)
             axis.plot([low, high], [place, place], color=colour, linewidth=2.2)
             axis.plot(
                 100.0 * rate.share, place, "o", color=colour, markersize=7.0,
                 markerfacecolor=colour if up else "white",
             )  # fmt: skip
-            words = f"{'survives' if up else 'settles'} {100.0 * rate.share:.1f} %"
+            words = f"{passes if up else 'settles'} {100.0 * rate.share:.1f} %"
             right = high > 78.0  # no room to the right
             axis.annotate(
                 words, (low if right else high, place), textcoords="offset points",
@@ -51,7 +53,7 @@ def draw_rates(result: Result) -> Figure:
 
 
 def failed_by_controller(result: Result) -> dict[str, NDArray[np.bool_]]:
-    """Return for each controller which samples it did not survive, shape (samples,)."""
+    """Return for each controller which samples it did not pass, shape (samples,)."""
     found = {}
     for rates in result.controllers:
         found[rates.controller] = np.zeros(result.samples, dtype=np.bool_)
@@ -70,11 +72,15 @@ def draw_failures(result: Result) -> Figure:
     """Draw the failure rate over the features that separate failures from survivors best."""
     features, chosen = separating_features(result)
     failed = failed_by_controller(result)
-    figure = new_figure(10.5, 6.0)
-    panels = figure.subplots(PANELS // COLUMNS, COLUMNS, sharey=True)
-    for axis, feature in zip(panels.flat, chosen, strict=True):
+    columns = min(COLUMNS, len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure = new_figure(3.5 * columns if columns > 1 else 5.0, 0.6 + 2.7 * rows)
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for axis, feature in zip(panels.flat, chosen, strict=False):
         _draw_feature(axis, features[feature], failed)
         axis.set_xlabel(feature)
+    for axis in panels.flat[len(chosen) :]:
+        axis.set_axis_off()
     for axis in panels[:, 0]:
         axis.set_ylabel("failures [% of the samples]")
     panels[0, 0].set_ylim(bottom=-0.03 * panels[0, 0].get_ylim()[1])  # room for a point at zero

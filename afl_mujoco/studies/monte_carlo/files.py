@@ -10,10 +10,9 @@ from pathlib import Path
 
 from afl_mujoco.errors import FileError
 from afl_mujoco.scenario.files import Replay, save_scenario
+from afl_mujoco.scenario.sample_space import sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.result import FOLDER, NAMES, Result
-from afl_mujoco.studies.monte_carlo.space import sample_scenario
-from afl_mujoco.studies.monte_carlo.worst_case import worst_scenario
 
 _OURS = re.compile(r"failure-\d{4,}\.toml|" + "|".join(map(re.escape, NAMES.values())))
 
@@ -43,9 +42,7 @@ def write(result: Result, folder: Path) -> list[Path]:
         for failure in rates.failures
         if failure.file
     }
-    for one in result.worst_cases:
-        place = one.point, one.noise, seed
-        scenarios[one.file] = worst_scenario(space, *place, one.question, one.controller)
+    scenarios |= {one.file: result.scenario_of(one) for one in result.worst_cases}
     replays = {
         rates.controller: Replay(controller=rates.asked, integrator=result.integrator)
         for rates in result.controllers

@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.sample_space import SampleSpace
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.rates import CONFIDENCE, Rate
-from afl_mujoco.studies.monte_carlo.space import SampleSpace
 from afl_mujoco.studies.monte_carlo.trial import ENDINGS, Trial
-from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST, Found
+from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST, Found, worst_scenario
 
 FOLDER = "montecarlo"
 """Of the scenario files; it holds a folder for each controller."""
@@ -24,7 +26,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
-    """A sample that a controller did not survive.
+    """A sample that a controller did not pass.
 
     Attributes
     ----------
@@ -34,6 +36,8 @@ class Failure:
         How and when the run ended [s]; no time if the controller failed.
     message
         What the controller did, if it failed.
+    missed
+        The requirements that were not met.
     file
         Its scenario file beside the result; None if it was not kept.
     """
@@ -42,25 +46,29 @@ class Failure:
     outcome: str
     end_time: float | None
     message: str | None
+    missed: tuple[str, ...]
     file: str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControllerRates:
-    """How often one controller survived and settled.
+    """How often one controller passed, and settled.
 
     Attributes
     ----------
     controller, asked
         Its name, and what it was asked for by.
-    samples, survived, settled
-        Counts.
+    samples, passed, settled
+        Counts: of samples; of runs that met the requirements or, where there are none, survived to
+        the end; of runs that settled.
     rate, settled_rate
         As shares [1], with exact intervals.
     median_displacement, largest_displacement
-        Of the peaks of abs(z) over the survivors [m]; None without any.
+        Of the peaks of abs(z) over the runs that passed [m]; None without any.
     failures_by_outcome
-        Counts by the way in which a run can fail.
+        Counts by the way in which a run can end early.
+    missed
+        Counts of runs that did not meet each requirement.
     failures
         By index.
     """
@@ -68,7 +76,7 @@ class ControllerRates:
     controller: str
     asked: str
     samples: int
-    survived: int
+    passed: int
     rate: float
     interval: Interval
     settled: int
@@ -77,12 +85,13 @@ class ControllerRates:
     median_displacement: float | None
     largest_displacement: float | None
     failures_by_outcome: dict[str, int]
+    missed: dict[str, int]
     failures: tuple[Failure, ...]
 
     @property
-    def survival(self) -> Rate:
-        """How many of how many survived."""
-        return Rate(self.survived, self.samples)
+    def success(self) -> Rate:
+        """How many of how many passed."""
+        return Rate(self.passed, self.samples)
 
     @property
     def settling(self) -> Rate:
@@ -92,7 +101,7 @@ class ControllerRates:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Two controllers on the same samples: how many both survived, one alone, none.
+    """Two controllers on the same samples: how many both passed, one alone, none.
 
     The p-value is of McNemar's exact test.
     """
@@ -114,16 +123,16 @@ class WorstCase:
     ----------
     controller, question
         Its name, and what was searched: `HARDEST` or `NEAREST`.
-    failed, outcome, end_time, message
+    failed, outcome, end_time, message, missed
         How the run ended, as of `Failure`.
-    severity
-        As of `Trial.severity`.
+    severity, robustness
+        As of `Trial`; no robustness without requirements, or where the run ended early.
     distance
-        From the paper's nominal run in the cube, as a share of the cube's diagonal.
+        From the scenario itself in the cube, as a share of the cube's diagonal.
     runs
         How many the search took.
     changes
-        By coordinate, how far it is from the nominal run as a share of its range, farthest first.
+        By coordinate, how far it is from there as a share of its range, farthest first.
     point, noise
         Where it lies in the cube, and the index of the sample whose noise it has.
     file
@@ -136,7 +145,9 @@ class WorstCase:
     outcome: str
     end_time: float | None
     message: str | None
+    missed: tuple[str, ...]
     severity: float
+    robustness: float | None
     distance: float
     runs: int
     changes: dict[str, float]
@@ -161,6 +172,8 @@ class Result:
         Where the samples are drawn from.
     controllers, comparisons, worst_cases
         What was found; no worst cases if none were searched.
+    film
+        Whether the hardest samples are to be filmed.
     """
 
     seed: int
@@ -172,6 +185,16 @@ class Result:
     controllers: tuple[ControllerRates, ...]
     comparisons: tuple[Comparison, ...]
     worst_cases: tuple[WorstCase, ...]
+    film: bool = False
+
+    def scenario_of(self, one: WorstCase) -> Scenario:
+        """Return the scenario of what a search found."""
+        return worst_scenario(self.space, one.point, one.noise, self.seed, one.question)
+
+    @property
+    def judged(self) -> bool:
+        """Whether requirements decide what passes."""
+        return self.space.scenario.requirements != NONE
 
 
 def result_of(
@@ -180,6 +203,7 @@ def result_of(
     *,
     keep: int | None = None,
     asked: Mapping[str, str] | None = None,
+    film: bool = False,
 ) -> Result:
     """Return a campaign and what was searched as a result.
 
@@ -189,6 +213,8 @@ def result_of(
         How many failures of each controller have a scenario file; ``None`` for all.
     asked
         What each controller was asked for by, where that is not its name.
+    film
+        As of `Result`.
     """
     names = {name: name for name in campaign.trials} | dict(asked or {})
     return Result(
@@ -204,29 +230,32 @@ def result_of(
             for (a, b), pairing in campaign.pairings().items()
         ),
         worst_cases=tuple(_worst(campaign, one) for one in found),
+        film=film,
     )
 
 
 def _rates(campaign: Campaign, name: str, asked: str, keep: int | None) -> ControllerRates:
     """Return one controller's rates and failures."""
-    survived, settled = campaign.survival(name), campaign.settling(name)
+    passed, settled = campaign.success(name), campaign.settling(name)
     median, largest = campaign.peak_displacement(name) or (None, None)
     endings = [trial.outcome for trial in campaign.trials[name]]
+    missed = [requirement for trial in campaign.trials[name] for requirement in trial.missed]
     failures = campaign.failures(name)
     kept = set(failures[:keep])
     return ControllerRates(
         controller=name,
         asked=asked,
         samples=campaign.samples,
-        survived=survived.count,
-        rate=survived.share,
-        interval=survived.interval,
+        passed=passed.count,
+        rate=passed.share,
+        interval=passed.interval,
         settled=settled.count,
         settled_rate=settled.share,
         settled_interval=settled.interval,
         median_displacement=median,
         largest_displacement=largest,
         failures_by_outcome={ending: endings.count(ending) for ending in ENDINGS[1:]},
+        missed={requirement: missed.count(requirement) for requirement in sorted(set(missed))},
         failures=tuple(
             Failure(
                 index=i,
@@ -243,8 +272,9 @@ def _worst(campaign: Campaign, found: Found) -> WorstCase:
     return WorstCase(
         controller=found.controller,
         question=found.question,
-        failed=not found.trial.survived,
-        severity=found.trial.severity(campaign.space.duration),
+        failed=not found.trial.passed,
+        severity=found.trial.severity(campaign.space.scenario.duration),
+        robustness=found.trial.robustness,
         distance=found.distance,
         runs=found.runs,
         changes=found.changes,
@@ -258,4 +288,5 @@ def _worst(campaign: Campaign, found: Found) -> WorstCase:
 def _ending(trial: Trial) -> dict[str, Any]:
     """Return how a trial ended, a missing time as None."""
     time = None if math.isnan(trial.end_time) else trial.end_time
-    return {"outcome": trial.outcome, "end_time": time, "message": trial.message}
+    ending = {"outcome": trial.outcome, "end_time": time, "message": trial.message}
+    return {**ending, "missed": trial.missed}

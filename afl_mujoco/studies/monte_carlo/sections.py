@@ -19,7 +19,9 @@ from afl_mujoco.document.blocks import (
     Table,
     Text,
 )
-from afl_mujoco.document.numbers import fixed, interval, percent, short
+from afl_mujoco.document.numbers import MISSING, fixed, interval, percent, short
+from afl_mujoco.scenario.requirements import UNITS
+from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.monte_carlo.figures import (
     BINS,
     draw_failures,
@@ -27,13 +29,14 @@ from afl_mujoco.studies.monte_carlo.figures import (
     separating_features,
 )
 from afl_mujoco.studies.monte_carlo.rates import Rate
-from afl_mujoco.studies.monte_carlo.result import ControllerRates, Result
+from afl_mujoco.studies.monte_carlo.result import ControllerRates, Result, WorstCase
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, ENDINGS
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST
+from afl_mujoco.studies.requirements_table import IN_WORDS
 
 QUESTIONS = {HARDEST: "hardest found", NEAREST: "nearest failure"}
 
-SHOWN = 4
+SHOWN = 2
 """Coordinates of a worst case that are named."""
 
 DEFAULT_INTEGRATOR = "RK4"
@@ -46,7 +49,7 @@ def sections(result: Result) -> list[Section]:
     if result.comparisons:
         blocks.append(_comparisons(result))
     blocks += [Text(said) for said in _messages(result)]
-    if any(rates.failures for rates in result.controllers):
+    if any(rates.failures for rates in result.controllers) and separating_features(result)[1]:
         blocks.append(_failures_figure(result))
     if result.worst_cases:
         blocks.append(_worst_cases(result))
@@ -68,12 +71,17 @@ def _findings(result: Result) -> Iterator[Finding]:
         which = "one" if hardest[0] else "none"
         search = f"; a search for the worst sample found {which} that fails"
     level = percent(result.confidence, 3)
+    settles = ""
+    if not result.judged:
+        known = f"({interval(ours.settled_interval)} %)"
+        settles = f" and settles on {percent(ours.settled_rate, 3)} {known}"
+    rail = result.space.scenario.imperfections.rail_half_length
+    endless = rail is None and "rail_half_length" not in result.space.varied
     yield Finding(
         "On random hardware",
-        f"On {ours.samples} random samples with an endless rail the {ours.controller} controller "
-        f"survives {percent(ours.rate, 3)} (exact {level} interval {interval(ours.interval)} %) "
-        f"and settles on {percent(ours.settled_rate, 3)} "
-        f"({interval(ours.settled_interval)} %){search}.",
+        f"On {ours.samples} random samples{' with an endless rail' if endless else ''} the "
+        f"{ours.controller} controller {_passes(result)} {percent(ours.rate, 3)} (exact {level} "
+        f"interval {interval(ours.interval)} %){settles}{search}.",
     )
     for pair in result.comparisons:
         if {pair.first, pair.second} == {ours.controller, REFERENCE}:
@@ -82,26 +90,35 @@ def _findings(result: Result) -> Iterator[Finding]:
                 mine, theirs = theirs, mine
             yield Finding(
                 "Compared with LQR on the same hardware",
-                f"Only the {ours.controller} controller survives {mine} samples, only LQR "
+                f"Only the {ours.controller} controller passes {mine} samples, only LQR "
                 f"{theirs} (McNemar's exact test: p = {short(pair.p_value, 2)}).",
             )
 
 
+def _passes(result: Result) -> str:
+    """Say what a run does that passes."""
+    return "meets all requirements on" if result.judged else "survives"
+
+
 def _rates(result: Result) -> Table:
-    """Return how often each controller survived and settled."""
-    level = f"{100.0 * result.confidence:g} % interval"
+    """Return how often each controller passed, and what the others were."""
+    level = Column(f"{100.0 * result.confidence:g} % interval", "%", number=True)
+    missed = [name for name in UNITS if any(name in one.missed for one in result.controllers)]
+    ways = ENDINGS[1:]
+    what = [Column("Meets all" if result.judged else "Survives", number=True), level]
+    if result.judged:
+        what += [Column(f"Misses “{IN_WORDS[name]}”", number=True) for name in missed]
+    else:
+        what += [Column("Settles", number=True), level]
     return Table(
         caption=(
-            f"{result.samples} random samples (seed {result.seed}), the same for every "
-            "controller, with exact intervals"
+            f"{result.samples} random samples of {result.space.scenario.name} (seed "
+            f"{result.seed}), the same for every controller, with exact intervals"
         ),
         columns=(
             Column("Controller"),
-            Column("Survives", number=True),
-            Column(level, "%", number=True),
-            Column("Settles", number=True),
-            Column(level, "%", number=True),
-            *(Column(ending.capitalize(), number=True) for ending in ENDINGS[1:]),
+            *what,
+            *(Column(ending.capitalize(), number=True) for ending in ways),
             Column("Median peak |z|", "m", number=True),
         ),
         rows=[
@@ -109,9 +126,12 @@ def _rates(result: Result) -> Table:
                 rates.controller,
                 percent(rates.rate, 3),
                 interval(rates.interval),
-                percent(rates.settled_rate, 3),
-                interval(rates.settled_interval),
-                *(str(rates.failures_by_outcome[ending]) for ending in ENDINGS[1:]),
+                *(
+                    [str(rates.missed.get(name, 0)) for name in missed]
+                    if result.judged
+                    else [percent(rates.settled_rate, 3), interval(rates.settled_interval)]
+                ),
+                *(str(rates.failures_by_outcome[ending]) for ending in ways),
                 fixed(rates.median_displacement, 2),
             )
             for rates in result.controllers
@@ -120,9 +140,9 @@ def _rates(result: Result) -> Table:
 
 
 def _comparisons(result: Result) -> Table:
-    """Return on how many samples only one of two controllers survived."""
+    """Return on how many samples only one of two controllers passed."""
     return Table(
-        caption="Survival on the same samples",
+        caption="Runs that pass on the same samples",
         columns=(
             Column("First"),
             Column("Second"),
@@ -144,7 +164,10 @@ def _comparisons(result: Result) -> Table:
 
 
 def _messages(result: Result) -> Iterator[str]:
-    """Say what the first failure of each controller that failed itself was."""
+    """Say who passes nothing, and what the first failure of each that failed itself was."""
+    for rates in result.controllers:
+        if not rates.passed:
+            yield f"{rates.controller} passes no sample: no harder one is searched for it."
     for rates in result.controllers:
         for failure in islice((one for one in rates.failures if one.message), 1):
             said = f"{CONTROLLER_FAILED} on sample {failure.index}: {failure.message}"
@@ -155,25 +178,30 @@ def _worst_cases(result: Result) -> Table:
     """Return what the searches found."""
     return Table(
         caption=(
-            "What a search by CMA-ES found over the same hardware; distance 0 is the paper's "
-            "nominal run, 1 the diagonal of all ranges"
+            "What a search by CMA-ES found over the same ranges; distance 0 is the scenario "
+            f"{result.space.scenario.name} itself, M and l as they start, 1 the diagonal of all "
+            "ranges"
         ),
         columns=(
             Column("Controller"),
             Column("Search"),
             Column("Outcome"),
+            *([Column("Least left", number=True)] if result.judged else []),
             Column("Distance", number=True),
             Column("Runs", number=True),
-            Column("Farthest from nominal"),
+            Column("Farthest from the scenario"),
             Column("File"),
         ),
         rows=[
             (
                 one.controller,
                 QUESTIONS[one.question],
-                Cell(one.outcome + _at(one.end_time), "bad")
-                if one.failed
-                else Cell("survives", "good"),
+                Cell(_how(one), "bad" if one.failed else "good"),
+                *(
+                    [MISSING if one.robustness is None else percent(one.robustness)]
+                    if result.judged
+                    else []
+                ),
                 fixed(one.distance, 2),
                 str(one.runs),
                 ", ".join(f"{n} {fixed(x, 2)}" for n, x in islice(one.changes.items(), SHOWN)),
@@ -184,15 +212,20 @@ def _worst_cases(result: Result) -> Table:
     )
 
 
-def _at(time: float | None) -> str:
-    """Say when [s], if that is known."""
-    return "" if time is None else f" at {fixed(time, 2)} s"
+def _how(one: WorstCase) -> str:
+    """Say how the run of a worst case ended."""
+    if not one.failed:
+        return "passes"
+    if one.missed and one.outcome == COMPLETED:
+        others = len(one.missed) - 1
+        return f"misses “{IN_WORDS[one.missed[0]]}”" + (f" and {others} more" if others else "")
+    return one.outcome + ("" if one.end_time is None else f" at {fixed(one.end_time, 2)} s")
 
 
 def _space(result: Result) -> Table:
     """Return the ranges that samples are drawn from."""
     rows = []
-    for name, unit, value, _ in result.space.quantities():
+    for name, unit, value in result.space.quantities():
         low, high = value if isinstance(value, tuple) else (value, value)
         rows.append((name, unit, short(low), short(high)))
     return Table(
@@ -224,17 +257,21 @@ def _replays(result: Result) -> Iterator[Command]:
 def _rates_figure(result: Result) -> Figure:
     """Return the figure of the rates."""
     said = "; ".join(
-        f"{rates.controller} survives {_words(rates.survival)} and settles on "
-        f"{_words(rates.settling)}"
+        f"{rates.controller} {_passes(result)} {_words(rates.success)}"
+        + ("" if result.judged else f" and settles on {_words(rates.settling)}")
         for rates in result.controllers
+    )
+    survives = (
+        f"Filled: the pole survives {result.space.scenario.duration:g} s; hollow: z and φ also "
+        "settle."
     )
     return Figure(
         name="montecarlo-rates",
-        title="How often each controller survives laboratory hardware",
+        title="How often each controller " + ("meets all" if result.judged else "survives"),
         caption=(
-            f"{result.samples} samples drawn at random, the same for every controller. Filled: "
-            f"the pole survives {result.space.duration:g} s; hollow: z and φ also settle. "
-            f"Bars are exact (Clopper-Pearson) {100.0 * result.confidence:g} % intervals."
+            f"{result.samples} samples drawn at random, the same for every controller. "
+            f"{'' if result.judged else survives + ' '}Bars are exact (Clopper-Pearson) "
+            f"{100.0 * result.confidence:g} % intervals."
         ),
         alt=f"Shares with intervals: {said}.",
         draw=partial(draw_rates, result),
@@ -249,10 +286,10 @@ def _failures_figure(result: Result) -> Figure:
         name="montecarlo-failures",
         title="Where the failures lie",
         caption=(
-            f"Share of the samples on which the pole does not survive, in {BINS} bins of equal "
+            f"Share of the samples on which a controller does not pass, in {BINS} bins of equal "
             f"counts, with exact {100.0 * result.confidence:g} % intervals; each point is at its "
             f"bin's median. Of {len(features)} features, the {len(chosen)} whose distributions "
-            "differ most between failures and survivors. They were chosen on the same samples, "
+            "differ most between failures and the rest. They were chosen on the same samples, "
             "and each interval is of its bin alone: read them as a hint where to look."
         ),
         alt=f"Failure rates over {', '.join(chosen)}. Failures: {counts}, of {result.samples}.",
@@ -261,7 +298,7 @@ def _failures_figure(result: Result) -> Figure:
 
 
 def _failures(rates: ControllerRates) -> int:
-    """Return how many samples a controller did not survive."""
+    """Return how many samples a controller did not pass."""
     return len(rates.failures)
 
 

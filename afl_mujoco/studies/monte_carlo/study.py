@@ -7,10 +7,17 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from afl_mujoco.control.names import REFERENCE, SUBJECT
-from afl_mujoco.studies.contract import ControllerNames, Progress, Study, silent
+from afl_mujoco.studies.contract import (
+    ControllerNames,
+    Progress,
+    ScenarioName,
+    Study,
+    silent,
+)
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
+    from afl_mujoco.scenario.sample_space import SampleSpace
     from afl_mujoco.studies.monte_carlo.result import Result
     from afl_mujoco.studies.monte_carlo.search import Budget
     from afl_mujoco.studies.monte_carlo.trial import Settings
@@ -21,15 +28,22 @@ GENERATIONS, QUICK_GENERATIONS = 30, 5
 
 @dataclass(frozen=True, kw_only=True)
 class MonteCarlo:
-    """Run controllers on random laboratory hardware, the same for each; then search the worst.
+    """Run controllers on random hardware, the same for each; then search the worst of it.
 
-    Example: afl-mujoco montecarlo --controllers adaptive lqr --quick
+    Example: afl-mujoco montecarlo my-rig.toml --controllers adaptive lqr --quick
 
-    Random are start, schedules of M and l, noise, encoders, friction, delay and lag. Writes
-    montecarlo.json, figures, and a scenario file of every failure, which `afl-mujoco simulate`
-    replays to the same bits. The whole takes some ten minutes on two cores.
+    What varies is in the table [ranges] of the scenario file: start, schedules of M and l within
+    bounds and rates, imperfections. A scenario without it gets the imperfections of laboratory
+    hardware wherever it is ideal. A run passes that meets the scenario's requirements; where there
+    are none, that survives to the end. The search is for the sample that is survived least, or has
+    the least robustness left. Writes montecarlo.json, figures, and a scenario file of every
+    failure, which `afl-mujoco simulate` replays to the same bits. The whole takes some ten minutes
+    on two cores.
     """
 
+    scenario: ScenarioName = None
+    """Scenario by name, or TOML file; the paper's plant on random laboratory hardware, its M and l
+    changing at random, by default."""
     controllers: ControllerNames = (SUBJECT, REFERENCE)
     samples: int | None = None
     """Hardware samples; 1000 by default. Sample i is the same whatever their number."""
@@ -45,14 +59,17 @@ class MonteCarlo:
     """MuJoCo's integrator: RK4, as `simulate` has it, Euler, implicit, implicitfast."""
     keep: int | None = None
     """Scenario files of failures to keep of each controller; all by default."""
+    film: bool = False
+    """Film the hardest sample found for each controller."""
 
 
 class Request(NamedTuple):
-    """What is studied: controllers, how many samples, how to run them, what to spend on a search.
+    """What is studied: where, controllers, how many samples, how to run them, what to search.
 
     All of it as `request_of` makes it.
     """
 
+    space: SampleSpace
     controllers: list[Controller]
     samples: int
     settings: Settings
@@ -61,17 +78,30 @@ class Request(NamedTuple):
 
 def request_of(configuration: MonteCarlo) -> Request:
     """Return the request of a configuration, or raise."""
-    from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.errors import InvalidValueError
-    from afl_mujoco.studies.monte_carlo.campaign import require_campaign
-    from afl_mujoco.studies.monte_carlo.search import Budget
-    from afl_mujoco.studies.monte_carlo.space import SampleSpace
-    from afl_mujoco.studies.monte_carlo.trial import Settings
+    from afl_mujoco.scenario.files import find_scenario
+    from afl_mujoco.scenario.laboratory import LABORATORY, with_ranges
+    from afl_mujoco.scenario.sample_space import SampleSpace
 
     c = configuration
+    asked = LABORATORY if c.scenario is None else find_scenario(c.scenario)
+    space = SampleSpace(with_ranges(asked))
+    if c.film:
+        from afl_mujoco.graphics import require_backend
+
+        if not c.worst_case:
+            raise InvalidValueError("film", "shows what the search found: leave out no-worst-case")
+        require_backend()  # before MuJoCo
+
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.studies.monte_carlo.campaign import require_campaign
+    from afl_mujoco.studies.monte_carlo.search import Budget
+    from afl_mujoco.studies.monte_carlo.trial import Settings
+
     samples = QUICK_SAMPLES if c.quick else SAMPLES
     generations = QUICK_GENERATIONS if c.quick else GENERATIONS
     request = Request(
+        space=space,
         controllers=[find_controller(name) for name in c.controllers],
         samples=samples if c.samples is None else c.samples,
         settings=Settings(integrator=c.integrator),
@@ -79,13 +109,17 @@ def request_of(configuration: MonteCarlo) -> Request:
     )
     require_campaign(
         request.controllers,
-        SampleSpace(),
+        space,
         samples=request.samples,
         seed=c.seed,
         settings=request.settings,
     )
     if c.keep is not None and c.keep < 0:
         raise InvalidValueError("keep", "must be at least 0", c.keep)
+    if c.film:
+        from afl_mujoco.films.plan import AS_IS, side_by_side
+
+        side_by_side(space.scenario, request.controllers[:1], AS_IS)  # raises if it is too short
     return request
 
 
@@ -105,17 +139,16 @@ def run(
     from afl_mujoco.execution.executors import open_executor
     from afl_mujoco.studies.monte_carlo.campaign import run_campaign
     from afl_mujoco.studies.monte_carlo.result import result_of
-    from afl_mujoco.studies.monte_carlo.space import SampleSpace
     from afl_mujoco.studies.monte_carlo.worst_case import Found, most_runs, search_worst
 
-    controllers, samples, settings, budget = request_of(configuration)
+    space, controllers, samples, settings, budget = request_of(configuration)
     total = samples * len(controllers)
     found: list[Found] = []
     with open_executor(workers, cluster) as executor:
         progress("sampling", 0, total)
         campaign = run_campaign(
             controllers,
-            SampleSpace(),
+            space,
             samples=samples,
             seed=configuration.seed,
             settings=settings,
@@ -133,7 +166,8 @@ def run(
     asked = dict(
         zip((controller.name for controller in controllers), configuration.controllers, strict=True)
     )
-    return result_of(campaign, found, keep=configuration.keep, asked=asked)
+    c = configuration
+    return result_of(campaign, found, keep=c.keep, asked=asked, film=c.film)
 
 
 def _search_progress(progress: Progress, controller: str, total: int, done: int) -> None:
@@ -145,7 +179,7 @@ STUDY = Study(
     name="montecarlo",
     title="Monte Carlo",
     order=20,
-    schema=3,
+    schema=4,
     configuration=MonteCarlo,
     check=check,
     run=run,

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import Judgement
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, OUTCOMES
 
@@ -36,6 +37,9 @@ class Trial:
         As of `Rollouts`.
     message
         What the controller did, if it failed.
+    requirements
+        What the run made of the requirements of its scenario; nothing where it has none but to
+        complete, or the controller failed.
     """
 
     outcome: str
@@ -47,11 +51,22 @@ class Trial:
     iae_phi: float = math.nan
     settling_time: float = math.nan
     message: str | None = None
+    requirements: tuple[Judgement, ...] = ()
 
     @property
-    def survived(self) -> bool:
+    def completed(self) -> bool:
         """Whether the pole survived to the end of the run."""
         return self.outcome == COMPLETED
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """The requirements that are not met."""
+        return tuple(one.requirement for one in self.requirements if not one.met)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run met its requirements; where it has none, whether it completed."""
+        return not self.missed if self.requirements else self.completed
 
     @property
     def settled(self) -> bool:
@@ -59,20 +74,38 @@ class Trial:
         return not math.isnan(self.settling_time)
 
     def severity(self, duration: float) -> float:
-        """Return how bad the run was: below 1 if it survived, 1 to 2 if it did not.
+        """Return how bad the run was: up to 1 if it passed, from 1 on if it did not.
 
-        A survivor counts the mean of its largest and its average abs(phi), as shares of the angle
-        at which it would have fallen; a failure counts how much of the run it missed.
+        Without requirements one that completed counts the mean of its largest and its average
+        abs(phi), as shares of the angle at which it would have fallen; with them, how much of the
+        tightest limit is used up, and above that 1 + x / (1 + x) if it exceeds it by a share x. A
+        run that ended early counts how much of it is missing, on top of 1; with requirements on
+        top of 2, so that it is worse than any that completed. Nothing is worse than a controller
+        that failed.
 
         Parameters
         ----------
         duration
             The horizon [s].
         """
-        if self.survived:
+        if self.outcome == CONTROLLER_FAILED:
+            return 3.0
+        if not (self.passed or self.completed):
+            missing = 1.0 - self.end_time / duration
+            return missing + (2.0 if self.requirements else 1.0)
+        tightest = self.robustness
+        if tightest is None:
             return 0.5 * (self.peak_phi + self.iae_phi / duration) / FALL_ANGLE
-        lasted = 0.0 if math.isnan(self.end_time) else self.end_time
-        return 2.0 - lasted / duration
+        return 1.0 - tightest if tightest >= 0.0 else 1.0 - tightest / (1.0 - tightest)
+
+    @property
+    def robustness(self) -> float | None:
+        """Of a run that completed the least relative robustness of what else was required."""
+        if not self.completed:
+            return None
+        found = [one.relative for one in self.requirements if one.requirement != "completes"]
+        known = [one for one in found if one is not None]
+        return min(known) if known else None
 
 
 class Settings(NamedTuple):
@@ -115,5 +148,6 @@ def trials_of(runs: Rollouts) -> list[Trial]:
     for i in range(len(runs)):
         figures: dict[str, Any] = {name: float(getattr(runs, name)[i]) for name in FIGURES}
         ended = runs.outcome(i)
-        trials.append(Trial(outcome=ended.kind, end_time=ended.time, **figures))
+        asked = runs.requirements[i]
+        trials.append(Trial(outcome=ended.kind, end_time=ended.time, requirements=asked, **figures))
     return trials

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import Executor, compute_all
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.search import Budget, Point, minimise
-from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_point, search_generator
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
 
 HARDEST, NEAREST = "hardest", "nearest"
-"""What is searched: the hardest sample, and the failure nearest to the paper's nominal run."""
+"""What is searched: the hardest sample, and the failure nearest to the scenario itself."""
 
 STEP = {HARDEST: 0.3, NEAREST: 0.1}
 """Standard deviation at the start, as a share of the cube's edge."""
@@ -75,11 +75,11 @@ class Found:
     trial
         How the run there ended.
     distance
-        From the paper's nominal run in the cube, as a share of the cube's diagonal.
+        From the scenario itself in the cube, as a share of the cube's diagonal.
     runs
         How many were spent.
     changes
-        By coordinate, how far it is from the nominal run as a share of its range, farthest first.
+        By coordinate, how far it is from there as a share of its range, farthest first.
     """
 
     question: str
@@ -100,12 +100,12 @@ def search_worst(
     executor: Executor,
     progress: Callable[[int], None] = lambda runs: None,
 ) -> list[Found]:
-    """Search the hardest sample for a controller, then the failure nearest to the nominal run.
+    """Search the hardest sample for a controller, then the failure nearest to the scenario.
 
     The first search starts from the hardest sample of the campaign, the second from the nearest
     failure known. Each has the noise of the sample that it starts from, so that it walks through
     a landscape that keeps still and finds nothing milder than what was known. There is no second
-    one if nothing fails, and none at all if nothing survives.
+    one if nothing fails, and none at all if nothing passes.
     """
     rng, spent = search_generator(campaign.seed), 0
 
@@ -129,21 +129,21 @@ def search_worst(
         return distance_of(campaign.space, start.point)
 
     trials = campaign.trials[controller.name]
-    if not any(trial.survived for trial in trials):
+    if not any(trial.passed for trial in trials):
         return []
-    severities = [trial.severity(campaign.space.duration) for trial in trials]
+    severities = [trial.severity(campaign.space.scenario.duration) for trial in trials]
     end, hardest = search(HARDEST, _sample(campaign, int(np.argmax(severities))))
     known = [_sample(campaign, i) for i in campaign.failures(controller.name)]
-    known += [] if hardest.trial.survived else [end]
+    known += [] if hardest.trial.passed else [end]
     return [hardest, search(NEAREST, min(known, key=distance))[1]] if known else [hardest]
 
 
 def worst_scenario(
-    space: SampleSpace, point: ArrayLike, noise: int, seed: int, question: str, controller: str
+    space: SampleSpace, point: ArrayLike, noise: int, seed: int, question: str
 ) -> Scenario:
     """Return the scenario at a point that a search found; arguments as of `Found`."""
     scenario = space.scenario_of(point, noise, seed)
-    return replace(scenario, name=f"{scenario.name}-{question}-{controller}")
+    return replace(scenario, name=f"{scenario.name}-{question}")
 
 
 def most_runs(budget: Budget) -> int:
@@ -168,11 +168,11 @@ def _trials_at(
 
 def _cost(question: str, space: SampleSpace, point: Point, trial: Trial) -> float:
     """Return what a search minimises."""
-    severity = trial.severity(space.duration)
+    severity = trial.severity(space.scenario.duration)
     if question == HARDEST:
         return -severity
-    # every failure before every survivor, and of these first the one that had it hardest
-    return 2.0 - severity if trial.survived else distance_of(space, point)
+    # every failure before every run that passes, and of these first the one that had it hardest
+    return 2.0 - severity if trial.passed else distance_of(space, point)
 
 
 def run_points(unit: PointUnit) -> list[Trial]:
@@ -182,7 +182,7 @@ def run_points(unit: PointUnit) -> list[Trial]:
 
 
 def distance_of(space: SampleSpace, point: Point) -> float:
-    """Return how far a point is from the paper's nominal run, as a share of the cube's diagonal."""
+    """Return how far a point is from the scenario, as a share of the cube's diagonal."""
     return float(np.linalg.norm(point - space.reference) / np.sqrt(space.dimension))
 
 

@@ -12,23 +12,33 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import ControllerError, PythonController
+from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.scenario.files import load_scenario
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.laboratory import HARDWARE_RANGES
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.scenario.sample_space import SampleSpace
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import constant
+from afl_mujoco.simulation.judgement import Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.monte_carlo import campaign as module
 from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
 from afl_mujoco.studies.monte_carlo.files import write
 from afl_mujoco.studies.monte_carlo.result import result_of
-from afl_mujoco.studies.monte_carlo.space import RANGES, SampleSpace
-from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
+from afl_mujoco.studies.monte_carlo.sections import sections
+from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial, run_trials
+from tests.sample_spaces import near_laboratory
 
 pytestmark = pytest.mark.slow
 
 ADAPTIVE, LQR = afl.CONTROLLERS["adaptive"], afl.CONTROLLERS["lqr"]
-SHORT = SampleSpace(
+SHORT = near_laboratory(
     duration=2.0, last_change=1.0, cart_mass=(0.1, 0.5), phi=(-1.4, 1.4),
-    imperfections=RANGES | {"rail_damping": (2.0, 8.0)},
+    imperfections=dict(HARDWARE_RANGES) | {"rail_damping": (2.0, 8.0)},
 )  # fmt: skip
 """Rigs on which both fall, and soon."""
 
@@ -90,30 +100,30 @@ def test_the_counts_are_those_of_the_trials(thirty: Campaign) -> None:
     result = result_of(thirty, [])
     for rates in result.controllers:
         trials = thirty.trials[rates.controller]
-        assert rates.survived == sum(t.outcome == "completed" for t in trials)
+        assert rates.passed == sum(t.outcome == "completed" for t in trials)
         assert rates.settled == sum(not math.isnan(t.settling_time) for t in trials)
-        assert rates.rate == rates.survived / 30
+        assert rates.rate == rates.passed / 30
         assert rates.interval[0] < rates.rate < rates.interval[1]
-        peaks = sorted(t.peak_z for t in trials if t.survived)
+        peaks = sorted(t.peak_z for t in trials if t.passed)
         assert peaks[0] < rates.median_displacement < rates.largest_displacement == peaks[-1]
         assert sum(rates.failures_by_outcome.values()) == len(rates.failures)
-        assert len(rates.failures) == 30 - rates.survived
+        assert len(rates.failures) == 30 - rates.passed
     (pairing,) = result.comparisons
     assert (pairing.first, pairing.second) == ("adaptive", "lqr")
-    assert pairing.both + pairing.only_first == result.controllers[0].survived
-    assert pairing.both + pairing.only_second == result.controllers[1].survived
+    assert pairing.both + pairing.only_first == result.controllers[0].passed
+    assert pairing.both + pairing.only_second == result.controllers[1].passed
 
 
 def test_a_run_that_settles_is_distinguished_from_one_that_survives() -> None:
     none = dict.fromkeys(
         ("rail_friction", "rail_damping", "noise_phi", "noise_phi_dot"), (0.0, 0.0)
     )
-    calm = SampleSpace(
+    calm = near_laboratory(
         phi=(0.1, 0.2), cart_mass=(1.0, 1.0), half_length=(0.5, 0.5), duration=8.0, last_change=1.0,
-        imperfections=RANGES | none,
+        imperfections=dict(HARDWARE_RANGES) | none,
     )  # fmt: skip
     found = run([LQR], samples=3, space=calm)
-    assert found.survival("lqr").count == found.settling("lqr").count == 3
+    assert found.success("lqr").count == found.settling("lqr").count == 3
 
 
 # Controllers that break down
@@ -164,7 +174,7 @@ def test_a_controller_that_breaks_down_fails_its_runs_and_says_how(name: str) ->
     for trial in failed:
         with pytest.raises(ControllerError, match=message):
             raise ControllerError(trial.message or "", "")
-        assert not trial.survived
+        assert not trial.passed
         assert not trial.settled
     rates, lqr = result_of(found, []).controllers
     assert rates.failures_by_outcome[CONTROLLER_FAILED] == len(failed)
@@ -178,7 +188,7 @@ def test_a_controller_without_a_force_ends_the_run_as_a_failure() -> None:
     controller = PythonController(name="nan", function=not_a_number)
     found = run([controller], samples=3)
     assert {trial.outcome for trial in found.trials["nan"]} == {"diverged"}
-    assert found.survival("nan").count == found.settling("nan").count == 0
+    assert found.success("nan").count == found.settling("nan").count == 0
     assert found.failures("nan") == [0, 1, 2]
 
 
@@ -221,9 +231,9 @@ def test_severity_is_what_its_words_say() -> None:
         ({"seed": -1}, "seed must lie in 0 to 2**63 - 1, got -1"),
         ({"controllers": []}, "controllers must be at least one, got 0"),
         ({"controllers": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
-        ({"space": SampleSpace(control_period=1.5e-3)},
+        ({"space": near_laboratory(control_period=1.5e-3)},
          "timestep 0.001 s must divide control_period 0.0015 s"),
-        ({"controllers": [ADAPTIVE], "space": SampleSpace(half_length=(1e-3, 1.0))},
+        ({"controllers": [ADAPTIVE], "space": near_laboratory(half_length=(1e-3, 1.0))},
          "switching of the gain function at M = 0.1 kg, l = 0.001 m must be positive, got -"),
     ],
     ids=str,
@@ -232,3 +242,75 @@ def test_what_cannot_be_run_is_refused_before_it_begins(changes, message: str) -
     with pytest.raises(AflMujocoError) as raised:
         run(**changes)
     assert str(raised.value).startswith(message)
+
+
+# A scenario of one's own, with requirements
+
+
+HEAVY = Scenario(
+    name="heavy",
+    pole_mass=0.2,
+    duration=4.0,
+    initial_state=(0.0, 0.2, 0.0, 0.0),
+    cart_mass=constant(8.0),
+    half_length=constant(1.5),
+    imperfections=Imperfections(control_period=0.01, delay=0.004),
+    requirements=Requirements(max_position=0.5, max_force=150.0),
+    ranges=Ranges(varied={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)}, cart_mass_rate=4.0),
+)
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Campaign:
+    return run([LQR], samples=20, space=SampleSpace(HEAVY))
+
+
+def test_the_requirements_decide_which_runs_pass(heavy: Campaign, tmp_path) -> None:
+    result = result_of(heavy, [])
+    assert result.judged
+    (rates,) = result.controllers
+    assert 0 < rates.passed < 20
+    assert rates.passed == 20 - len(rates.failures)
+    for i, trial in enumerate(heavy.trials["lqr"]):
+        alone = afl.simulate_mujoco(module.sample_scenario(heavy.space, i, 1), LQR, "sampled")
+        assert trial.completed
+        too_far = bool(np.abs(alone.state[:, 0]).max() > 0.5)
+        too_hard = bool(np.nanmax(np.abs(alone.force)) > 150.0)
+        assert trial.missed == ("max_position",) * too_far + ("max_force",) * too_hard
+        assert trial.passed == (not too_far and not too_hard) == (trial.severity(4.0) <= 1.0)
+        left = min(1.0 - trial.peak_z / 0.5, 1.0 - np.nanmax(np.abs(alone.force)) / 150.0)
+        assert trial.robustness == pytest.approx(left)
+    assert rates.missed == {
+        name: sum(name in trial.missed for trial in heavy.trials["lqr"])
+        for name in ("max_force", "max_position")
+        if any(name in trial.missed for trial in heavy.trials["lqr"])
+    }
+    write(result, tmp_path)
+    first = rates.failures[0]
+    again = run_trials([load_scenario(tmp_path / first.file)], LQR, Settings())[0]
+    assert same(again, heavy.trials["lqr"][first.index])
+
+
+def test_the_words_are_those_of_requirements(heavy: Campaign) -> None:
+    text = to_markdown(sections(result_of(heavy, [])))
+    assert "lqr controller meets all requirements on" in text
+    assert "| Misses “\\|z\\| at most” |" in text
+    assert "urviv" not in text and "ettles" not in text
+
+
+def test_severity_of_a_judged_run_follows_its_tightest_limit() -> None:
+    def judged(*left: float, outcome: str = "completed", time: float = 20.0) -> Trial:
+        made = tuple(
+            Judgement(requirement=name, limit=2.0, value=2.0 - x, left=x)
+            for name, x in zip(("max_position", "max_force"), left, strict=False)
+        )
+        return Trial(outcome=outcome, end_time=time, requirements=made)
+
+    order = [
+        judged(1.5, 1.0), judged(0.5, 1.5), judged(0.0), judged(1.5, -0.1), judged(-10.0, 1.0),
+        judged(-1.0, outcome="fell", time=19.0), judged(-0.1, outcome="fell", time=1.0),
+    ]  # fmt: skip
+    severities = [trial.severity(20.0) for trial in order]
+    assert severities == sorted(severities)
+    assert severities[:3] == pytest.approx([0.5, 0.75, 1.0])
+    assert [trial.passed for trial in order] == [True] * 3 + [False] * 4

@@ -10,15 +10,16 @@ import pytest
 
 from afl_mujoco.errors import FileError
 from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
+from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
 from afl_mujoco.studies.monte_carlo import files
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.files import require, write
 from afl_mujoco.studies.monte_carlo.result import FOLDER, Result, result_of
-from afl_mujoco.studies.monte_carlo.space import SampleSpace, sample_point, sample_scenario
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, Found
 
-SPACE = SampleSpace()
+SPACE = SampleSpace(LABORATORY)
 
 
 def campaign(*failed: int, seed: int = 1, found: Sequence[Found] = (), **options) -> Result:
@@ -69,12 +70,12 @@ def test_no_more_are_kept_than_asked_for(tmp_path) -> None:
 def test_what_a_search_found_is_a_file_too(tmp_path) -> None:
     found = Found(
         question=HARDEST, controller="lqr", point=sample_point(SPACE, 9, 1), noise=9,
-        trial=Trial(outcome="fell"), distance=0.1, runs=1, changes={},
+        trial=Trial(outcome="fell", end_time=1.0), distance=0.1, runs=1, changes={},
     )  # fmt: skip
     result = campaign(found=[found])
     write(result, tmp_path)
     scenario = sample_scenario(SPACE, 9, 1)
-    expected = replace(scenario, name=f"{scenario.name}-hardest-lqr")
+    expected = replace(scenario, name=f"{scenario.name}-hardest")
     assert load_scenario(tmp_path / result.worst_cases[0].file) == expected
     assert written(tmp_path) == {"montecarlo/lqr/hardest.toml"}
 

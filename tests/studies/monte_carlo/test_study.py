@@ -47,9 +47,9 @@ def test_it_writes_the_study_its_figures_and_a_file_for_every_failure(folder: Pa
     written = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
     assert written == {*content["files"], *files, "montecarlo.json", "report.html"}
     assert {"montecarlo.md", "montecarlo-rates.svg"} < written
-    assert sum(entry["survived"] for entry in result["controllers"]) < 32
+    assert sum(entry["passed"] for entry in result["controllers"]) < 32
     said = (folder / "said").read_text()
-    assert "16 random samples (seed 1)" in said
+    assert "16 random samples of laboratory (seed 1)" in said
     assert "search by CMA-ES" in said
     assert "montecarlo.json" in said.splitlines()[-1] and "report.html" in said.splitlines()[-1]
 
@@ -124,3 +124,26 @@ def test_ctrl_c_is_one_line_exit_130_and_nothing_written(tmp_path: Path, workers
     command = ("montecarlo", "--workers", workers, "--out", "out")
     interrupt(*command, cwd=tmp_path, once=out.exists, after=2.0)
     assert list(out.iterdir()) == []
+
+
+def test_a_scenario_of_ones_own_is_drawn_from_and_its_hardest_sample_filmed(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(
+        "duration = 1.0\ninitial_state = [0, 0.2, 0, 0]\nrequirements.max_position = 0.3\n"
+        "[ranges]\ncart_mass = [0.5, 2.0]\nchanges = 4\ncart_mass_rate = 8.0\n"
+    )
+    result = run(
+        "montecarlo", "own.toml", "--controllers", "lqr", "--samples", "4", "--generations", "1",
+        "--film", "--out", "out", cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert "afl-mujoco montecarlo own.toml --controllers lqr" in result.stdout
+    content = study(tmp_path)
+    hardest = content["worst_cases"][0]
+    assert hardest["robustness"] is not None
+    films = json.loads((tmp_path / "out" / "films.json").read_text())["films"]
+    assert [film["controllers"] for film in films] == [["lqr"]]
+    assert (tmp_path / "out" / films[0]["file"]).stat().st_size > 10_000
+    assert "Films" in (tmp_path / "out" / "report.html").read_text()
+    scenario = afl.load_scenario(tmp_path / "out" / hardest["file"])
+    assert films[0]["scenario"] == scenario.name
+    assert len(scenario.cart_mass.times) >= 5

@@ -8,16 +8,16 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import open_executor
-from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.monte_carlo import worst_case
-from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
-from afl_mujoco.studies.monte_carlo.search import Budget, minimise
-from afl_mujoco.studies.monte_carlo.space import (
-    RANGES,
+from afl_mujoco.scenario.laboratory import HARDWARE_RANGES
+from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     sample_point,
     search_generator,
 )
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.monte_carlo import worst_case
+from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
+from afl_mujoco.studies.monte_carlo.search import Budget, minimise
 from afl_mujoco.studies.monte_carlo.trial import Settings, run_trials
 from afl_mujoco.studies.monte_carlo.worst_case import (
     HARDEST,
@@ -28,11 +28,12 @@ from afl_mujoco.studies.monte_carlo.worst_case import (
     search_worst,
     worst_scenario,
 )
+from tests.sample_spaces import near_laboratory
 
 pytestmark = pytest.mark.slow
 
 LQR = afl.CONTROLLERS["lqr"]
-SHORT = SampleSpace(duration=2.0, last_change=1.0)
+SHORT = near_laboratory(duration=2.0, last_change=1.0)
 BUDGET = Budget(generations=4, population=8)
 
 
@@ -97,7 +98,7 @@ def test_a_start_that_nothing_beats_is_the_answer() -> None:
 
 
 def scenario_of(found: Found) -> Scenario:
-    return worst_scenario(SHORT, found.point, found.noise, 1, found.question, found.controller)
+    return worst_scenario(SHORT, found.point, found.noise, 1, found.question)
 
 
 def test_what_it_finds_is_at_least_as_bad_and_as_near_as_the_samples(twenty: Campaign) -> None:
@@ -107,7 +108,7 @@ def test_what_it_finds_is_at_least_as_bad_and_as_near_as_the_samples(twenty: Cam
     assert hardest.trial.severity(2.0) > max(severities)
     failures = [distance_of(SHORT, sample_point(SHORT, i, 1)) for i in twenty.failures("lqr")]
     assert nearest.distance < min(failures)
-    assert not nearest.trial.survived
+    assert not nearest.trial.passed
     for found in (hardest, nearest):
         (alone,) = run_trials([scenario_of(found)], LQR, Settings("Euler"))
         assert repr(alone) == repr(found.trial)
@@ -121,14 +122,16 @@ def test_a_failure_that_only_the_search_found_is_what_the_nearest_is_looked_for_
     found = campaign(samples=10)
     assert not found.failures("lqr")
     hardest, nearest = search(found)
-    assert not hardest.trial.survived
-    assert not nearest.trial.survived
+    assert not hardest.trial.passed
+    assert not nearest.trial.passed
     assert nearest.distance <= hardest.distance
 
 
 def test_nearest_means_failures_by_distance_then_survivors_from_the_hardest(monkeypatch) -> None:
     silent = dict.fromkeys(("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot"), (0.0, 0.0))
-    space = SampleSpace(duration=2.0, last_change=1.0, imperfections=RANGES | silent)
+    space = near_laboratory(
+        duration=2.0, last_change=1.0, imperfections={**HARDWARE_RANGES, **silent}
+    )
     found = campaign(space)
     points = [sample_point(space, i, 1) for i in range(20)]
     costs = []
@@ -141,7 +144,7 @@ def test_nearest_means_failures_by_distance_then_survivors_from_the_hardest(monk
     search(found)
     trials = found.trials["lqr"]
     fallen = sorted(found.failures("lqr"), key=lambda i: distance_of(space, points[i]))
-    upright = [i for i in range(20) if trials[i].survived]
+    upright = [i for i in range(20) if trials[i].passed]
     upright.sort(key=lambda i: trials[i].severity(2.0), reverse=True)
     assert fallen and upright
     assert np.argsort(costs[1]).tolist() == fallen + upright
@@ -161,13 +164,13 @@ def test_progress_ends_at_the_runs_that_it_took(twenty: Campaign) -> None:
 
 
 def test_there_is_no_nearest_failure_where_nothing_fails() -> None:
-    gentle = SampleSpace(
+    gentle = near_laboratory(
         phi=(-0.1, 0.1), cart_mass=(0.9, 1.1), half_length=(0.45, 0.55),
         duration=2.0, last_change=1.0,
     )  # fmt: skip
     (hardest,) = search(campaign(gentle, 4))
     assert hardest.question == HARDEST
-    assert hardest.trial.survived
+    assert hardest.trial.passed
 
 
 def test_a_controller_that_survives_nothing_needs_no_search(twenty: Campaign) -> None:
@@ -175,7 +178,7 @@ def test_a_controller_that_survives_nothing_needs_no_search(twenty: Campaign) ->
         space=SHORT,
         seed=1,
         settings=twenty.settings,
-        trials={"lqr": [t for t in twenty.trials["lqr"] if not t.survived]},
+        trials={"lqr": [t for t in twenty.trials["lqr"] if not t.passed]},
     )
     assert search(lost) == []
 

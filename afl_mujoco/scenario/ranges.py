@@ -1,0 +1,147 @@
+"""What varies from run to run: the table ``[ranges]`` of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS
+from afl_mujoco.scenario.parameters import require_finite, require_positive
+
+Range = tuple[float, float]
+
+STATE = MappingProxyType({"z": "m", "phi": "rad", "z_dot": "m/s", "phi_dot": "rad/s"})
+"""The initial state, and its units."""
+
+SCHEDULES = MappingProxyType({"cart_mass": "kg", "half_length": "m"})
+"""What schedules prescribe, and its units."""
+
+_FIXED = ("control_period", "differentiated", "seed")
+"""Imperfections that are no numbers which may vary: periods must divide one another."""
+
+HARDWARE = (
+    *DRAWS,
+    *(name for name in DECLARATIONS if name not in DRAWS and name not in _FIXED),
+)
+"""Imperfections that may vary, in the order of their axes."""
+
+VARIABLE = (*STATE, *SCHEDULES, *HARDWARE)
+"""Everything that may vary."""
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of something that may vary."""
+    units = {**STATE, **SCHEDULES}
+    return units[name] if name in units else DECLARATIONS[name].unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranges:
+    """What varies from run to run, and how far; the rest is as the scenario says.
+
+    Attributes
+    ----------
+    varied
+        By name, of `VARIABLE`: the least and the largest value, drawn uniformly. Where M or l
+        varies, its schedule is drawn: its levels within the range.
+    cart_mass_rate, half_length_rate
+        Largest abs(dM/dt) [kg/s] and abs(dl/dt) [m/s] of what is drawn; None lets them jump.
+    changes
+        How many times M and l change to another level. None for the paper's shapes: one level,
+        two jumps between three levels or a trapezoid between two.
+    last_change
+        Until when [s] M and l begin to change; half the duration if None.
+
+    Raises
+    ------
+    InvalidValueError
+        If a range is empty or leaves what the thing may be.
+    """
+
+    varied: Mapping[str, Range] = field(default_factory=dict)
+    cart_mass_rate: float | None = None
+    half_length_rate: float | None = None
+    changes: int | None = None
+    last_change: float | None = None
+
+    def __post_init__(self) -> None:
+        """Validate every range and store its numbers as floats."""
+        varied = {name: _range(name, bounds) for name, bounds in self.varied.items()}
+        object.__setattr__(self, "varied", {n: varied[n] for n in VARIABLE if n in varied})
+        for name in ("cart_mass_rate", "half_length_rate", "last_change"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, require_positive(name, value))
+        changes = self.changes
+        if changes is not None and (isinstance(changes, bool) or not isinstance(changes, int)):
+            raise InvalidValueError("changes", "must be a whole number", repr(changes))
+        if changes is not None and not 1 <= changes <= MOST_CHANGES:
+            raise InvalidValueError("changes", f"must lie in 1 to {MOST_CHANGES}", changes)
+        for name in SCHEDULES:
+            if getattr(self, f"{name}_rate") is not None and name not in varied:
+                raise InvalidValueError(f"{name}_rate", f"needs a range of {name}")
+        if (changes or self.last_change) is not None and not varied.keys() & SCHEDULES.keys():
+            thing = "changes" if changes is not None else "last_change"
+            raise InvalidValueError(thing, f"needs a range of {' or '.join(SCHEDULES)}")
+
+    def __hash__(self) -> int:
+        """Be hashable, as scenarios are."""
+        settings = tuple(getattr(self, name) for name in SETTINGS)
+        return hash((tuple(self.varied.items()), settings))
+
+    @classmethod
+    def of(cls, table: Mapping[str, Any]) -> Ranges:
+        """Return the ranges of a flat table: ranges and the other attributes by name.
+
+        Raises
+        ------
+        AflMujocoError
+            If a name is unknown or a value breaks its rule.
+        """
+        varied = {name: value for name, value in table.items() if name not in SETTINGS}
+        for name in varied:
+            if name not in VARIABLE:
+                raise UnknownNameError.among("range", name, (*VARIABLE, *SETTINGS))
+        return cls(
+            varied=varied, **{name: value for name, value in table.items() if name in SETTINGS}
+        )
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The flat table of `of`; empty where nothing varies."""
+        settings = {name: getattr(self, name) for name in SETTINGS}
+        return {
+            **{name: list(bounds) for name, bounds in self.varied.items()},
+            **{name: value for name, value in settings.items() if value is not None},
+        }
+
+
+SETTINGS = ("cart_mass_rate", "half_length_rate", "changes", "last_change")
+"""Attributes of `Ranges` besides the ranges."""
+
+MOST_CHANGES = 100
+"""Of a schedule that is drawn."""
+
+
+def _range(name: str, bounds: Any) -> Range:
+    """Return a range as it is stored, or raise."""
+    if name not in VARIABLE:
+        raise UnknownNameError.among("range", name, VARIABLE)
+    if isinstance(bounds, str) or not isinstance(bounds, Sequence) or len(bounds) != 2:
+        rule = "must be a range, its least and its largest value"
+        raise InvalidValueError(name, rule, repr(bounds))
+    rule_of: Callable[[str, Any], Any] = require_finite
+    if name in SCHEDULES:
+        rule_of = require_positive
+    elif name in DECLARATIONS:
+        rule_of = DECLARATIONS[name].rule
+    low, high = (float(rule_of(name, require_finite(name, x))) for x in bounds)
+    if not low <= high:
+        raise InvalidValueError(name, "must not fall", f"{low:g} to {high:g}")
+    return low, high
+
+
+FIXED = Ranges()
+"""Nothing varies."""

@@ -1,0 +1,248 @@
+"""The unit cube mapped to the scenarios that the ranges of a scenario allow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.random import Generator, Philox, SeedSequence
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import DECLARATIONS
+from afl_mujoco.scenario.parameters import departures
+from afl_mujoco.scenario.ranges import FIXED, HARDWARE, SCHEDULES, STATE, Range, unit_of
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import (
+    Schedule,
+    constant,
+    slew_limited,
+    staircase,
+    trapezoid,
+)
+
+SHAPES = ("constant", "steps", "trapezoid")
+"""Of the schedules, each with a third of its coordinate: one level; two jumps between three levels;
+a trapezoid between two levels."""
+
+INSTANT = 1e-3
+"""Instants of change are multiples of this [s]."""
+
+_LEVELS, _INSTANTS = 3, 4  # of the shapes
+_POINT, _NOISE, _SEARCH = range(3)  # what a seed is spent on
+
+
+class Quantity(NamedTuple):
+    """What a number of the space is, its unit, its range or value."""
+
+    name: str
+    unit: str
+    value: Range | float
+
+
+@dataclass(frozen=True, slots=True)
+class SampleSpace:
+    """The scenarios that the ranges of a scenario allow, as points of a unit cube.
+
+    Attributes
+    ----------
+    scenario
+        With its `Ranges`; what they leave out is the same in every sample.
+
+    Raises
+    ------
+    InvalidValueError
+        If nothing varies, or a corner of the ranges makes no scenario.
+    """
+
+    scenario: Scenario
+
+    def __post_init__(self) -> None:
+        """Check that the corners make scenarios."""
+        if not self.varied:
+            rule = "must say in [ranges] what varies"
+            raise InvalidValueError(f"scenario {self.scenario.name!r}", rule)
+        last = self.last_change
+        if not self._counts[1] * INSTANT < last <= self.scenario.duration:
+            raise InvalidValueError("last_change", "must be within the duration", last)
+        for corner in (0.0, 1.0):
+            self.scenario_of(np.full(self.dimension, corner), 0, 0)
+
+    @property
+    def varied(self) -> Mapping[str, Range]:
+        """Least and largest value of what varies, by name."""
+        return self.scenario.ranges.varied
+
+    def bounds(self, name: str) -> Range:
+        """Return the least and the largest M [kg] or l [m] that a sample can have."""
+        mass, length, _, _ = self.scenario.plants
+        return self.varied.get(name, {"cart_mass": mass, "half_length": length}[name])
+
+    @property
+    def last_change(self) -> float:
+        """Until when M and l begin to change [s]."""
+        given = self.scenario.ranges.last_change
+        return 0.5 * self.scenario.duration if given is None else given
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the cube's axes, in their order."""
+        levels, instants = self._counts
+        parts = [] if self.scenario.ranges.changes is not None else ["shape"]
+        parts += [f"level {i}" for i in range(1, levels + 1)]
+        parts += [f"instant {i}" for i in range(1, instants + 1)]
+        state, hardware = (
+            tuple(n for n in names if n in self.varied) for names in (STATE, HARDWARE)
+        )
+        drawn = tuple(
+            f"{name} {part}" for name in SCHEDULES if name in self.varied for part in parts
+        )
+        return (*state, *drawn, *hardware)
+
+    @property
+    def dimension(self) -> int:
+        """How many axes the cube has."""
+        return len(self.coordinates)
+
+    @property
+    def _counts(self) -> tuple[int, int]:
+        """How many levels and instants of change a schedule has."""
+        changes = self.scenario.ranges.changes
+        return (_LEVELS, _INSTANTS) if changes is None else (changes + 1, changes)
+
+    def quantities(self) -> Iterator[Quantity]:
+        """Return every number that a sample depends on, with its unit."""
+        ranges, own = self.scenario.ranges, self.scenario.imperfections
+        for name, bounds in self.varied.items():
+            yield Quantity(name, unit_of(name), bounds)
+        for name, unit in (("cart_mass_rate", "kg/s"), ("half_length_rate", "m/s")):
+            if (rate := getattr(ranges, name)) is not None:
+                yield Quantity(name, unit, rate)
+        if ranges.changes is not None:
+            yield Quantity("changes", "", float(ranges.changes))
+        if self.varied.keys() & SCHEDULES.keys():
+            yield Quantity("last_change", "s", self.last_change)
+        for name, value in departures(own).items():
+            if name not in (*self.varied, "seed"):
+                yield Quantity(name, DECLARATIONS[name].unit, float(value))
+        yield Quantity("duration", "s", self.scenario.duration)
+
+    def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
+        """Return the scenario at a point of the cube.
+
+        Parameters
+        ----------
+        point
+            One number in 0 to 1 for each coordinate, shape (dimension,).
+        index, seed
+            Number and seed of the sample; they give its name and the seed of its noise, and
+            nothing else.
+        """
+        at, base = self._by_name(point), self.scenario
+        scaled = {name: _within(self.varied[name], at[name]) for name in self.varied if name in at}
+        noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
+        start = zip(STATE, base.initial_state, strict=True)
+        drawn: dict[str, Any] = {
+            "initial_state": tuple(scaled.pop(name, value) for name, value in start),
+            **{name: self._schedule(name, at) for name in SCHEDULES if name in self.varied},
+        }
+        hardware: dict[str, Any] = {"seed": noise, **scaled}
+        return replace(
+            base,
+            name=f"{base.name}-{seed}-{index:04d}",
+            imperfections=replace(base.imperfections, **hardware),
+            ranges=FIXED,
+            **drawn,
+        )
+
+    def _by_name(self, point: ArrayLike) -> dict[str, float]:
+        """Return the coordinates of a point by name, or raise if it is not in the cube."""
+        x = np.asarray(point, dtype=np.float64)
+        names = self.coordinates
+        if x.shape != (len(names),):
+            raise InvalidValueError("point", f"must have shape ({len(names)},)", x.shape)
+        if not ((x >= 0.0) & (x <= 1.0)).all():
+            raise InvalidValueError("point", "must lie in the unit cube", x.tolist())
+        return dict(zip(names, x.tolist(), strict=True))
+
+    def _schedule(self, thing: str, at: dict[str, float]) -> Schedule:
+        """Return the schedule of M or l."""
+        count, instants = self._counts
+        bounds, ranges = self.varied[thing], self.scenario.ranges
+        levels = [_within(bounds, at[f"{thing} level {i}"]) for i in range(1, count + 1)]
+        shares = [at[f"{thing} instant {i}"] for i in range(1, instants + 1)]
+        drawn = self._steps_between(levels, shares)
+        if ranges.changes is None:
+            shape = SHAPES[min(int(len(SHAPES) * at[f"{thing} shape"]), len(SHAPES) - 1)]
+            if shape == "constant":
+                drawn = constant(levels[0])
+            elif shape == "trapezoid":
+                drawn = trapezoid(self._times(shares), low=levels[0], high=levels[1])
+        rate = getattr(ranges, f"{thing}_rate")
+        return drawn if rate is None else slew_limited(drawn, rate)
+
+    def _steps_between(self, levels: list[float], shares: list[float]) -> Schedule:
+        """Return the jumps from each level to the next, at the first of the instants."""
+        return staircase(self._times(shares[: len(levels) - 1]), levels)
+
+    def _times(self, shares: list[float]) -> tuple[float, ...]:
+        """Return increasing instants [s] from numbers in 0 to 1, in whatever order."""
+        free = round(self.last_change / INSTANT) - len(shares)
+        return tuple((round(free * u) + i + 1) * INSTANT for i, u in enumerate(sorted(shares)))
+
+    @property
+    def reference(self) -> NDArray[np.float64]:
+        """The point of the cube nearest to the scenario itself, M and l as they are at its start.
+
+        An imperfection whose default is that there is none lies at the end that is farthest from
+        harm, the largest value.
+        """
+        base = self.scenario
+        own = dict(zip(STATE, base.initial_state, strict=True))
+        own |= {name: getattr(base.imperfections, name) for name in HARDWARE}
+        found = []
+        for name in self.coordinates:
+            thing, _, part = name.partition(" ")
+            if part == "shape":
+                found.append(0.5 / len(SHAPES))
+            elif part.startswith("instant"):
+                found.append(0.5)
+            else:
+                value = getattr(base, thing).at(0.0) if part else own[thing]
+                low, high = self.varied[thing]
+                found.append(1.0 if value is None else _share((low, high), value))
+        return np.array(found)
+
+
+def sample_point(space: SampleSpace, index: int, seed: int) -> NDArray[np.float64]:
+    """Return the point of a sample, uniform in the cube; it depends on index and seed alone."""
+    return Generator(Philox(_stream(seed, _POINT, index))).random(space.dimension)
+
+
+def sample_scenario(space: SampleSpace, index: int, seed: int) -> Scenario:
+    """Return the scenario of a sample."""
+    return space.scenario_of(sample_point(space, index, seed), index, seed)
+
+
+def search_generator(seed: int) -> Generator:
+    """Return the random numbers of a search; no sample of the same seed shares them."""
+    return Generator(Philox(_stream(seed, _SEARCH, 0)))
+
+
+def _stream(seed: int, purpose: int, index: int) -> SeedSequence:
+    """Return the seed of one purpose, its own for every index."""
+    return SeedSequence(seed, spawn_key=(purpose, index))
+
+
+def _share(bounds: Range, value: float) -> float:
+    """Return at what share of a range a number lies, that of its nearer end outside it."""
+    low, high = bounds
+    return min(max((value - low) / (high - low), 0.0), 1.0) if high > low else 0.0
+
+
+def _within(bounds: Range, share: float) -> float:
+    """Return the number at a share of a range, never outside it."""
+    low, high = bounds
+    return min(max(low + share * (high - low), low), high)

@@ -1,0 +1,32 @@
+"""Spaces near that of the laboratory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.ranges import HARDWARE, SETTINGS, Range, Ranges
+from afl_mujoco.scenario.sample_space import SampleSpace
+
+
+def near_laboratory(
+    *,
+    imperfections: Mapping[str, Range] | None = None,
+    duration: float = LABORATORY.duration,
+    control_period: float = 1e-3,
+    **changes: Any,
+) -> SampleSpace:
+    """The laboratory with other ranges or settings, or other imperfections that vary."""
+    varied = dict(LABORATORY.ranges.varied)
+    if imperfections is not None:
+        varied = {n: r for n, r in varied.items() if n not in HARDWARE} | dict(imperfections)
+    settings = {n: changes.pop(n, getattr(LABORATORY.ranges, n)) for n in SETTINGS}
+    scenario = replace(
+        LABORATORY,
+        duration=duration,
+        imperfections=replace(LABORATORY.imperfections, control_period=control_period),
+        ranges=Ranges(varied=varied | changes, **settings),
+    )
+    return SampleSpace(scenario)

@@ -1,0 +1,153 @@
+"""What varies from run to run: the table of a file, and rates that are kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import afl_mujoco as afl
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.laboratory import HARDWARE_RANGES, LABORATORY, START, with_ranges
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
+from afl_mujoco.scenario.schedules import Schedule, slew_limited, staircase
+
+RIG = """
+pole_mass = 0.2
+duration = 12.0
+initial_state = [0.0, 0.2, 0.0, 0.0]
+[schedule]
+cart_mass = 8.0
+half_length = 1.5
+[imperfections]
+delay = 0.004
+mass_error = 0.1
+[ranges]
+cart_mass = [6.0, 12.0]
+cart_mass_rate = 4.0
+changes = 5
+last_change = 8.0
+phi = [-0.3, 0.3]
+length_error = [-0.1, 0.1]
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> afl.Scenario:
+    (tmp_path / "rig.toml").write_text(RIG)
+    return afl.load_scenario(tmp_path / "rig.toml")
+
+
+def test_only_what_the_file_says_varies(rig: afl.Scenario) -> None:
+    space = SampleSpace(rig)
+    assert space.dimension == 1 + 6 + 5 + 1
+    for i in range(50):
+        sample = sample_scenario(space, i, 3)
+        phi, error = sample.initial_state[1], sample.imperfections.length_error
+        assert abs(phi) <= 0.3 and abs(error) <= 0.1
+        own = replace(
+            sample,
+            name="rig",
+            cart_mass=rig.cart_mass,
+            initial_state=rig.initial_state,
+            ranges=rig.ranges,
+            imperfections=replace(sample.imperfections, length_error=0.0, seed=0),
+        )
+        assert own == rig
+        assert 6.0 <= min(sample.cart_mass.values) <= max(sample.cart_mass.values) <= 12.0
+        steepest = np.abs(np.diff(sample.cart_mass.values) / np.diff(sample.cart_mass.times))
+        assert steepest.max() <= 4.0 * (1.0 + 1e-9)
+        assert len(sample.cart_mass.times) > 2
+
+
+def test_a_scenario_with_ranges_survives_its_file(rig: afl.Scenario, tmp_path: Path) -> None:
+    for one in (rig, LABORATORY):
+        afl.save_scenario(one, tmp_path / "again.toml")
+        assert afl.load_scenario(tmp_path / "again.toml") == one
+        assert hash(afl.load_scenario(tmp_path / "again.toml")) == hash(one)
+
+
+def test_the_reference_of_a_space_is_the_scenario_itself(rig: afl.Scenario) -> None:
+    space = SampleSpace(rig)
+    sample = space.scenario_of(space.reference, 0, 0)
+    assert sample.initial_state == pytest.approx(rig.initial_state)
+    assert set(np.round(sample.cart_mass.values, 12)) == {8.0}
+    assert sample.imperfections.length_error == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_scenario_without_ranges_keeps_what_it_has_and_gets_the_laboratorys_rest() -> None:
+    own = replace(afl.SCENARIOS["step-step"], imperfections=Imperfections(delay=0.03))
+    varied = with_ranges(own).ranges.varied
+    assert varied == {n: r for n, r in HARDWARE_RANGES.items() if n != "delay"}
+    sample = sample_scenario(SampleSpace(with_ranges(own)), 0, 1)
+    assert sample.imperfections.delay == 0.03
+    assert sample.cart_mass == own.cart_mass
+    assert with_ranges(own, start=True).ranges.varied.keys() >= START.keys()
+    assert with_ranges(LABORATORY) == LABORATORY
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.lists(st.integers(0, 400), min_size=1, max_size=6, unique=True).map(sorted),
+    st.lists(st.floats(0.1, 5.0), min_size=7, max_size=7),
+    st.floats(0.05, 20.0),
+    st.booleans(),
+)
+def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rate, ramps) -> None:
+    instants = [0.05 * t for t in times]
+    if ramps:
+        followed = Schedule(tuple(instants), tuple(values[: len(instants)]))
+    else:
+        followed = staircase(instants, values[: len(instants) + 1])
+    limited = slew_limited(followed, rate)
+    step = 5e-3
+    grid = np.arange(0.0, 30.0, step)
+    target = followed(grid)
+    expected = [target[0]]
+    for goal in target[1:]:
+        expected.append(expected[-1] + np.clip(goal - expected[-1], -rate * step, rate * step))
+    steepest = float(np.abs(np.diff(target)).max()) if ramps else 0.0
+    assert np.abs(limited(grid) - expected).max() < 2.0 * rate * step + 2.0 * steepest
+    assert np.abs(np.diff(limited(grid))).max() <= rate * step * (1.0 + 1e-6)
+    settled = grid > followed.times[-1] + np.ptp(values) / rate
+    np.testing.assert_array_equal(limited(grid)[settled], target[settled])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("phj = [0, 1]", "ranges.range must be one of z, phi, "),
+        ("phi = 0.3", "ranges.phi must be a range, its least and its largest value, got 0.3"),
+        ("phi = [1]", "ranges.phi must be a range, its least and its largest value, got [1]"),
+        ("phi = ['a', 1]", "ranges.phi must be a number, got 'a'"),
+        ("phi = [nan, 1]", "ranges.phi must be finite, got nan"),
+        ("phi = [0.3, -0.3]", "ranges.phi must not fall, got 0.3 to -0.3"),
+        ("cart_mass = [0.0, 1.0]", "ranges.cart_mass must be positive, got 0.0"),
+        ("delay = [-0.1, 0.0]", "ranges.delay must not be negative, got -0.1"),
+        ("cart_mass_rate = 1.0", "ranges.cart_mass_rate needs a range of cart_mass"),
+        ("changes = 3", "ranges.changes needs a range of cart_mass or half_length"),
+        ("cart_mass = [1, 2]\nchanges = 0", "ranges.changes must lie in 1 to 100, got 0"),
+        ("cart_mass = [1, 2]\nchanges = 1.5", "ranges.changes must be a whole number, got 1.5"),
+        ("seed = [0, 1]", "ranges.range must be one of z, phi, "),
+    ],
+)
+def test_a_table_that_breaks_a_rule_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "own.toml").write_text(f"[ranges]\n{text}\n")
+    with pytest.raises(AflMujocoError) as raised:
+        afl.load_scenario(tmp_path / "own.toml")
+    assert str(raised.value).startswith(f"{tmp_path / 'own.toml'}: {message}")
+
+
+def test_a_space_in_which_nothing_varies_is_refused() -> None:
+    with pytest.raises(AflMujocoError, match=r"scenario 'nominal' must say in \[ranges\] what"):
+        SampleSpace(afl.SCENARIOS["nominal"])
+    with pytest.raises(AflMujocoError, match="initial_state z must lie within rail_half_length"):
+        ranges = Ranges(varied={"z": (-2.0, 2.0)})
+        rail = Imperfections(rail_half_length=1.0)
+        SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
