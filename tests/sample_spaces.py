@@ -15,7 +15,7 @@ def near_laboratory(
     *,
     imperfections: Mapping[str, Range] | None = None,
     duration: float = LABORATORY.duration,
-    control_period: float = 1e-3,
+    control_period: float | None = None,
     **changes: Any,
 ) -> SampleSpace:
     """The laboratory with other ranges or settings, or other imperfections that vary."""

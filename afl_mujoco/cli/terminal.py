@@ -86,7 +86,7 @@ def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
     for option in fields(options):
         value = getattr(options, option.name)
         if tyro.conf.Positional in getattr(hints[option.name], "__metadata__", ()):
-            names += [value] if isinstance(value, str) else value or ()
+            names += value if isinstance(value, tuple) else [value] * (value != option.default)
         elif value != option.default and option.name not in leave_out:
             name = option.name.replace("_", "-")
             words.append(f"--no-{name}" if value is False else f"--{name}")

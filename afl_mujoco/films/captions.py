@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath
-from afl_mujoco.films.overlays import BAR, FORCE, GHOST, PUSH, marks
+from afl_mujoco.films.overlays import GHOST, marks
 from afl_mujoco.films.replay import Replay
+from afl_mujoco.simulation.decor import BAR, FORCE, PUSH
 
 Rgb = tuple[int, int, int]
 INK: Rgb = (238, 241, 246)

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.camera import ELEVATION, CameraPath
-from afl_mujoco.films.overlays import BAR, add_overlays, add_shadow, marks, show_mass
+from afl_mujoco.films.overlays import add_overlays, add_shadow, marks
 from afl_mujoco.films.replay import Replay
 from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.simulation.decor import BAR, show_mass
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 
 LARGEST = (1920, 1080)

@@ -11,9 +11,10 @@ import numpy as np
 from afl_mujoco.errors import GraphicsError
 from afl_mujoco.films.camera import ELEVATION
 from afl_mujoco.films.captions import endings, readouts
-from afl_mujoco.films.overlays import BAR, add_overlays
+from afl_mujoco.films.overlays import add_overlays
 from afl_mujoco.films.replay import Replay
 from afl_mujoco.films.scene import pose
+from afl_mujoco.simulation.decor import BAR
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
 DISTANCE = 7.5

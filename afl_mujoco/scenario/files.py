@@ -23,6 +23,7 @@ from afl_mujoco.files import parse_json, write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.parameters import departures
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
@@ -125,6 +126,9 @@ class _File:
 _ABSENT_WHERE_EMPTY = ("imperfections", "requirements", "ranges")
 
 
+_NAMED = {**SCENARIOS, LABORATORY.name: LABORATORY}
+
+
 def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario from a TOML file.
 
@@ -151,7 +155,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 def find_replay(name: str) -> Replay:
     """Return how a scenario's file says that it was run, by its table ``[replay]``."""
-    return Replay() if name in SCENARIOS else _read(Path(name)).replay
+    return _read(Path(name)).replay if name.endswith(".toml") else Replay()
 
 
 def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
@@ -183,21 +187,21 @@ def find_scenario(name: str) -> Scenario:
     Parameters
     ----------
     name
-        A key of `SCENARIOS`, or a path that ends in ``.toml``.
+        A key of `SCENARIOS`, the name of `LABORATORY`, or a path that ends in ``.toml``.
 
     Raises
     ------
     UnknownNameError
         If `name` is neither.
     """
-    if name in SCENARIOS:
-        return SCENARIOS[name]
+    if name in _NAMED:
+        return _NAMED[name]
     if name.endswith(".toml"):
         return load_scenario(name)
     if Path(f"{name}.toml").is_file():
         rule = "must be of the catalogue or end in .toml: did you mean"
         raise InvalidValueError("scenario", f"{rule} {name}.toml?", repr(name))
-    raise UnknownNameError.among("scenario", name, (*SCENARIOS, "a .toml file"))
+    raise UnknownNameError.among("scenario", name, (*_NAMED, "a .toml file"))
 
 
 def as_scenario(scenario: Scenario | str | Path) -> Scenario:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from afl_mujoco.scenario.imperfections import DRAWS, IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import DRAWS, IDEAL
 from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.ranges import FIXED, Range, Ranges
 from afl_mujoco.scenario.scenario import Scenario
@@ -41,7 +41,6 @@ HARDWARE_RANGES: Mapping[str, Range] = MappingProxyType(
 
 LABORATORY = Scenario(
     name="laboratory",
-    imperfections=Imperfections(control_period=1e-3),
     ranges=Ranges(
         varied={
             **{name: start.range for name, start in START.items()},
@@ -61,7 +60,6 @@ REASONS: Mapping[str, str] = MappingProxyType(
         "half_length": "the paper's box",
         "last_change": "M and l change in the first half of the run, as in the paper",
         **{name: draw.why for name, draw in DRAWS.items()},
-        "control_period": "1 kHz, not varied",
         "duration": "the paper's horizon",
     }
 )

@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_finite, require_positive, require_type
 
+_MANY = 256
+"""More times than this are worth a look at whether they increase."""
+
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
@@ -128,6 +131,8 @@ class Schedule:
             Values, of the shape of `time`.
         """
         t = np.asarray(time, dtype=np.float64)
+        if t.ndim == 1 and len(t) > _MANY and (t[1:] >= t[:-1]).all():
+            return self._along(t)
         found = np.searchsorted(self.times, t, side="right") - 1
         index = np.maximum(found, 0)
         elapsed = np.where(found < 0, 0.0, t - np.asarray(self.times)[index])
@@ -135,6 +140,19 @@ class Schedule:
             np.asarray(self.values)[index] + np.asarray(self._rates)[index] * elapsed
         )
         return result
+
+    def _along(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values at increasing times, to the same bits: fewer knots are looked up."""
+        edges = np.searchsorted(t, self.times, side="left")
+        counts = np.diff(np.concatenate([edges, [len(t)]]))
+        before = edges[0]
+        starts, values, rates = (
+            np.repeat(one, counts) for one in (self.times, self.values, self._rates)
+        )
+        after: NDArray[np.float64] = values + rates * (t[before:] - starts)
+        if not before:
+            return after
+        return np.concatenate([np.full(before, self.values[0]), after])
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

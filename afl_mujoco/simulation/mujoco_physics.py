@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +12,19 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel, load
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.imperfections import IDEAL
-from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.sampling import SNAP, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
+from afl_mujoco.simulation.decor import add_forces, add_marks, marks_near, show_mass
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
+    Actuator,
+    Sensors,
     actuator_of,
     new_run,
     no_commands,
+    sense,
+    sensors_of,
 )
 from afl_mujoco.simulation.sampled.loop import (
     PROFILE,
@@ -40,8 +45,67 @@ from dm_control.mujoco import wrapper  # noqa: E402
 _FOREVER = 2**62
 """More steps than any run has: the environment ends an episode, not the loop."""
 
-_IDEAL = actuator_of(IDEAL, 1.0, 1)
-_NO_COMMANDS = no_commands(_IDEAL)
+
+class Episode(NamedTuple):
+    """What a scenario prescribes, sampled on the physics steps until nothing changes any more.
+
+    Attributes
+    ----------
+    constants
+        Physics step [s], m [kg] and g [m/s^2].
+    profile
+        As of `loop.start`; its last row stays in force.
+    now
+        M [kg] and l [m] at each instant, after the jump where there is one, shape (N, 2).
+    told
+        The same as a controller is told them: late and with an error, if so imperfect.
+    sensors, actuator
+        The hardware.
+    """
+
+    constants: tuple[float, float, float]
+    profile: NDArray[Any]
+    now: NDArray[np.float64]
+    told: NDArray[np.float64]
+    sensors: Sensors
+    actuator: Actuator
+
+
+def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
+    """Return what a scenario prescribes.
+
+    Parameters
+    ----------
+    timestep
+        Physics step [s], which divides the scenario's duration.
+    hold
+        Physics steps of a control period.
+    """
+    s, r = scenario, scenario.imperfections
+    count = whole_steps("duration", s.duration, "timestep", timestep)
+    sources = (s.cart_mass, s.half_length, *s.disturbances)
+    last = max((t for source in sources for t in source.breakpoints), default=0.0)
+    changing = min(math.ceil(last / timestep) + 1, count)
+    profile = input_profile(s, timestep, changing, count)
+    until = min(changing + 1 + math.ceil(r.parameter_delay / timestep), count)
+    instants = np.arange(until + 1) * timestep
+    now = np.stack([s.cart_mass(instants), s.half_length(instants)], axis=1)
+    if changing + 1 >= count:  # beyond the horizon the plant keeps what it had there
+        profile = np.concatenate([profile, np.zeros(1, PROFILE)])
+        profile["cart_mass"][-1], profile["half_length"][-1] = now[-1]
+    told = now
+    if r.parameter_delay or r.mass_error or r.length_error:
+        at = instants - (r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0)
+        mass, length = 1.0 + r.mass_error, 1.0 + r.length_error
+        told = np.stack([s.cart_mass(at) * mass, s.half_length(at) * length], axis=1)
+    return Episode(
+        constants=(float(timestep), s.pole_mass, s.gravity),
+        profile=profile,
+        now=now,
+        told=told,
+        sensors=sensors_of(r, hold * timestep),
+        actuator=actuator_of(r, timestep, count),
+    )
 
 
 @kernel
@@ -63,7 +127,7 @@ def _plan(constants, hold):
 
 
 @kernel
-def _begin(at, constants, profile, run):
+def begin_held(at, constants, profile, run):
     """Apply what happens at the start of the first step."""
     run.written_mass = np.nan
     write_plant(at, _plan(constants, 1), profile, run, 0)
@@ -71,8 +135,8 @@ def _begin(at, constants, profile, run):
 
 
 @kernel
-def _advance(at, constants, profile, now, run, pending, instant, hold):
-    """Take the steps of a control period under the control in MjData; return the instant reached.
+def advance_held(at, constants, profile, now, actuator, run, pending, instant, hold):
+    """Take the steps of a control period under the command in MjData; return the instant reached.
 
     It stops where the state diverges. Else it leaves model and data as they are at that instant,
     with the (M, l) that `now` holds for each.
@@ -83,7 +147,7 @@ def _advance(at, constants, profile, now, run, pending, instant, hold):
     run.step, run.status, run.written_mass = instant, RUNNING, np.nan
     write_plant(at, plan, profile, run, instant)
     force = load(at.control)
-    advance(at, plan, _IDEAL, profile, run, pending, np.empty((0, 5)), force)
+    advance(at, plan, actuator, profile, run, pending, np.empty((0, 5)), force)
     if not within_limits(mm.read_state(at)):
         return run.step + 1
     i = min(instant + hold, len(now) - 1)
@@ -93,57 +157,92 @@ def _advance(at, constants, profile, now, run, pending, instant, hold):
 
 
 class Physics(DmPhysics):  # type: ignore[misc]
-    """A dm_control Physics whose plant follows a scenario, step by step.
+    """A dm_control Physics whose plant follows a scenario, step by step, on its hardware.
 
     Between steps model and data belong to the instant ``time()``, ideal impulses at it applied: a
     picture shows the current length. The instant is the whole number of timesteps nearest to
     ``data.time``, so `set_state` with MuJoCo's time in it moves along the schedule too; call
-    `forward` after it.
+    `forward` after it. What the hardware remembers, commands under way for instance, is no part of
+    MuJoCo's state: `copy` has it, `set_state` leaves it.
 
     Parameters
     ----------
     scenario
-        What happens to the plant.
+        What happens to the plant, and its imperfections.
     timestep
         Physics step [s], which divides the scenario's duration.
     integrator
         As of `CartPoleModel`.
+    hold
+        Physics steps of a control period, at whose ends the sensors are read.
     """
 
-    def __init__(self, scenario: Scenario, *, timestep: float, integrator: str) -> None:
-        scenario.require_ideal()
-        self.scenario = scenario
-        count = whole_steps("duration", scenario.duration, "timestep", timestep)
-        self._profile = np.zeros(count + 1, PROFILE)  # whose last row holds forever
-        self._profile[:-1] = input_profile(scenario, timestep, count, count)
-        instants = np.arange(count + 1) * timestep
-        masses, lengths = scenario.cart_mass(instants), scenario.half_length(instants)
-        self._now = np.stack([masses, lengths], axis=1)
-        self._profile["cart_mass"][-1], self._profile["half_length"][-1] = self._now[-1]
-        self._run = new_run()
-        self._constants = (float(timestep), scenario.pole_mass, scenario.gravity)
-        self._timestep, self._integrator = timestep, integrator
+    def __init__(
+        self, scenario: Scenario, *, timestep: float, integrator: str, hold: int = 1
+    ) -> None:
+        self._timestep, self._integrator, self.hold = timestep, integrator, hold
         self._model = mm.CartPoleModel(
             scenario.parameters_at(0.0), file="scene.xml", timestep=timestep, integrator=integrator
         )
+        self._take(scenario)
         data = wrapper.MjData(wrapper.MjModel(self._model.mj_model))
         self._model.drive(data.ptr)
         super().__init__(data)
         self.reset()
 
+    def _take(self, scenario: Scenario) -> None:
+        """Take what a scenario prescribes."""
+        self.scenario = scenario
+        self.episode = episode_of(scenario, self._timestep, self.hold)
+        self.pending = no_commands(self.episode.actuator)
+        self.run: Any = new_run()
+        self._seen, self._seen_at = np.zeros(4), -1
+
+    def follow(self, scenario: Scenario) -> None:
+        """Follow another scenario from its start.
+
+        Parameters
+        ----------
+        scenario
+            Its duration a multiple of the timestep.
+        """
+        self._take(scenario)
+        self._model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
+        self.begin(scenario.initial_state)
+
     @property
-    def _instant(self) -> int:
+    def addresses(self) -> Any:
+        """`CartPoleModel.addresses` of its model and data."""
+        return self._model.addresses
+
+    @property
+    def instant(self) -> int:
         """Number of steps since t = 0."""
         return round(float(self.data.ptr.time) / self._timestep)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Return (M, l) [kg, m] now, after the jump where there is one, shape (2,)."""
-        now: NDArray[np.float64] = self._now[min(self._instant, len(self._now) - 1)]
-        return now.copy()
+        """Return the true (M, l) [kg, m] now, after the jump where there is one, shape (2,)."""
+        return self._at_instant(self.episode.now)
+
+    def told_parameters(self) -> NDArray[np.float64]:
+        """Return (M, l) [kg, m] as a controller is told them now, shape (2,)."""
+        return self._at_instant(self.episode.told)
+
+    def _at_instant(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        found: NDArray[np.float64] = rows[min(self.instant, len(rows) - 1)].copy()
+        return found
+
+    def measured(self) -> NDArray[np.float64]:
+        """Return (z, phi, z_dot, phi_dot) as the sensors say at this control tick, shape (4,)."""
+        if self.instant != self._seen_at:
+            tick = self.instant // self.hold
+            seen = sense(self.addresses, self.episode.sensors, self.run, tick)
+            self._seen, self._seen_at = np.array(seen), self.instant
+        return self._seen.copy()
 
     def diverged(self) -> bool:
         """Return whether the state exceeds `STATE_LIMIT` or is not finite."""
-        return not within_limits(mm.read_state(self._model.addresses))
+        return not within_limits(mm.read_state(self.addresses))
 
     def begin(self, state: Sequence[float]) -> None:
         """Put the plant at t = 0 into `state`, then apply the impulses there.
@@ -154,44 +253,61 @@ class Physics(DmPhysics):  # type: ignore[misc]
             (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s].
         """
         self.data.ptr.time = 0.0
-        mm.write_state(self._model.addresses, *(float(x) for x in state))
-        _begin(self._model.addresses, self._constants, self._profile, self._run)
+        mm.write_state(self.addresses, *(float(x) for x in state))
+        self.run, self._seen_at = new_run(), -1
+        self.pending[:] = 0.0
+        begin_held(self.addresses, self.episode.constants, self.episode.profile, self.run)
         self.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
         """Return to the scenario's initial state, plant included."""
         super().reset(keyframe_id)
+        self._model.set_imperfections(self.scenario.imperfections, self.scenario.parameters_at(0.0))
         self.begin(self.scenario.initial_state)
 
     def forward(self) -> None:
         """Make everything in model and data what it is at this instant, for this state."""
         mass, length = self.parameters()
         s = self.scenario
-        mm.write_parameters(self._model.addresses, mass, s.pole_mass, length, s.gravity)
+        mm.write_parameters(self.addresses, mass, s.pole_mass, length, s.gravity)
         super().forward()
 
     def step(self, nstep: int = 1) -> None:
-        """Advance, the plant and the push those of each physics step, the control held.
+        """Advance, the plant and the push those of each physics step, the command held.
 
-        A state that has diverged stays as it is.
+        The control in MjData is what is commanded before, and what the actuator exerts after. A
+        state that has diverged stays as it is.
         """
         force = self.data.ptr.ctrl[0]
         if not abs(force) < STATE_LIMIT:
             raise InvalidValueError("control", f"must be below {STATE_LIMIT:g} N", f"{force:g} N")
-        reached = _advance(
-            self._model.addresses, self._constants, self._profile, self._now, self._run,
-            _NO_COMMANDS, self._instant, nstep,
+        e = self.episode
+        reached = advance_held(
+            self.addresses, e.constants, e.profile, e.now, e.actuator, self.run, self.pending,
+            self.instant, nstep,
         )  # fmt: skip
         self.data.ptr.time = reached * self._timestep
 
+    def render(self, *args: Any, **settings: Any) -> NDArray[np.uint8]:
+        """Return a picture as dm_control does; the cart has its mass, forces are arrows."""
+        decorated = {"scene_callback": _decorate, **settings}
+        if any(settings.get(name) for name in ("depth", "segmentation")):
+            decorated = settings
+        picture: NDArray[np.uint8] = super().render(*args, **decorated)
+        return picture
+
     def __getstate__(self) -> tuple[Any, ...]:
         vector = self.get_state(mujoco.mjtState.mjSTATE_INTEGRATION)
-        return self.scenario, self._timestep, self._integrator, vector
+        memory = (self.run.copy(), self.pending.copy(), self._seen_at)
+        seen = self._seen.copy()
+        return self.scenario, self._timestep, self._integrator, self.hold, vector, memory, seen
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        scenario, timestep, integrator, vector = state
-        self.__init__(scenario, timestep=timestep, integrator=integrator)  # type: ignore[misc]
+        scenario, timestep, integrator, hold, vector, memory, seen = state
+        self.__init__(scenario, timestep=timestep, integrator=integrator, hold=hold)  # type: ignore[misc]
         self.set_state(vector, mujoco.mjtState.mjSTATE_INTEGRATION)
+        self.run, self.pending, self._seen_at = memory
+        self._seen = seen
         self.forward()
 
     def copy(self, share_model: bool = False) -> Physics:
@@ -204,3 +320,14 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
     def _reload_from_model(self, model: Any) -> None:
         raise InvalidValueError("model", "cannot be replaced: it follows the scenario")
+
+
+def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
+    """Draw the cart's mass, the forces on it and the marks of the rail near it."""
+    mass, _ = physics.parameters()
+    z = float(physics.data.ptr.qpos[0])
+    i = min(physics.instant, len(physics.episode.profile) - 1)
+    show_mass(scene, physics.model.geom("cart").id, float(mass))
+    add_marks(scene, marks_near(z), numbered=True)
+    push = float(physics.episode.profile["push"][i])
+    add_forces(scene, z, float(mass), float(physics.data.ptr.ctrl[0]), push)

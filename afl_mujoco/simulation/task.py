@@ -15,13 +15,17 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.files import as_scenario
+from afl_mujoco.scenario.laboratory import with_ranges
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite, require_positive
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 choose_backend()
 from dm_control.rl import control  # noqa: E402  (it reads MUJOCO_GL when imported)
+from dm_control.utils.rewards import tolerance  # noqa: E402
 from dm_env import TimeStep, specs  # noqa: E402
 
 from afl_mujoco.simulation.mujoco_physics import Physics  # noqa: E402
@@ -35,40 +39,44 @@ Z_MARGIN = 2.0
 FORCE_MARGIN = 100.0
 """Force [N] at which the reward's effort term is 0.1."""
 
+_MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
+
+OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
+"""What becomes of M and l."""
+
+SAMPLES = 2**31 - 1
+"""How many samples episodes are drawn from."""
+
 ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
 """What `load` leaves to ``environment_kwargs``; the rest it has to decide itself."""
 
 
-def reward(z: float, phi: float, force: float) -> float:
+def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
     """Return the reward of `Balance`, smooth and within (0, 1].
 
-    With ``near(x, margin) = 1 / (1 + 9 (x / margin)^2)``, which is 1 at 0 and 0.1 at the margin:
-    ``near(phi, PHI_MARGIN) * (1 + near(z, Z_MARGIN)) / 2 * (4 + near(force, FORCE_MARGIN)) / 5``.
-    A product, as in the suite's cart-pole: to balance counts most, to centre the cart at most
-    halves it, effort costs at most a fifth. The long tails leave a slope to follow far from the
-    goal. It is 1 only for a pole at rest upright over z = 0, without force.
+    Of `dm_control.utils.rewards.tolerance` with its long tail, ``near(x, margin)``, which is 1 at 0
+    and 0.1 at the margin: ``near(phi, PHI_MARGIN) * (1 + near(z, Z_MARGIN)) / 2 * (4 + near(force,
+    FORCE_MARGIN)) / 5``. A product, as in the suite's cart-pole: to balance counts most, to centre
+    the cart at most halves it, effort costs at most a fifth. The long tails leave a slope to follow
+    far from the goal. It is 1 only for a pole at rest upright over z = 0, without force.
 
     Parameters
     ----------
     z, phi, force
-        Cart position [m], pole angle [rad], force of the action [N].
+        Cart position [m], pole angle [rad], force on the cart [N]: numbers, or arrays of one shape.
     """
-    upright, centred = _near(phi, PHI_MARGIN), _near(z, Z_MARGIN)
-    return upright * (1.0 + centred) / 2.0 * (4.0 + _near(force, FORCE_MARGIN)) / 5.0
-
-
-def _near(x: float, margin: float) -> float:
-    """Return 1 at zero, 0.1 at the margin, with a long tail."""
-    return 1.0 / (1.0 + 9.0 * (x / margin) ** 2)
+    away = np.array([phi, z, force]).T / _MARGINS  # in one call: it is slow on numbers
+    upright, centred, easy = tolerance(away, margin=1.0, sigmoid="long_tail").T
+    return upright * (1.0 + centred) / 2.0 * (4.0 + easy) / 5.0
 
 
 class Balance(control.Task):  # type: ignore[misc]
     """Balance the pole and bring the cart to z = 0; an episode ends when the pole falls.
 
-    The observation is ``position`` (z, phi) [m, rad], ``velocity`` (z_dot, phi_dot) [m/s, rad/s]
-    and ``parameters`` (M, l) [kg, m], each at the instant of the observation, after what jumps
-    there. The action is the force on the cart [N], clipped to the limit and held until the next.
-    The discount is 0 where ``|phi|`` reaches `FALL_ANGLE` or the state diverges.
+    The observation is ``position`` (z, phi) [m, rad], ``velocity`` (z_dot, phi_dot) [m/s, rad/s],
+    as the sensors measure them, and (M, l) [kg, m], each at the instant of the observation, after
+    what jumps there. The action is the force asked for [N], clipped to the limit and held until the
+    next. The discount is 0 where ``|phi|`` reaches `FALL_ANGLE` or the state diverges.
 
     Parameters
     ----------
@@ -77,9 +85,12 @@ class Balance(control.Task):  # type: ignore[misc]
     initial_noise
         Half-width of the uniform perturbation of phi(0) [rad].
     random
-        Seed or `numpy.random.RandomState` of that perturbation.
-    observe_parameters
-        Whether M and l are observed.
+        Seed or `numpy.random.RandomState` of that perturbation, and of what is drawn.
+    parameters
+        ``"observed"``: as ``parameters`` what a controller is told of (M, l); ``"privileged"``: as
+        ``privileged`` the true ones, for a critic or a teacher; ``"hidden"``: neither.
+    space
+        What to draw a scenario from for every episode; None for always the same.
     """
 
     def __init__(
@@ -88,7 +99,8 @@ class Balance(control.Task):  # type: ignore[misc]
         force_limit: float = 1000.0,
         initial_noise: float = 0.0,
         random: int | np.random.RandomState | None = None,
-        observe_parameters: bool = True,
+        parameters: str = OBSERVED,
+        space: SampleSpace | None = None,
     ) -> None:
         self._limit = require_positive("force_limit", force_limit)
         if self._limit >= STATE_LIMIT:
@@ -96,20 +108,40 @@ class Balance(control.Task):  # type: ignore[misc]
         self._noise = require_finite("initial_noise", initial_noise)
         if self._noise < 0.0:
             raise InvalidValueError("initial_noise", "must not be negative", initial_noise)
+        if parameters not in PARAMETERS:
+            raise UnknownNameError.among("parameters", parameters, PARAMETERS)
         self._random = _random_state(random)
-        self._observe_parameters = observe_parameters
+        self._parameters, self._space = parameters, space
 
     @property
     def random(self) -> np.random.RandomState:
-        """The source of the initial perturbations."""
+        """The source of the initial perturbations and of what is drawn."""
         return self._random
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Put the plant into the scenario's initial state, perturbed if so configured."""
-        z, phi, z_dot, phi_dot = physics.scenario.initial_state
+        """Put the plant into the scenario's initial state, drawn and perturbed if so configured.
+
+        What is drawn is sample i of the space with seed 0, as of `sample_scenario`, i at random.
+        """
+        scenario, start = self.draw(physics.scenario)
+        if self._space is not None:
+            physics.follow(scenario)
+        physics.begin(start)
+
+    def draw(self, scenario: Scenario) -> tuple[Scenario, tuple[float, float, float, float]]:
+        """Return the scenario of an episode, and where it starts.
+
+        Parameters
+        ----------
+        scenario
+            What it is where none is drawn.
+        """
+        if self._space is not None:
+            scenario = sample_scenario(self._space, int(self._random.randint(SAMPLES)), 0)
+        z, phi, z_dot, phi_dot = scenario.initial_state
         if self._noise > 0.0:
             phi += self._random.uniform(-self._noise, self._noise)
-        physics.begin((z, phi, z_dot, phi_dot))
+        return scenario, (z, phi, z_dot, phi_dot)
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
         """Return the bounds of the force [N]."""
@@ -125,9 +157,12 @@ class Balance(control.Task):  # type: ignore[misc]
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, NDArray[np.float64]]:
         """Return position, velocity and, if so configured, parameters at this instant."""
-        observation = OrderedDict(position=physics.position(), velocity=physics.velocity())
-        if self._observe_parameters:
-            observation["parameters"] = physics.parameters()
+        measured = physics.measured()
+        observation = OrderedDict(position=measured[:2], velocity=measured[2:])
+        if self._parameters == OBSERVED:
+            observation["parameters"] = physics.told_parameters()
+        elif self._parameters == PRIVILEGED:
+            observation["privileged"] = physics.parameters()
         return observation
 
     def get_reward(self, physics: Physics) -> float:
@@ -135,7 +170,7 @@ class Balance(control.Task):  # type: ignore[misc]
         if physics.diverged():
             return 0.0
         z, phi = physics.data.ptr.qpos
-        return reward(float(z), float(phi), float(physics.data.ptr.ctrl[0]))
+        return float(reward(z, phi, physics.data.ptr.ctrl[0]))
 
     def get_termination(self, physics: Physics) -> float | None:
         """Return discount 0 if the pole has fallen or the state has diverged."""
@@ -163,7 +198,8 @@ def load(
     force_limit: float = 1000.0,
     initial_noise: float = 0.0,
     random: int | np.random.RandomState | None = None,
-    observe_parameters: bool = True,
+    parameters: str = OBSERVED,
+    randomize: bool = False,
     environment_kwargs: Mapping[str, Any] | None = None,
 ) -> control.Environment:
     """Return a scenario as a dm_control environment, as `dm_control.suite.load` does.
@@ -171,15 +207,19 @@ def load(
     Parameters
     ----------
     scenario
-        A name of the catalogue, a TOML file or a `Scenario`.
+        A name of the catalogue, a TOML file or a `Scenario`, with its imperfections.
     timestep
         Physics step [s], at each of which the plant changes.
     control_period
-        How long an action is held [s], a multiple of `timestep` (default: one step).
+        How long an action is held [s], a multiple of `timestep` (default: that of the scenario's
+        imperfections, else one step).
     integrator
         MuJoCo's integrator, as of `simulate_mujoco`.
-    force_limit, initial_noise, random, observe_parameters
+    force_limit, initial_noise, random, parameters
         As of `Balance`.
+    randomize
+        Whether to draw each episode's scenario from the scenario's ``[ranges]``; one without them
+        starts anywhere and has laboratory hardware, as of `with_ranges`.
     environment_kwargs
         ``flat_observation`` or ``time_limit`` [s], which is the scenario's duration by default;
         beyond that the plant keeps its last parameters.
@@ -195,15 +235,19 @@ def load(
         If a setting breaks its rule.
     """
     scenario = as_scenario(scenario)
-    period = timestep if control_period is None else control_period
+    period = control_period_of(scenario, control_period, timestep)
     hold = whole_steps("control_period", period, "timestep", timestep)
+    space = SampleSpace(with_ranges(scenario, start=True)) if randomize else None
     task = Balance(
         force_limit=force_limit,
         initial_noise=initial_noise,
         random=random,
-        observe_parameters=observe_parameters,
+        parameters=parameters,
+        space=space,
     )
-    if initial_noise > 0.0 and abs(scenario.initial_state[1]) + initial_noise >= FALL_ANGLE:
+    leans = (scenario.initial_state[1], scenario.initial_state[1])
+    leans = leans if space is None else space.varied.get("phi", leans)
+    if initial_noise > 0.0 and max(map(abs, leans)) + initial_noise >= FALL_ANGLE:
         raise InvalidValueError(
             "initial_noise", "must not let the pole start fallen", initial_noise
         )
@@ -214,7 +258,7 @@ def load(
             raise UnknownNameError.among("environment_kwargs", key, ENVIRONMENT_KEYS)
     if settings["time_limit"] != math.inf:
         require_positive("time_limit", settings["time_limit"])
-    physics = Physics(scenario, timestep=timestep, integrator=integrator)
+    physics = Physics(scenario, timestep=timestep, integrator=integrator, hold=hold)
     return control.Environment(physics, task, n_sub_steps=hold, legacy_step=False, **settings)
 
 

@@ -48,8 +48,8 @@ ScenarioNames = Annotated[
 ]
 """Scenarios by name or file, before the options."""
 
-ScenarioName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
-"""A scenario by name or file, before the options; None where it is left out."""
+ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+"""A scenario by name or file, before the options."""
 
 ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by name: {KNOWN}")]
 """Controllers by name."""

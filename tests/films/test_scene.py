@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from afl_mujoco.films.camera import Frame, follow
-from afl_mujoco.films.overlays import ARROW_SCALE, cart_size
 from afl_mujoco.films.scene import open_scene
+from afl_mujoco.simulation.decor import ARROW_SCALE, cart_size
 
 pytestmark = pytest.mark.slow
 

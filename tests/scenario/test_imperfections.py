@@ -8,7 +8,6 @@ from afl_mujoco import (
     CONTROLLERS,
     SCENARIOS,
     Scenario,
-    load,
     load_scenario,
     save_scenario,
     simulate_mujoco,
@@ -132,7 +131,6 @@ SIMULATORS = {
     "ode held": simulate_ode_held,
     "exact": lambda s, c: simulate_mujoco(s, c, "exact"),
     "continuous": lambda s, c: simulate_mujoco(s, c, "continuous"),
-    "dm_control": lambda s, c: load(s),
     "validate": lambda s, c: require_runnable([s], [c], Settings()),
 }
 

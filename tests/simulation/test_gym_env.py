@@ -19,6 +19,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.gym_env import registration
 from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
@@ -31,10 +32,23 @@ if INSTALLED:
     import gymnasium
     from gymnasium.utils.env_checker import check_env
     from gymnasium.utils.seeding import np_random
+    from gymnasium.vector import SyncVectorEnv
 
-    from afl_mujoco.simulation.gym_env.environment import CONTROL_PERIOD, FORCE_LIMIT, CartPoleEnv
+    from afl_mujoco.simulation.gym_env.environment import (
+        CONTROL_PERIOD,
+        FORCE_LIMIT,
+        CartPoleEnv,
+        policy_controller,
+    )
+    from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv
 
-IDS = [f"afl_mujoco/CartPole-{name}-v0" for name in afl.SCENARIOS]
+FIXED = [f"afl_mujoco/CartPole-{name}-v0" for name in afl.SCENARIOS]
+IDS = [
+    *FIXED,
+    *(f"afl_mujoco/CartPole-{name}-Random-v0" for name in afl.SCENARIOS),
+    "afl_mujoco/CartPole-Random-v0",
+]
+SI = {"scaled": False}
 
 
 def program(*lines: str) -> subprocess.CompletedProcess[str]:
@@ -68,14 +82,18 @@ def test_gymnasium_s_checker_accepts_the_pictures(graphics: None) -> None:
 
 
 @needs_gymnasium
-def test_all_nine_scenarios_of_the_paper_are_registered_and_no_other() -> None:
+def test_the_scenarios_of_the_paper_are_registered_as_they_are_and_at_random() -> None:
     registration.register()  # once more does nothing
     known = sorted(name for name in gymnasium.registry if name.startswith("afl_mujoco/"))
     assert known == sorted(IDS)
-    assert len(known) == 9
+    assert len(known) == 19
     for name in known:
         scenario = gymnasium.spec(name).kwargs["scenario"]
-        assert gymnasium.make(name).unwrapped.dm_environment.physics.scenario.name == scenario
+        environment = gymnasium.make(name).unwrapped
+        assert environment.scenario.name == scenario
+        environment.reset(seed=1)
+        drawn = environment.scenario.name.startswith(f"{scenario}-0-")
+        assert drawn == name.endswith("-Random-v0")
 
 
 @needs_gymnasium
@@ -118,7 +136,7 @@ def test_asking_where_gymnasium_is_does_not_keep_it_from_being_registered_with()
         "assert importlib.resources.files(gymnasium).joinpath('py.typed').is_file()",
         "print(len([name for name in gymnasium.registry if name.startswith('afl_mujoco/')]))",
     )
-    assert (run.stdout, run.stderr) == ("9\n", "")
+    assert (run.stdout, run.stderr) == ("19\n", "")
 
 
 @needs_gymnasium
@@ -154,7 +172,7 @@ def test_without_gymnasium_the_package_works_and_says_what_is_missing_in_one_lin
 def test_an_episode_has_the_bits_of_the_dm_control_environment(
     name: str, rng: np.random.Generator
 ) -> None:
-    environment = CartPoleEnv(name, control_period=0.01)
+    environment = CartPoleEnv(name, control_period=0.01, **SI)
     twin = afl.load(name, control_period=0.01, force_limit=FORCE_LIMIT)
     (seen, _), step = environment.reset(), twin.reset()
     rewards = []
@@ -174,7 +192,7 @@ def test_an_episode_has_the_bits_of_the_dm_control_environment(
 def test_the_paper_s_controller_as_an_agent_repeats_its_sampled_run_bit_for_bit() -> None:
     scenario, controller = afl.SCENARIOS["step-trapezoid"], afl.CONTROLLERS["adaptive"]
     run = afl.simulate_mujoco(scenario, controller, "sampled", control_period=CONTROL_PERIOD)
-    environment = CartPoleEnv(scenario)
+    environment = CartPoleEnv(scenario, **SI)
     seen, states, truncated = environment.reset()[0], [], False
     while not truncated:
         states.append(seen[:4])
@@ -187,7 +205,7 @@ def test_the_paper_s_controller_as_an_agent_repeats_its_sampled_run_bit_for_bit(
 
 @needs_gymnasium
 def test_a_fall_terminates_and_the_horizon_truncates() -> None:
-    environment = CartPoleEnv("nominal")
+    environment = CartPoleEnv("nominal", **SI)
     environment.reset()
     terminated = truncated = False
     while not terminated:
@@ -223,7 +241,7 @@ def _time_of_fall() -> float:
 
 @needs_gymnasium
 def test_a_seed_fixes_the_start_of_each_episode_and_is_the_dm_control_task_s() -> None:
-    environment = CartPoleEnv(initial_noise=0.1)
+    environment = CartPoleEnv(initial_noise=0.1, **SI)
     first = [environment.reset(seed=5)[0], environment.reset()[0]]
     again = [environment.reset(seed=5)[0], environment.reset()[0]]
     other = environment.reset(seed=6)[0]
@@ -232,12 +250,12 @@ def test_a_seed_fixes_the_start_of_each_episode_and_is_the_dm_control_task_s() -
     task_seed = int(np_random(5)[0].integers(2**32))
     twin = afl.load(initial_noise=0.1, random=task_seed).reset()
     np.testing.assert_array_equal(first[0][:2], twin.observation["position"])
-    assert CartPoleEnv().reset(seed=5)[0][1] == -math.pi / 3
+    assert CartPoleEnv(**SI).reset(seed=5)[0][1] == -math.pi / 3
 
 
 @needs_gymnasium
 def test_an_episode_can_start_anywhere() -> None:
-    environment = CartPoleEnv("step-step", initial_noise=0.1)
+    environment = CartPoleEnv("step-step", initial_noise=0.1, **SI)
     start = (0.3, 1.2, -0.5, 2.0)
     seen, info = environment.reset(options={"initial_state": start})
     assert tuple(seen) == (*start, 0.5, 0.2)
@@ -264,7 +282,7 @@ def test_a_state_that_diverges_is_observed_within_the_space() -> None:
     light = replace(
         afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-3), pole_mass=1e-5, duration=1.0
     )
-    environment = CartPoleEnv(light, force_limit=9e5, control_period=0.1)
+    environment = CartPoleEnv(light, force_limit=9e5, control_period=0.1, **SI)
     environment.reset()
     terminated = False
     while not terminated:
@@ -311,6 +329,7 @@ def test_without_a_render_mode_there_is_no_picture(monkeypatch: pytest.MonkeyPat
     [
         ({"scenario": "nowhere"}, None, "scenario must be one of nominal"),
         ({"control_period": 0.0015}, None, "timestep 0.001 s must divide control_period 0.0015 s"),
+        ({"parameters": "seen"}, None, "parameters must be one of observed, hidden, privileged"),
         ({"force_limit": -1.0}, None, "force_limit must be positive, got -1"),
         ({"render_mode": "human"}, None, "render_mode must be one of None, rgb_array, got 'human'"),
         ({}, {"state": 1}, "options of reset must be one of initial_state, got 'state'"),
@@ -324,3 +343,161 @@ def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, options, 
     with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
         CartPoleEnv(**settings).reset(options=options)
     assert "\n" not in str(caught.value)
+
+
+@needs_gymnasium
+def test_scaled_observations_are_shares_of_powers_of_two() -> None:
+    plain = CartPoleEnv("laboratory", randomize=True, **SI)
+    scaled = CartPoleEnv("laboratory", randomize=True)
+    assert scaled.scale.tolist() == [4.0, 2.0, 8.0, 8.0, 2.0, 1.0]
+    (one, _), (other, _) = plain.reset(seed=4), scaled.reset(seed=4)
+    for _ in range(20):
+        np.testing.assert_array_equal(one, other * scaled.scale)
+        assert np.abs(other).max() < 2.0
+        assert other in scaled.observation_space
+        (one, _, fallen, *_), (other, *_) = plain.step([0.05]), scaled.step([0.05])
+        if fallen:
+            plain.reset(), scaled.reset()
+    heavy = replace(afl.SCENARIOS["nominal"], cart_mass=afl.constant(9.0))
+    assert CartPoleEnv(heavy).scale.tolist() == [4.0, 2.0, 8.0, 8.0, 16.0, 0.5]
+
+
+@needs_gymnasium
+def test_m_and_l_can_be_hidden_or_told_beside_the_observation() -> None:
+    hidden = CartPoleEnv("step-step", parameters="hidden")
+    seen, info = hidden.reset()
+    assert seen.shape == (4,) and set(info) == {"time", "force"}
+    privileged = CartPoleEnv("step-step", parameters="privileged")
+    seen, info = privileged.reset()
+    assert seen.shape == (4,) and info["parameters"].tolist() == [0.5, 0.2]
+
+
+@needs_gymnasium
+def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats_them() -> None:
+    environment = gymnasium.make("afl_mujoco/CartPole-Random-v0")
+    first = [environment.reset(seed=9), environment.reset(), environment.reset()]
+    again = [environment.reset(seed=9), environment.reset(), environment.reset()]
+    assert repr(first) == repr(again)
+    assert len({info["sample"] for _, info in first}) == 3
+    scenario = environment.unwrapped.scenario
+    assert scenario.name == first[-1][1]["sample"]
+    assert scenario.imperfections.rail_friction > 0.0
+    ours = gymnasium.make("afl_mujoco/CartPole-step-step-Random-v0")
+    ours.reset(seed=1)
+    drawn = ours.unwrapped.scenario
+    assert drawn.cart_mass == afl.SCENARIOS["step-step"].cart_mass
+    assert drawn.initial_state != afl.SCENARIOS["step-step"].initial_state
+
+
+VECTORS = {
+    "random": {"scenario": "laboratory", "randomize": True},
+    "privileged": {
+        "scenario": "step-step-impulse", "initial_noise": 0.1, "parameters": "privileged",
+    },
+    "short, hidden": {
+        "scenario": replace(
+            afl.SCENARIOS["trapezoid-step"],
+            duration=0.3,
+            disturbances=(afl.Impulse(momentum=0.2, time=0.0),),
+            imperfections=Imperfections(delay=0.0345, differentiated=True, rail_half_length=0.2),
+        ),
+        "parameters": "hidden", "integrator": "Euler",
+    },
+    "diverges": {
+        "scenario": replace(
+            afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-3), pole_mass=1e-5, duration=1.0
+        ),
+        "force_limit": 9e5, "control_period": 0.1,
+    },
+}  # fmt: skip
+
+
+@needs_gymnasium
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("settings", VECTORS.values(), ids=VECTORS)
+def test_the_vector_environment_has_the_bits_of_gymnasium_s(
+    settings, threads: int, rng: np.random.Generator
+) -> None:
+    ours = CartPoleVectorEnv(5, threads=threads, **settings)
+    theirs = SyncVectorEnv([lambda: CartPoleEnv(**settings) for _ in range(5)])
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    one, other = ours.reset(seed=2), theirs.reset(seed=2)
+    ends = 0
+    for _ in range(120):
+        np.testing.assert_array_equal(one[0], other[0])
+        for mine, their in zip(one[1:-1], other[1:-1], strict=True):
+            np.testing.assert_array_equal(mine, their)
+            assert mine.dtype == their.dtype
+        assert one[-1].keys() == other[-1].keys()
+        for name, values in other[-1].items():
+            np.testing.assert_array_equal(one[-1][name], values)
+            assert one[-1][name].dtype == values.dtype
+        ends += int(np.sum(one[2:4])) if len(one) > 2 else 0
+        actions = rng.uniform(-1.2, 1.2, (5, 1))
+        one, other = ours.step(actions), theirs.step(actions)
+    assert ends > 5
+    ours.close()
+
+
+@needs_gymnasium
+def test_the_vector_environment_is_what_gymnasium_makes() -> None:
+    made = gymnasium.make_vec(
+        "afl_mujoco/CartPole-Random-v0", num_envs=3, vectorization_mode="vector_entry_point"
+    )
+    assert isinstance(made.unwrapped, CartPoleVectorEnv)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        made.step(np.zeros((3, 1)))
+    seen, _ = made.reset(seed=[1, 2, 1])
+    np.testing.assert_array_equal(seen[0], seen[2])
+    with pytest.raises(InvalidValueError, match="actions must be finite"):
+        made.step(np.full((3, 1), math.nan))
+    with pytest.raises(InvalidValueError, match="seed must be 3, got 2"):
+        made.reset(seed=[1, 2])
+    with pytest.raises(InvalidValueError, match="num_envs must be at least 1, got 0"):
+        CartPoleVectorEnv(0)
+    with pytest.raises(InvalidValueError, match="render_mode must be None"):
+        CartPoleVectorEnv(1, render_mode="rgb_array")
+    made.close()
+
+
+@needs_gymnasium
+@pytest.mark.parametrize("parameters", ["observed", "hidden"])
+def test_a_policy_is_a_controller_and_repeats_its_episode(parameters: str) -> None:
+    environment = CartPoleEnv("trapezoid-step", parameters=parameters)
+    slopes = np.array([-0.3, 2.0, -0.5, 1.0, 0.01, 0.01])[: len(environment.scale)]
+
+    def predict(seen):
+        return np.array([np.tanh(-slopes @ seen)])
+
+    policy = policy_controller(predict, gymnasium.wrappers.TimeLimit(environment, 1000))
+    scenario = afl.SCENARIOS["trapezoid-step"]
+    run = afl.simulate_mujoco(scenario, policy, "sampled", control_period=CONTROL_PERIOD)
+    seen, _ = environment.reset()
+    states = [seen[:4] * environment.scale[:4]]
+    for _ in range(10_000):
+        seen, _, terminated, truncated, _ = environment.step(predict(seen))
+        states.append(seen[:4] * environment.scale[:4])
+        if terminated or truncated:
+            break
+    found = run.state[::20]
+    assert len(found) > 20
+    np.testing.assert_array_equal(found, states[: len(found)])
+
+
+@needs_gymnasium
+def test_a_picture_shows_the_cart_the_pole_and_the_force(graphics: None) -> None:
+    heavy = replace(afl.SCENARIOS["nominal"], cart_mass=afl.constant(2.0))
+    shape = {"render_mode": "rgb_array", "width": 320, "height": 240}
+    pictures = []
+    for scenario, action in ((afl.SCENARIOS["nominal"], 0.0), (heavy, 0.0), (heavy, 0.2)):
+        environment = CartPoleEnv(scenario, **shape)
+        environment.reset()
+        environment.step([action])
+        pictures.append(environment.render().astype(int))
+        environment.close()
+    light, loaded, pulled = pictures
+    blue = [int((p[..., 2] - p[..., 0] > 60).sum()) for p in (light, loaded)]
+    assert blue[1] > 1.2 * blue[0] > 100  # the cart grows with its mass
+    green = [int((p[..., 1] - p[..., 0] > 60).sum()) for p in (loaded, pulled)]
+    assert green[0] == 0 and green[1] > 50  # the arrow of the force

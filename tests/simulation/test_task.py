@@ -14,6 +14,9 @@ import afl_mujoco as afl
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.task import Balance, controller_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 
@@ -76,6 +79,92 @@ def _compare(scenario, controller, hold, integrator) -> None:
     states = _states(environment, controller_policy(controller, scenario))
     np.testing.assert_array_equal(states, reference.state[::hold])
     assert reference.outcome.kind == "completed"
+
+
+ROUGH = Imperfections(
+    delay=0.0035, actuator_lag=0.004, slew_rate=2e3, force_limit=60.0, encoder_step_phi=1e-3,
+    noise_phi=1e-3, noise_z=5e-4, differentiated=True, velocity_filter=0.01, rail_damping=1.0,
+    rail_friction=0.5, hinge_damping=1e-3, tip_mass_share=0.1, parameter_delay=0.03,
+    mass_error=0.1, length_error=-0.05, rail_half_length=3.0, seed=5,
+)  # fmt: skip
+AT_100_HZ = _short("step-step", 0.3, imperfections=Imperfections(control_period=0.01))
+
+
+@pytest.mark.parametrize("hold", [1, 10])
+@pytest.mark.parametrize("name", ["adaptive", "lqr"])
+def test_with_imperfections_it_is_the_sampled_rollout_too(name, hold):
+    """What the agent sees is measured, so the true states are compared."""
+    scenario = replace(
+        _short("step-step-impulse", 4.0, initial_state=(0.0, 0.3, 0.0, 0.0), disturbances=()),
+        imperfections=ROUGH,
+    )
+    settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP}
+    controller = afl.CONTROLLERS[name]
+    reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
+    environment = afl.load(scenario, **settings)
+    policy = controller_policy(controller, scenario)
+    for _ in range(2):  # nothing is left of the first episode in the second
+        step, states, forces = environment.reset(), [], []
+        states.append([*environment.physics.position(), *environment.physics.velocity()])
+        while not step.last():
+            step = environment.step(policy(step))
+            states.append([*environment.physics.position(), *environment.physics.velocity()])
+            forces.append(environment.physics.control()[0])
+        count = min(len(states), len(reference.state[::hold]))
+        np.testing.assert_array_equal(states[:count], reference.state[::hold][:count])
+        assert count > 100
+        assert np.abs(reference.force[~np.isnan(reference.force)]).max() > 1.0
+    assert not np.array_equal(step.observation["position"], states[-1][:2])  # it is measured
+
+
+def test_a_copy_takes_along_what_the_hardware_remembers():
+    scenario = replace(_short("step-step", 1.0), imperfections=ROUGH)
+    environment = afl.load(scenario, control_period=0.01)
+    environment.reset()
+    for k in range(20):
+        environment.step([10.0 * math.sin(k)])
+    physics = environment.physics
+    twin = physics.copy()
+    for one in (physics, twin):
+        one.set_control([7.0])
+        one.step(10)
+    np.testing.assert_array_equal(physics.get_state(), twin.get_state())
+    np.testing.assert_array_equal(physics.measured(), twin.measured())
+
+
+def test_each_episode_can_be_another_sample_of_the_scenarios_ranges():
+    environment = afl.load("laboratory", randomize=True, random=3, control_period=0.02)
+    names = []
+    for _ in range(4):
+        step = environment.reset()
+        scenario = environment.physics.scenario
+        names.append(scenario.name)
+        index = int(scenario.name.split("-")[-1])
+        assert scenario == sample_scenario(SampleSpace(LABORATORY), index, 0)
+        plant = scenario.parameters_at(0.0)
+        assert step.observation["parameters"].tolist() == [plant.cart_mass, plant.half_length]
+        fresh = afl.load(scenario, control_period=0.02)
+        other = fresh.reset()
+        for _ in range(10):
+            np.testing.assert_array_equal(
+                [*step.observation["position"]], [*other.observation["position"]]
+            )
+            if step.last():
+                break
+            step, other = environment.step([5.0]), fresh.step([5.0])
+    assert len(set(names)) == 4
+    again = afl.load("laboratory", randomize=True, random=3, control_period=0.02)
+    again.reset()
+    assert again.physics.scenario.name == names[0]
+
+
+def test_privileged_parameters_are_the_true_ones_and_no_other_is_observed():
+    scenario = replace(_short("step-step", 1.0), imperfections=Imperfections(mass_error=0.5))
+    seen = afl.load(scenario, parameters="privileged").reset().observation
+    assert seen["privileged"].tolist() == [0.5, 0.2]
+    assert "parameters" not in seen
+    told = afl.load(scenario).reset().observation["parameters"]
+    assert told.tolist() == pytest.approx([0.75, 0.2])
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler"])
@@ -277,7 +366,8 @@ def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
     assert values.min() > 0.0
     assert values.max() == reward(0.0, 0.0, 0.0) == 1.0
     assert np.unravel_index(values.argmax(), values.shape) == (20, 20, 20)
-    slope = np.diff(reward(0.0, np.linspace(-1e-3, 1e-3, 201), 0.0)) / 1e-5
+    near, still = np.linspace(-1e-3, 1e-3, 201), np.zeros(201)
+    slope = np.diff(reward(still, near, still)) / 1e-5
     curvature = 2.0 * 9.0 / (math.pi / 3) ** 2  # of 1 / (1 + 9 (phi / margin)^2) at 0
     assert np.abs(np.diff(slope)).max() < 1.01 * curvature * 1e-5  # no corner at the goal
     assert reward(0.0, math.pi / 3, 0.0) == pytest.approx(0.1)
@@ -299,6 +389,8 @@ def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
         ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
         ({"initial_noise": -0.1}, "initial_noise must not be negative, got -0.1"),
         ({"initial_noise": 0.6}, "initial_noise must not let the pole start fallen, got 0.6"),
+        ({"parameters": "seen"}, "parameters must be one of observed, hidden, privileged"),
+        ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),
         ({"random": "seed"}, "random must be a seed"),
         ({"random": -1}, "random must be a seed"),
         ({"environment_kwargs": {"n_sub_steps": 2}}, "environment_kwargs must be one of flat_obs"),
@@ -318,7 +410,7 @@ def test_a_scenario_file_loads_like_a_name(tmp_path):
 
 
 def test_without_observed_parameters_the_controller_names_what_is_missing():
-    environment = afl.load(observe_parameters=False)
+    environment = afl.load(parameters="hidden")
     policy = controller_policy(afl.CONTROLLERS["adaptive"], afl.SCENARIOS["nominal"])
     step = environment.reset()
     assert list(step.observation) == ["position", "velocity"]
@@ -376,7 +468,7 @@ class TestContractOfAPerfectBalance(TestContract):
 
     def make_object_under_test(self):
         scenario = _short("nominal", 0.5, initial_state=(0, 0, 0, 0))
-        return afl.load(scenario, control_period=0.01, observe_parameters=False)
+        return afl.load(scenario, control_period=0.01, parameters="hidden")
 
     def make_action(self):
         return np.zeros(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import PACKAGES, choose_backend
-from afl_mujoco.scenario.parameters import require_finite
+from afl_mujoco.scenario.files import as_scenario
+from afl_mujoco.scenario.laboratory import with_ranges
+from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite
+from afl_mujoco.scenario.ranges import SCHEDULES
+from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
-from afl_mujoco.simulation.task import load
+from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 require_gymnasium()
@@ -27,6 +32,9 @@ two, so that a force divided by it and multiplied again is the same to the last 
 CONTROL_PERIOD = 0.02
 """How long an action is held [s]; the paper's controller balances every scenario with it."""
 
+STATE_SCALE = np.array([4.0, 2.0, 8.0, 8.0])
+"""What scaled observations of the state are shares of [m, rad, m/s, rad/s]."""
+
 RENDER_MODE = "rgb_array"
 OPTIONS = ("initial_state",)
 STATE_NAMES = ("z", "phi", "z_dot", "phi_dot")
@@ -35,25 +43,41 @@ STATE_NAMES = ("z", "phi", "z_dot", "phi_dot")
 class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     """Balance the pole while the plant changes; reward and plant are those of `load`.
 
-    The observation is (z, phi, z_dot, phi_dot, M, l) [m, rad, m/s, rad/s, kg, m] at the instant,
-    within `STATE_LIMIT`. The action is the force on the cart as a share of `force_limit`, in -1 to
-    1, held for `control_period`. An episode is terminated where ``|phi|`` reaches `FALL_ANGLE` or
-    the state diverges, truncated at the scenario's end.
+    The observation is (z, phi, z_dot, phi_dot, M, l) at the instant, as shares of `scale`, within
+    `STATE_LIMIT`; the state as measured, M and l as a controller is told them. The action is the
+    force on the cart as a share of `force_limit`, in -1 to 1, held for a control period. An episode
+    is terminated where ``|phi|`` reaches `FALL_ANGLE` or the state diverges, truncated at the
+    scenario's end.
 
     Parameters
     ----------
     scenario
-        A name of the catalogue, a TOML file or a `Scenario`.
+        A name of the catalogue, a TOML file or a `Scenario`, with its imperfections.
     render_mode
         None, or ``"rgb_array"``, which needs EGL or OSMesa when the first picture is asked for.
     control_period
-        How long an action is held [s], a multiple of `timestep`.
+        How long an action is held [s], a multiple of `timestep`; that of the scenario's
+        imperfections, else `CONTROL_PERIOD`, by default.
     force_limit
         Force of an action of 1 [N].
+    parameters
+        What becomes of M and l: ``"observed"``, ``"hidden"``, or ``"privileged"``, not observed
+        but, true, as ``parameters`` of the information.
+    randomize
+        Whether to draw each episode's scenario, as of `load`; ``sample`` of the information is its
+        name, `scenario` the scenario itself.
+    scaled
+        Whether observations are shares of `scale`; else they are in SI units.
     timestep, integrator, initial_noise
         As of `load`.
     width, height, camera
         Of the pictures [pixels], and ``"side"`` or ``"fixed"``.
+
+    Attributes
+    ----------
+    scale
+        What observations are shares of [m, rad, m/s, rad/s, kg, m]: powers of two, so that nothing
+        is rounded; those of M and l hold the largest that there can be.
 
     Raises
     ------
@@ -71,8 +95,11 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         scenario: str | Path | Scenario = "nominal",
         *,
         render_mode: str | None = None,
-        control_period: float = CONTROL_PERIOD,
+        control_period: float | None = None,
         force_limit: float = FORCE_LIMIT,
+        parameters: str = OBSERVED,
+        randomize: bool = False,
+        scaled: bool = True,
         timestep: float = 1e-3,
         integrator: str = "RK4",
         initial_noise: float = 0.0,
@@ -82,24 +109,43 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     ) -> None:
         if render_mode not in (None, RENDER_MODE):
             raise UnknownNameError.among("render_mode", render_mode, ("None", RENDER_MODE))
+        scenario = as_scenario(scenario)
+        own = scenario.imperfections.control_period
+        period = control_period or own or CONTROL_PERIOD
         self.dm_environment = load(
             scenario,
             timestep=timestep,
-            control_period=control_period,
+            control_period=period,
             integrator=integrator,
             force_limit=force_limit,
             initial_noise=initial_noise,
+            parameters=parameters,
+            randomize=randomize,
         )
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": round(1.0 / control_period, 3)}
-        high = np.full(6, STATE_LIMIT)
-        self.observation_space = gymnasium.spaces.Box(
-            np.concatenate([-high[:4], np.zeros(2)]), high, dtype=np.float64
-        )
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / period, 3)}
+        self.scale = _scale_of(scenario, randomize) if scaled else np.ones(6)
+        if parameters != OBSERVED:
+            self.scale = self.scale[:4]
+        high = STATE_LIMIT / self.scale
+        low = np.concatenate([-high[:4], np.zeros(len(high) - 4)])
+        self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), dtype=np.float64)
-        self._force_limit, self._noisy = float(force_limit), initial_noise > 0.0
+        self.force_limit = float(force_limit)
+        self.parameters, self.randomize = parameters, randomize
         self._picture = {"height": height, "width": width, "camera_id": camera}
         self._under_way = self._closed = False
+
+    @property
+    def most_steps(self) -> float:
+        """After how many steps an episode is truncated."""
+        return float(self.dm_environment._step_limit)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario of this episode."""
+        found: Scenario = self.dm_environment.physics.scenario
+        return found
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -109,7 +155,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         Parameters
         ----------
         seed
-            Of the random perturbation of phi(0), of this and the episodes after it.
+            Of all that is random, in this and the episodes after it.
 
         Returns
         -------
@@ -119,16 +165,15 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         if self._closed:
             raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
         super().reset(seed=seed)
-        start = _initial_state(options or {})
+        start = initial_state(options or {})
         task, physics = self.dm_environment.task, self.dm_environment.physics
-        if self._noisy:
-            task.random.seed(int(self.np_random.integers(2**32)))
+        reseed(task, self.np_random)
         step = self.dm_environment.reset()
         if start is not None:
             physics.begin(start)
             step = step._replace(observation=task.get_observation(physics))
         self._under_way = True
-        return _flat(step), self._information()
+        return self._flat(step), self._information()
 
     def step(
         self, action: ArrayLike
@@ -142,12 +187,12 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         """
         if not self._under_way:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
-        force = np.asarray(action, dtype=np.float64) * self._force_limit
+        force = np.asarray(action, dtype=np.float64) * self.force_limit
         step = self.dm_environment.step(force)
         ended = self.dm_environment.task.get_termination(self.dm_environment.physics) is not None
         self._under_way = not step.last()
         truncated = bool(step.last()) and not ended
-        return _flat(step), float(step.reward), ended, truncated, self._information()
+        return self._flat(step), float(step.reward), ended, truncated, self._information()
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of now, shape (height, width, 3), or None without a render mode."""
@@ -164,19 +209,69 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         self.dm_environment.physics.free()
 
     def _information(self) -> dict[str, Any]:
-        """Return time and force."""
+        """Return time, force, and what else is known."""
         physics = self.dm_environment.physics
-        return {"time": float(physics.time()), "force": float(physics.control()[0])}
+        known = {"time": float(physics.time()), "force": float(physics.control()[0])}
+        if self.parameters == PRIVILEGED:
+            known["parameters"] = physics.parameters()
+        if self.randomize:
+            known["sample"] = physics.scenario.name
+        return known
+
+    def _flat(self, step: TimeStep) -> NDArray[np.float64]:
+        """Return an observation as one array."""
+        seen = step.observation
+        parts = [seen[name] for name in ("position", "velocity", "parameters") if name in seen]
+        return observed(np.concatenate(parts), self.scale)
 
 
-def _flat(step: TimeStep) -> NDArray[np.float64]:
-    """Return an observation as one array, within the limits even where the state has diverged."""
-    parts = [step.observation[name] for name in ("position", "velocity", "parameters")]
-    found = np.nan_to_num(np.concatenate(parts), nan=STATE_LIMIT)
-    return np.asarray(np.clip(found, -STATE_LIMIT, STATE_LIMIT))
+def reseed(task: Balance, random: np.random.Generator) -> None:
+    """Seed what a task draws for the coming episode."""
+    task.random.seed(int(random.integers(2**32)))
 
 
-def _initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:
+def observed(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return SI values, shape (..., 4) or (..., 6), as observations, within the limits always."""
+    limited = np.clip(np.nan_to_num(values, nan=STATE_LIMIT), -STATE_LIMIT, STATE_LIMIT)
+    return np.asarray(limited / scale)
+
+
+def _scale_of(scenario: Scenario, randomize: bool) -> NDArray[np.float64]:
+    """Return what observations are shares of."""
+    mass, length, _, _ = scenario.plants
+    if randomize:
+        space = SampleSpace(with_ranges(scenario, start=True))
+        mass, length = (space.bounds(name) for name in SCHEDULES)
+    largest = np.array([mass[1], length[1]])
+    return np.concatenate([STATE_SCALE, 2.0 ** np.ceil(np.log2(largest))])
+
+
+def policy_controller(
+    predict: Callable[[NDArray[np.float64]], ArrayLike], environment: gymnasium.Env
+) -> Callable[[float, NDArray[np.float64], CartPoleParameters], float]:
+    """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
+
+    It is the environment's agent: held for its control period it repeats the episode.
+
+    Parameters
+    ----------
+    predict
+        Takes an observation, returns an action, shape (1,).
+    environment
+        What the policy was trained on, a `CartPoleEnv` or a wrapper of one.
+    """
+    env: CartPoleEnv = environment.unwrapped
+    scale, limit = env.scale, env.force_limit
+
+    def policy(time: float, state: NDArray[np.float64], belief: CartPoleParameters) -> float:
+        values = np.array([*state, belief.cart_mass, belief.half_length])[: len(scale)]
+        (action,) = np.asarray(predict(observed(values, scale)), dtype=np.float64).ravel()
+        return limit * min(max(float(action), -1.0), 1.0)
+
+    return policy
+
+
+def initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:
     """Return the initial state that is asked for, if any."""
     for key in options:
         if key not in OPTIONS:

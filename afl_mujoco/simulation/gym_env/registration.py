@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 NAMESPACE = "afl_mujoco"
 ENTRY_POINT = "afl_mujoco.simulation.gym_env.environment:CartPoleEnv"
+VECTOR_ENTRY_POINT = "afl_mujoco.simulation.gym_env.vector:CartPoleVectorEnv"
 GYMNASIUM = "gymnasium"
+LABORATORY = "laboratory"
 
 
 def require_gymnasium() -> None:
@@ -29,22 +31,34 @@ def require_gymnasium() -> None:
         raise AflMujocoError("Gymnasium", "is not installed: pip install afl-mujoco[gym]")
 
 
-def environment_id(scenario: str) -> str:
-    """Return the name by which `gymnasium.make` finds a scenario."""
-    return f"{NAMESPACE}/CartPole-{scenario}-v0"
+def environment_id(scenario: str, *, randomize: bool = False) -> str:
+    """Return the name by which `gymnasium.make` finds a scenario, or its variant drawn at random.
+
+    The laboratory, of which everything is drawn, goes without its name.
+    """
+    parts = ["CartPole", *([scenario] * (scenario != LABORATORY)), *(["Random"] * randomize)]
+    return f"{NAMESPACE}/{'-'.join(parts)}-v0"
 
 
 def register() -> None:
-    """Make every scenario of the catalogue known to `gymnasium.make`; once is enough."""
+    """Make every scenario of the catalogue known to `gymnasium.make`; once is enough.
+
+    As it is, and drawn at random: start and imperfections, and of the laboratory M(t) and l(t) too.
+    """
     require_gymnasium()
     from gymnasium.envs import registration
 
     from afl_mujoco.scenario.catalogue import SCENARIOS
 
-    for name in SCENARIOS:
-        if environment_id(name) not in registration.registry:
+    fixed, random = list(SCENARIOS), [*SCENARIOS, LABORATORY]
+    for name, randomize in [*((n, False) for n in fixed), *((n, True) for n in random)]:
+        known = environment_id(name, randomize=randomize)
+        if known not in registration.registry:
             registration.register(
-                environment_id(name), entry_point=ENTRY_POINT, kwargs={"scenario": name}
+                known,
+                entry_point=ENTRY_POINT,
+                vector_entry_point=VECTOR_ENTRY_POINT,
+                kwargs={"scenario": name, **({"randomize": True} if randomize else {})},
             )
 
 

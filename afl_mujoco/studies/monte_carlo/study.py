@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from afl_mujoco.studies.monte_carlo.search import Budget
     from afl_mujoco.studies.monte_carlo.trial import Settings
 
+LABORATORY = "laboratory"
 SAMPLES, QUICK_SAMPLES = 1000, 100
 GENERATIONS, QUICK_GENERATIONS = 30, 5
 
@@ -41,9 +42,9 @@ class MonteCarlo:
     on two cores.
     """
 
-    scenario: ScenarioName = None
-    """Scenario by name, or TOML file; the paper's plant on random laboratory hardware, its M and l
-    changing at random, by default."""
+    scenario: ScenarioName = LABORATORY
+    """Scenario by name, or TOML file; laboratory: the paper's plant on random laboratory hardware,
+    its M and l changing at random."""
     controllers: ControllerNames = (SUBJECT, REFERENCE)
     samples: int | None = None
     """Hardware samples; 1000 by default. Sample i is the same whatever their number."""
@@ -80,12 +81,11 @@ def request_of(configuration: MonteCarlo) -> Request:
     """Return the request of a configuration, or raise."""
     from afl_mujoco.errors import InvalidValueError
     from afl_mujoco.scenario.files import find_scenario
-    from afl_mujoco.scenario.laboratory import LABORATORY, with_ranges
+    from afl_mujoco.scenario.laboratory import with_ranges
     from afl_mujoco.scenario.sample_space import SampleSpace
 
     c = configuration
-    asked = LABORATORY if c.scenario is None else find_scenario(c.scenario)
-    space = SampleSpace(with_ranges(asked))
+    space = SampleSpace(with_ranges(find_scenario(c.scenario)))
     if c.film:
         from afl_mujoco.graphics import require_backend
 

@@ -92,7 +92,6 @@ def test_the_shapes_and_their_instants_are_as_said(samples: list[Scenario]) -> N
     counts = dict.fromkeys((1, 4, 6), 0)
     for sample in samples:
         assert sample.duration == 20.0
-        assert sample.imperfections.control_period == 1e-3
         assert sample.imperfections.force_limit is None
         for schedule in (sample.cart_mass, sample.half_length):
             breaks = schedule.breakpoints
@@ -130,9 +129,7 @@ def test_the_reference_is_the_papers_nominal_run_on_ideal_hardware() -> None:
     np.testing.assert_allclose(sample.initial_state, nominal.initial_state, atol=1e-15)
     assert sample.cart_mass.values == pytest.approx(nominal.cart_mass.values)
     assert sample.half_length.values == pytest.approx(nominal.half_length.values)
-    assert sample.imperfections == Imperfections(
-        control_period=1e-3, seed=sample.imperfections.seed
-    )
+    assert sample.imperfections == Imperfections(seed=sample.imperfections.seed)
 
 
 def test_a_sample_survives_its_file(samples: list[Scenario], tmp_path) -> None:
@@ -145,7 +142,7 @@ def test_an_imperfection_that_is_left_out_is_ideal_and_has_no_axis() -> None:
     few = near_laboratory(imperfections={"delay": (0.0, 1.0)})
     assert few.dimension == SPACE.dimension - len(HARDWARE_RANGES) + 1
     found = few.scenario_of(np.ones(few.dimension), 0, 0).imperfections
-    assert found == Imperfections(control_period=1e-3, delay=1.0, seed=found.seed)
+    assert found == Imperfections(delay=1.0, seed=found.seed)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,140 @@
+"""What is drawn besides the model: the mass of the cart, forces, the marks of the rail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.mujoco_description import CART_HALF_SIZE
+
+ARROW_SCALE = 0.2
+"""Length of a force's arrow [m] over the square root of the force [N]: 1 N is seen, 100 N fits."""
+
+BAR = 0.5
+"""Spacing of the marks along the rail [m]; every second one is longer and has a number."""
+
+NEAR = 20.0
+"""How far from the cart marks are drawn where no camera says what it sees [m]."""
+
+Colour = tuple[float, float, float, float]
+FORCE: Colour = (0.25, 0.85, 0.62, 1.0)
+PUSH: Colour = (0.95, 0.45, 0.75, 1.0)
+MARK: Colour = (0.62, 0.66, 0.72, 1.0)
+LIGHT_CART, HEAVY_CART = (0.55, 0.78, 0.98), (0.10, 0.27, 0.62)
+HEAVY = 2.0
+"""Cart mass whose cart has the darkest blue [kg]."""
+
+BED_TOP, BED_FRONT = -0.30, -0.70
+"""Height and front edge of the track [m]."""
+
+_FORCE_LINE, _PUSH_LINE = -0.15, -0.03
+
+
+def cart_size(cart_mass: float) -> tuple[float, float, float]:
+    """Return the half-size of the drawn cart [m]: of one density, as wide and deep as M asks.
+
+    Parameters
+    ----------
+    cart_mass
+        M [kg]; the model's own cart is drawn at 1 kg.
+    """
+    grown = float(np.sqrt(np.clip(cart_mass, 0.05, 5.0)))
+    return CART_HALF_SIZE[0] * grown, CART_HALF_SIZE[1] * grown, CART_HALF_SIZE[2]
+
+
+def show_mass(scene: mujoco.MjvScene, cart: int, mass: float) -> None:
+    """Give the drawn cart the size and the colour of its mass; the model keeps its own.
+
+    Parameters
+    ----------
+    mass
+        M [kg].
+    """
+    share = min(mass / HEAVY, 1.0)
+    for geom in scene.geoms[: scene.ngeom]:
+        if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.objid == cart:
+            geom.size[:] = cart_size(mass)
+            geom.rgba[:3] = np.array(LIGHT_CART) * (1.0 - share) + np.array(HEAVY_CART) * share
+
+
+def add_geom(
+    scene: mujoco.MjvScene,
+    kind: mujoco.mjtGeom,
+    size: Sequence[float],
+    position: Sequence[float],
+    colour: Colour,
+    rotation: NDArray[np.float64] | None = None,
+) -> mujoco.MjvGeom:
+    """Add a geom that is drawn and belongs to no model."""
+    if scene.ngeom >= scene.maxgeom:
+        raise InvalidValueError("scene", f"must hold at most {scene.maxgeom} geoms")
+    scene.ngeom += 1
+    geom = scene.geoms[scene.ngeom - 1]
+    turned = np.eye(3) if rotation is None else rotation
+    rgba = np.array(colour, dtype=np.float32)
+    mujoco.mjv_initGeom(geom, kind, np.array(size), np.array(position), turned.ravel(), rgba)
+    geom.category = mujoco.mjtCatBit.mjCAT_DECOR
+    geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN  # the place may have been a model geom's before
+    geom.segid = geom.objid = scene.ngeom - 1  # so that a segmentation tells them apart
+    return geom
+
+
+def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool = False) -> None:
+    """Draw the marks of the rail, with the numbers of the long ones [m] if MuJoCo is to write."""
+    for x in places:
+        long = round(x / BAR) % 2 == 0
+        depth = 0.10 if long else 0.05
+        geom = add_geom(
+            scene,
+            mujoco.mjtGeom.mjGEOM_BOX,
+            (0.012 if long else 0.008, depth, 0.004),
+            (x, BED_FRONT + depth, BED_TOP + 0.004),
+            MARK,
+        )
+        if numbered and long:
+            geom.label = f"{x:g} m"
+
+
+def marks_near(z: float) -> list[float]:
+    """Return the places of the marks within `NEAR` of a cart [m]."""
+    return [BAR * k for k in range(math.ceil((z - NEAR) / BAR), math.floor((z + NEAR) / BAR) + 1)]
+
+
+def add_forces(
+    scene: mujoco.MjvScene, z: float, cart_mass: float, force: float, push: float
+) -> None:
+    """Draw the forces on the cart [N]: the actuator's pulls it, the disturbing one pushes it."""
+    half = cart_size(cart_mass)[0]
+    _add_arrow(scene, z, force, FORCE, half, _FORCE_LINE, pulls=True)
+    _add_arrow(scene, z, push, PUSH, half, _PUSH_LINE, pulls=False)
+
+
+def _add_arrow(
+    scene: mujoco.MjvScene,
+    z: float,
+    force: float,
+    colour: Colour,
+    cart: float,
+    height: float,
+    *,
+    pulls: bool,
+) -> None:
+    """Draw a force along the rail: a pull starts at the cart, a push ends there."""
+    length = ARROW_SCALE * float(np.sqrt(abs(force)))
+    if length < 0.03:
+        return
+    sign = float(np.sign(force))
+    start = z + sign * cart if pulls else z - sign * (cart + length)
+    geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_ARROW, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), colour)
+    mujoco.mjv_connector(
+        geom,
+        mujoco.mjtGeom.mjGEOM_ARROW,
+        0.03,
+        np.array([start, 0.0, height]),
+        np.array([start + 2.0 * sign * length, 0.0, height]),  # MuJoCo draws it half as long
+    )
