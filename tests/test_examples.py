@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
+import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
@@ -205,3 +209,50 @@ def test_a_controller_without_a_force_ends_the_run_and_the_result_says_so(
         assert "broken.nothing" in (out / "report.html").read_text()
     elif command != "render":
         assert "diverged at t = 0 s" in run.stdout
+
+
+def test_a_learned_policy_runs_as_a_controller(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a stand-in for what learns: the example's own lines, the scenario and its ranges."""
+    pytest.importorskip("gymnasium")
+    made = []
+
+    class Learner:
+        def __init__(self, policy: str, environments, **settings) -> None:
+            made.append((policy, environments))
+
+        def learn(self, steps: int) -> None:
+            made.append(steps)
+
+        def save(self, file: Path) -> None:
+            made.append(file)
+
+        @classmethod
+        def load(cls, file: Path, device: str) -> Learner:
+            return cls("", None)
+
+        def predict(self, seen, deterministic: bool):
+            *state, mass, length = seen * [4.0, 2.0, 8.0, 8.0, 2.0, 1.0]
+            plant = afl.CartPoleParameters(cart_mass=mass, half_length=length)
+            force = afl.CONTROLLERS["lqr"].force(np.array(state), plant)
+            return np.array([force / 32.0]), None
+
+    def make_vec_env(environment, *, n_envs: int, seed: int, env_kwargs):
+        return [environment(**env_kwargs) for _ in range(2)]
+
+    common = types.SimpleNamespace(env_util=types.SimpleNamespace(make_vec_env=make_vec_env))
+    for name, module in {
+        "stable_baselines3": types.SimpleNamespace(PPO=Learner, common=common),
+        "stable_baselines3.common": common,
+        "stable_baselines3.common.env_util": common.env_util,
+    }.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    import learned_policy
+
+    learned_policy.train(10)
+    environments = made[0][1]
+    seen, info = environments[0].reset(seed=1)
+    assert seen.shape == (6,) and info["sample"].startswith("rl-0-")
+    assert made[1:] == [10, learned_policy.POLICY]
+    result = afl.compare(EXAMPLES / "rl.toml", [learned_policy.controller, "lqr"])
+    assert result.passed, result.requirements

@@ -75,7 +75,7 @@ def write_page(folder: Path, films: Path) -> Path:
     parts = [
         ([_overview(records, found), *found], folder),
         (film_sections(films), films),
-        ([_reproduce(records), _notation()], folder),
+        ([_not_run(records), _reproduce(records), _notation()], folder),
     ]
     if folder.resolve() != films.resolve():  # a study films into the folder of its result
         parts.insert(2, (film_sections(folder, "Films beside this page", "own-films"), folder))
@@ -86,7 +86,7 @@ def write_page(folder: Path, films: Path) -> Path:
 
 
 def _overview(records: Sequence[Record], sections: Sequence[Section]) -> Section:
-    """Return the verdicts, the tallies and the findings of all sections."""
+    """Return the verdicts, what was run, the tallies and the findings of all sections."""
     from afl_mujoco.document.blocks import Finding, Section, Tally
 
     verdicts = [record.verdict for record in records if record.verdict]
@@ -99,7 +99,24 @@ def _overview(records: Sequence[Record], sections: Sequence[Section]) -> Section
         if isinstance(block, Finding)
     ]
     title = "Verdict and findings" if verdicts else "Findings"
-    return Section(title, "findings", (*verdicts, *tallies, *findings))
+    shown = [block for record in records for block in record.opening]
+    return Section(title, "findings", (*verdicts, *shown, *tallies, *findings))
+
+
+def _not_run(records: Sequence[Record]) -> Section:
+    """Return the studies that are not in the folder, a line each."""
+    from afl_mujoco.document.blocks import Cell, Column, Section, Table, Text
+    from afl_mujoco.studies.registry import studies
+
+    run = {record.study.name for record in records}
+    missing = [one for one in studies().values() if one.name not in run]
+    table = Table(
+        caption="Studies of which this folder holds no result, and what makes one",
+        columns=(Column("Study"), Column("Command")),
+        rows=[(one.title, Cell(one.command, code=True)) for one in missing],
+    )
+    blocks = [table] if missing else [Text("Every study has a result on this page.")]
+    return Section("Not run", "not-run", blocks)
 
 
 def _reproduce(records: Sequence[Record]) -> Section:

@@ -12,7 +12,8 @@ A study is a package of this folder:
     ``Result``, a frozen dataclass of types that pydantic supports, and of `Array`.
 ``sections.py``
     ``sections(result)``: the only place that puts the study into words; ``verdict(result)`` for a
-    study that judges, whose command ends with it and fails where it does.
+    study that judges, whose command ends with it and fails where it does; ``opening(result)`` for
+    one that runs controllers on scenarios: what a page shows of them before anything else.
 ``films.py``
     Only for a study that can film what it ran: ``require(folder)`` raises before the run,
     ``write(result, folder, command)`` returns the films, made once the result has been written.
@@ -38,7 +39,7 @@ import tyro
 from afl_mujoco.control.names import KNOWN
 
 if TYPE_CHECKING:
-    from afl_mujoco.document.blocks import Section, Verdict
+    from afl_mujoco.document.blocks import Block, Section, Verdict
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many parts of it are done, and how many there are."""
@@ -127,6 +128,11 @@ class Study:
         """Return whether what a result judges holds; None if it judges nothing."""
         judge = getattr(self._module("sections"), "verdict", None)
         return judge(result) if judge else None
+
+    def opening(self, result: Any) -> Sequence[Block]:
+        """Return what a page opens with, nothing if the study has no such thing."""
+        show = getattr(self._module("sections"), "opening", None)
+        return show(result) if show else ()
 
     def require_folder(self, folder: Path) -> None:
         """Raise if what the folder holds would be lost, or is in the way of its files."""

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.document.blocks import Command, Figure, Section, Verdict, figures_of
+from afl_mujoco.document.blocks import Block, Command, Figure, Section, Verdict, figures_of
 from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
@@ -71,6 +71,11 @@ class Record:
         return self.study.verdict(self.result)
 
     @property
+    def opening(self) -> Sequence[Block]:
+        """What a page opens with."""
+        return self.study.opening(self.result)
+
+    @property
     def sections(self) -> list[Section]:
         """What a report says of it, with the command that made it."""
         first, *rest = self.study.sections(self.result)
@@ -103,7 +108,8 @@ def save_record(
     failure: BaseException | None = None
     with _staging(folder) as staging:
         try:
-            _draw(figures_of(sections) if figures else [], staging, workers, progress)
+            shown = [Section("", "opening", record.opening), *sections] if figures else []
+            _draw(figures_of(shown), staging, workers, progress)
         except BaseException as error:  # a figure, or a Ctrl-C, must not cost the numbers
             failure = error
             for drawn in staging.iterdir():

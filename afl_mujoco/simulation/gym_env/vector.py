@@ -258,7 +258,8 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._steps += 1
         for i, draw in zip(begin, drawn, strict=True):
             self._begin(i, *draw)
-        diverged: NDArray[np.bool_] = ~(np.abs(self._truth) <= STATE_LIMIT).all(axis=1)
+        known = (np.abs(self._truth) <= STATE_LIMIT).all(axis=1)
+        diverged = np.logical_not(known)
         terminated = (np.abs(self._truth[:, 1]) >= FALL_ANGLE) | diverged
         terminated &= ~fresh
         last = self._steps >= self._first.most_steps

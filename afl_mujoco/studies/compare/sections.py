@@ -28,6 +28,7 @@ from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.compare.figures import draw_responses
 from afl_mujoco.studies.compare.result import ComparedRun, Result
+from afl_mujoco.studies.opening import Need, Shown, opening_blocks
 from afl_mujoco.studies.requirements_table import finding, requirements_table, tally
 
 MAIN = (
@@ -35,6 +36,9 @@ MAIN = (
     "settling_2pc_z", "settling_2pc_phi",
 )  # fmt: skip
 """Metrics that are shown; every one is in the file."""
+
+NEEDED = ("peak_z", "max_force")
+"""Metrics of what a run needs of a rig."""
 
 MEETS = "Every controller meets every requirement of its scenario, as deployed in MuJoCo."
 MISSES = "At least one controller misses a requirement of its scenario."
@@ -49,6 +53,20 @@ def sections(result: Result) -> list[Section]:
     """Return what a report says of a comparison."""
     parts = [_scenario(result, number, one) for number, one in enumerate(result.scenarios, 1)]
     return [Section("Controllers compared", "compare", parts)]
+
+
+def opening(result: Result) -> list[Block]:
+    """Return the system, the controllers on the first scenario, and what each run needed."""
+    scenario = result.scenarios[0]
+    shown = {
+        name: Shown(run.time, run.state[:, 0], run.state[:, 1], run.force)
+        for name, run in result.curves_on(scenario).items()
+    }
+    needs = [
+        Need(run.scenario, run.controller, *(run.metrics.get(n) for n in NEEDED), run.outcome)
+        for run in result.runs
+    ]
+    return opening_blocks("compare-opening", scenario, shown, needs)
 
 
 def _deployment(result: Result, scenario: Scenario) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from afl_mujoco.document.blocks import Finding, Section, Text, Verdict
+from afl_mujoco.document.blocks import Block, Finding, Section, Text, Verdict
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.studies.opening import Need, Shown, opening_blocks
 from afl_mujoco.studies.requirements_table import finding, requirements_table, tally
 from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.checks import checks_section
@@ -12,6 +13,8 @@ from afl_mujoco.studies.verification.sections.claims import claims_section
 from afl_mujoco.studies.verification.sections.decisions import decisions_section
 from afl_mujoco.studies.verification.sections.evidence import evidence_sections
 from afl_mujoco.studies.verification.sections.scenarios import scenarios_section
+
+DEPLOYED = "mujoco sampled"
 
 AGREE = (
     "MuJoCo and the equations agree within every limit. This is a verdict on the two codes, not on "
@@ -53,6 +56,24 @@ def _not_completed(result: Result) -> str:
     more = "; ..." if len(ended) > 1 else ""
     cases = len(result.decisive_runs)
     return f", but {len(ended)} of {cases} cases did not complete ({first}{more})"
+
+
+def opening(result: Result) -> list[Block]:
+    """Return the system, the controllers on the first scenario, and what each run needed."""
+    scenario = result.scenarios[0]
+    shown = {}
+    for one in result.curves_of(scenario.name):
+        state, force = one.states[DEPLOYED], one.forces[DEPLOYED]
+        shown[one.controller] = Shown(one.time[: len(state)], state[:, 0], state[:, 1], force)
+    needs = [
+        Need(
+            run.scenario, run.controller, run.metrics["peak_z"], run.metrics["max_force"],
+            run.outcome,
+        )
+        for run in result.runs
+        if run.simulator == DEPLOYED
+    ]  # fmt: skip
+    return opening_blocks("report-opening", scenario, shown, needs)
 
 
 def sections(result: Result) -> list[Section]:
