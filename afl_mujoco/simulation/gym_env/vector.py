@@ -158,7 +158,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self.action_space = batch_space(first.action_space, num_envs)
         self.scale = first.scale
         self._workers = min(require_threads(threads or os.cpu_count() or 1), num_envs)
-        self._pool = ThreadPoolExecutor(self._workers) if self._workers > 1 else None
+        self._pool = ThreadPoolExecutor(self._workers - 1) if self._workers > 1 else None
         physics: Physics = first.dm_environment.physics
         self._hold, self._timestep = physics.hold, physics.episode.constants[0]
         self._randoms = [np.random.default_rng() for _ in range(num_envs)]
@@ -247,14 +247,11 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
         begin = np.flatnonzero(fresh).tolist()
         under_way = np.array_split(np.flatnonzero(~fresh), self._workers)
-        if self._pool is None:
-            work(under_way[0])
-            drawn = [self._draw(i) for i in begin]
-        else:
-            working = [self._pool.submit(work, part) for part in under_way]
-            drawn = [self._draw(i) for i in begin]  # meanwhile
-            for one in working:
-                one.result()
+        others = [self._pool.submit(work, part) for part in under_way[1:]] if self._pool else []
+        work(under_way[0])  # in compiled code, so that the others can begin
+        drawn = [self._draw(i) for i in begin]
+        for one in others:
+            one.result()
         self._steps += 1
         for i, draw in zip(begin, drawn, strict=True):
             self._begin(i, *draw)
