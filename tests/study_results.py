@@ -200,6 +200,7 @@ def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
     )
     both = margins_result.ControllerMargins(continuous=continuous, sampled=held)
     return margins_result.Result(
+        imperfections="none",
         control_period=1e-3,
         cart_masses=(0.1, 2.0),
         half_lengths=(0.05, 0.2, 1.0),

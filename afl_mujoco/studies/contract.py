@@ -52,6 +52,9 @@ ScenarioNames = Annotated[
 ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 """A scenario by name or file, before the options."""
 
+ScenarioIfAny = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
+"""The same, which may be left out."""
+
 ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by name: {KNOWN}")]
 """Controllers by name."""
 

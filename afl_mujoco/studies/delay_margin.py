@@ -9,6 +9,7 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.linearization import linearize
@@ -22,7 +23,10 @@ EVERY = 0.1
 
 
 def delay_margin(
-    controller: Controller, plant: CartPoleParameters, period: float = PERIOD
+    controller: Controller,
+    plant: CartPoleParameters,
+    period: float = PERIOD,
+    imperfections: Imperfections = IDEAL,
 ) -> float | None:
     """Return the delay margin [s] of a linearised loop that holds its force; None without one.
 
@@ -30,9 +34,11 @@ def delay_margin(
     ----------
     period
         How long the force is held [s].
+    imperfections
+        As of `linear_part`; the margin is what it bears besides their delay.
     """
-    loop = linearize(controller, plant)
-    margins = loop_margins(loop, period)
+    loop = linearize(controller, plant, imperfections)
+    margins = loop_margins(loop, period, imperfections.delay)
     return None if margins is None or not math.isfinite(margins.delay) else margins.delay
 
 

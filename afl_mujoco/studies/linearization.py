@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward
 
@@ -42,9 +43,10 @@ class Loop:
     Attributes
     ----------
     a, b
-        The plant: A, shape (4, 4), and B, shape (4,), the input a force [N].
+        The plant: A, shape (4, 4), and B, shape (4,), the input a force [N]; a row and a column
+        more where the actuator lags.
     k
-        The controller: K, shape (4,).
+        The controller: K, shape (4,) or (5,).
     disagreement
         Largest relative difference of A, B and K from those by a step ten times longer.
     """
@@ -56,7 +58,7 @@ class Loop:
 
     @property
     def poles(self) -> NDArray[np.complex128]:
-        """Poles of the closed loop [1/s], shape (4,)."""
+        """Poles of the closed loop [1/s]."""
         return np.linalg.eigvals(self.a - np.outer(self.b, self.k)).astype(np.complex128)
 
     @property
@@ -65,12 +67,39 @@ class Loop:
         return bool(self.poles.real.max() < 0.0)
 
 
-def linearize(controller: Controller, plant: CartPoleParameters) -> Loop:
-    """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright."""
-    dynamics = plant_dynamics(CartPoleModel(plant))
+LINEAR = (
+    "delay", "actuator_lag", "rail_damping", "hinge_damping", "rail_armature", "hinge_armature",
+    "tip_mass_share", "pole_radius", "mass_error", "length_error", "control_period",
+)  # fmt: skip
+"""Imperfections that a linear loop has."""
+
+
+def linear_part(imperfections: Imperfections) -> Imperfections:
+    """Return imperfections without those that a linear loop cannot have."""
+    return Imperfections(**{name: getattr(imperfections, name) for name in LINEAR})
+
+
+def linearize(
+    controller: Controller, plant: CartPoleParameters, imperfections: Imperfections = IDEAL
+) -> Loop:
+    """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright.
+
+    Parameters
+    ----------
+    imperfections
+        As of `linear_part`: passive physics, wrong M and l, and the actuator's lag, whose state
+        follows those of the plant. Delay and hold are for `loop_margins`.
+    """
+    r = linear_part(imperfections)
+    dynamics = plant_dynamics(CartPoleModel(plant, imperfections=r))
+    assumed = replace(
+        plant,
+        cart_mass=plant.cart_mass * (1.0 + r.mass_error),
+        half_length=plant.half_length * (1.0 + r.length_error),
+    )
 
     def force(state: Array) -> Array:
-        return np.array([controller.force(state, plant)])
+        return np.array([controller.force(state, assumed)])
 
     thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
     thing += f", l = {plant.half_length:g} m"
@@ -100,7 +129,18 @@ def linearize(controller: Controller, plant: CartPoleParameters) -> Loop:
     if not kink <= KINK:
         rule = f"must have slopes to either side that differ by at most {KINK:g} of the largest"
         raise InvalidValueError(thing, rule, f"{kink:.1e}")
-    return Loop(a, b[:, 0], k[0], disagreement)
+    loop = Loop(a, b[:, 0], k[0], disagreement)
+    return loop if r.actuator_lag == 0.0 else _lagging(loop, r.actuator_lag)
+
+
+def _lagging(loop: Loop, lag: float) -> Loop:
+    """Return a loop whose force follows what is commanded with a first-order lag [s]."""
+    order = len(loop.a)
+    a = np.zeros((order + 1, order + 1))
+    a[:order, :order], a[:order, order], a[order, order] = loop.a, loop.b, -1.0 / lag
+    b = np.zeros(order + 1)
+    b[order] = 1.0 / lag
+    return Loop(a, b, np.append(loop.k, 0.0), loop.disagreement)
 
 
 def plant_dynamics(model: CartPoleModel) -> Callable[[Array, float], Array]:

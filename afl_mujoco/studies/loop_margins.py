@@ -6,6 +6,7 @@ sampled loop, which is carried to a continuous one that has the same margins.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import control
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.scenario.parameters import require_positive
+from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.studies.linearization import Loop
 
 COARSE, FINE = 80, 40
@@ -58,7 +60,9 @@ class Margins:
     disk_phase: float
 
 
-def loop_margins(loop: Loop, control_period: float | None = None) -> Margins | None:
+def loop_margins(
+    loop: Loop, control_period: float | None = None, delay: float = 0.0
+) -> Margins | None:
     """Return the margins of a loop, or None if it is not stable.
 
     Parameters
@@ -67,29 +71,61 @@ def loop_margins(loop: Loop, control_period: float | None = None) -> Margins | N
         How long the force is held [s]; ``None`` for a continuous controller. The delay that the
         hold itself costs, half a period, is then no longer in the margin; a delay of whole
         periods is stable exactly up to it.
+    delay
+        Transport delay of a held force [s]; the delay margin is what it bears besides.
     """
     if control_period is None:
         if not loop.stable:
             return None
         return _margins(control.ss(loop.a, loop.b[:, None], loop.k[None], 0.0), None)
     period = require_positive("control_period", control_period)
-    a, b = held_plant(loop, period)
-    if not np.abs(np.linalg.eigvals(a - np.outer(b, loop.k))).max() < 1.0:
+    a, b = held_plant(loop, period, delay)
+    k = np.concatenate([loop.k, np.zeros(len(a) - len(loop.k))])
+    if not np.abs(np.linalg.eigvals(a - np.outer(b, k))).max() < 1.0:
         return None
-    return _margins(_bilinear(a, b, loop.k, period), period)
+    return _margins(_bilinear(a, b, k, period), period)
 
 
-def held_plant(loop: Loop, period: float) -> tuple[Array, Array]:
+def held_plant(loop: Loop, period: float, delay: float = 0.0) -> tuple[Array, Array]:
     """Return A and B of the plant from sample to sample, its force held in between.
+
+    With a delay, the forces that are under way follow the states, the latest first.
 
     Parameters
     ----------
     period
         From sample to sample [s].
+    delay
+        From when a force is commanded to when it acts [s].
     """
+    whole = math.floor(delay / period + SNAP)
+    late = max(delay - whole * period, 0.0)
+    late = late if late > SNAP * period else 0.0
+    a, b = _sampled(loop, period - late)  # of the force that comes last
+    if delay < SNAP * period:
+        return a, b
+    order, waiting = len(a), whole + (1 if late else 0)
+    system, drive = np.zeros((order + waiting, order + waiting)), np.zeros(order + waiting)
+    system[:order, :order] = a
+    if late:
+        before, by_before = _sampled(loop, late)
+        system[:order, :order] = a @ before
+        system[:order, order + waiting - 1] = a @ by_before
+    if whole:
+        system[:order, order + whole - 1] += b
+    else:
+        drive[:order] = b
+    drive[order] = 1.0
+    for i in range(1, waiting):
+        system[order + i, order + i - 1] = 1.0
+    return system, drive
+
+
+def _sampled(loop: Loop, length: float) -> tuple[Array, Array]:
+    """Return A and B of the plant over a length of time [s], its force held."""
     order = len(loop.a)
     plant = control.ss(loop.a, loop.b[:, None], np.eye(order), np.zeros((order, 1)))
-    sampled = control.sample_system(plant, period, method="zoh")
+    sampled = control.sample_system(plant, length, method="zoh")
     return np.asarray(sampled.A), np.asarray(sampled.B)[:, 0]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -140,7 +140,7 @@ def _draw_system(axis: Axes, scenario: Scenario) -> None:
     axis.set_axis_off()
     axis.plot([z - 1.1 * unit, z + 1.1 * unit], [-height] * 2, color=GREY, linewidth=2.5, zorder=1)
     axis.add_patch(Rectangle((z - width / 2, -height), width, height, color=BLUE, zorder=2))
-    pole = dict(solid_capstyle="round", zorder=3)
+    pole: Any = {"solid_capstyle": "round", "zorder": 3}
     if _pale(scenario):
         axis.plot(*_from(z, along * longest), color=ORANGE, alpha=0.3, linewidth=5.0, **pole)
     axis.plot(*_from(z, along * now), color=ORANGE, linewidth=5.0, **pole)

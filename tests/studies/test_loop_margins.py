@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import afl_mujoco as afl
 from afl_mujoco.control.baselines.design import lqr_gains
@@ -14,9 +17,11 @@ from afl_mujoco.control.baselines.linear_model import upright_model
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.studies.linearization import Loop, linearize
 from afl_mujoco.studies.loop_margins import held_plant, loop_margins
+from afl_mujoco.studies.margins.measured_delay import compare_delay
 
 NAMES = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
 NOMINAL = afl.CartPoleParameters()
@@ -253,3 +258,62 @@ def test_the_lqr_has_the_margins_that_every_lqr_has():
         assert margins.phase >= 60.0
         assert margins.gain_decrease <= 0.5
         assert margins.gain_increase == math.inf
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0, 2.6])
+def test_a_delay_of_the_loop_is_taken_from_the_margin(share: float) -> None:
+    """By whole periods exactly; within one the margin is that of the continuous phase."""
+    loop = linearize(afl.CONTROLLERS["lqr"], NOMINAL)
+    period = 0.01
+    alone, delayed = loop_margins(loop, period), loop_margins(loop, period, share * period)
+    assert alone is not None and delayed is not None
+    whole = share == int(share)
+    assert delayed.delay == pytest.approx(alone.delay - share * period, rel=1e-9 if whole else 2e-2)
+    assert (delayed.disk < alone.disk) == (share > 0.0)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.0234])
+def test_the_held_plant_with_a_delay_is_what_the_forces_do(delay: float) -> None:
+    """Against the continuous plant, integrated by SciPy under the force that acts at each time."""
+    loop = linearize(afl.CONTROLLERS["lqr"], NOMINAL)
+    period, forces = 0.01, [1.0, -2.0, 0.5, 3.0, 0.0, 1.0]
+    a, b = held_plant(loop, period, delay)
+    state = np.zeros(len(a))
+    state[:4] = [0.1, 0.05, -0.2, 0.3]
+    x = state[:4].copy()
+    edges = sorted({*(period * k for k in range(7)), *(period * k + delay for k in range(6))})
+    edges = [edge for edge in edges if edge <= 6.0 * period + 1e-12]
+    for start, end in itertools.pairwise(edges):
+        if end - start < 1e-12:
+            continue
+        k = int(np.floor((0.5 * (start + end) - delay) / period))
+        force = forces[k] if k >= 0 else 0.0
+        block = np.zeros((5, 5))
+        block[:4, :4], block[:4, 4] = loop.a, loop.b * force
+        x = (expm(block * (end - start)) @ np.append(x, 1.0))[:4]
+    for force in forces:
+        state = a @ state + b * force
+    np.testing.assert_allclose(state[:4], x, rtol=1e-9, atol=1e-12)
+
+
+def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
+    lqr = afl.CONTROLLERS["lqr"]
+    ideal = linearize(lqr, NOMINAL)
+    damped = linearize(lqr, NOMINAL, Imperfections(rail_damping=2.0))
+    assert damped.a[2, 2] == pytest.approx(ideal.a[2, 2] - 2.0 * ideal.b[2], rel=1e-6)
+    wrong = linearize(lqr, NOMINAL, Imperfections(mass_error=0.5))
+    np.testing.assert_allclose(wrong.a, ideal.a)
+    heavier = replace(NOMINAL, cart_mass=1.5)
+    np.testing.assert_allclose(wrong.k, linearize(lqr, heavier).k, rtol=1e-6)
+    lagging = linearize(lqr, NOMINAL, Imperfections(actuator_lag=0.002))
+    assert lagging.a.shape == (5, 5)
+    one, other = loop_margins(ideal), loop_margins(lagging)
+    assert one is not None and other is not None
+    assert other.delay == pytest.approx(one.delay - 0.002, rel=0.01)  # a lag is nearly a delay
+
+
+def test_margins_and_measurement_agree_on_imperfect_hardware() -> None:
+    hardware = Imperfections(delay=0.0123, actuator_lag=0.005, rail_damping=1.0, length_error=0.1)
+    found = compare_delay((afl.CONTROLLERS["lqr"], NOMINAL, 0.005, hardware))
+    assert found.margin is not None and 0.0 < found.margin < 0.1
+    assert found.difference == pytest.approx(0.0, abs=0.01)

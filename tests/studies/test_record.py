@@ -169,12 +169,12 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
     [
         ("{", "is no result of afl-mujoco margins: "),
         ("[]", "is no result of afl-mujoco margins: "),
-        ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 3, got 'mar"),
-        ('{"schema": 3, "study": "ladder"}', "must be of 'margins' and have schema 3, got 'ladder"),
-        ('{"schema": 3, "study": "margins"}', "'command' is missing"),
-        ('{"schema": 3, "study": "margins", "command": 3}', "command must be a text"),
+        ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 4, got 'mar"),
+        ('{"schema": 4, "study": "ladder"}', "must be of 'margins' and have schema 4, got 'ladder"),
+        ('{"schema": 4, "study": "margins"}', "'command' is missing"),
+        ('{"schema": 4, "study": "margins", "command": 3}', "command must be a text"),
         (
-            '{"schema": 3, "study": "margins", "command": "", "versions": {}, "files": {}, '
+            '{"schema": 4, "study": "margins", "command": "", "versions": {}, "files": {}, '
             '"control_period": "long"}',
             "control_period must be a number, got 'long'",
         ),

@@ -37,9 +37,6 @@ MAIN = (
 )  # fmt: skip
 """Metrics that are shown; every one is in the file."""
 
-NEEDED = ("peak_z", "max_force")
-"""Metrics of what a run needs of a rig."""
-
 MEETS = "Every controller meets every requirement of its scenario, as deployed in MuJoCo."
 MISSES = "At least one controller misses a requirement of its scenario."
 
@@ -63,9 +60,12 @@ def opening(result: Result) -> list[Block]:
         for name, run in result.curves_on(scenario).items()
     }
     needs = [
-        Need(run.scenario, run.controller, *(run.metrics.get(n) for n in NEEDED), run.outcome)
+        Need(
+            run.scenario, run.controller, run.metrics.get("peak_z"), run.metrics.get("max_force"),
+            run.outcome,
+        )
         for run in result.runs
-    ]
+    ]  # fmt: skip
     return opening_blocks("compare-opening", scenario, shown, needs)
 
 

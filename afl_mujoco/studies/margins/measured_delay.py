@@ -5,14 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
@@ -104,6 +104,7 @@ def compare_delays(
     plants: Sequence[CartPoleParameters],
     *,
     control_period: float = TIMESTEP,
+    imperfections: Imperfections = IDEAL,
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[DelayComparison]:
@@ -113,36 +114,46 @@ def compare_delays(
     ----------
     control_period
         How long the force is held [s].
+    imperfections
+        As of `linear_part`; the delay is added to theirs.
     workers
         Processes to share the work among; the result does not depend on it.
     """
-    units = [(controller, plant, control_period) for controller in controllers for plant in plants]
+    hardware = (control_period, imperfections)
+    units = [(controller, plant, *hardware) for controller in controllers for plant in plants]
     done = itertools.count(1)
     with open_executor(workers) as executor:
         return compute_all(compare_delay, units, executor, lambda i: progress(next(done)))
 
 
-def compare_delay(unit: tuple[Controller, CartPoleParameters, float]) -> DelayComparison:
+def compare_delay(
+    unit: tuple[Controller, CartPoleParameters, float, Imperfections],
+) -> DelayComparison:
     """Compare margin and measurement for one controller on one plant.
 
     Parameters
     ----------
     unit
-        The controller, the plant and how long the force is held [s].
+        The controller, the plant, how long the force is held [s], and imperfections.
     """
-    controller, plant, period = unit
-    margin = delay_margin(controller, plant, period)
+    controller, plant, period, imperfections = unit
+    margin = delay_margin(controller, plant, period, imperfections)
+    about = DELAY if margin is None else margin
     return DelayComparison(
         controller=controller.name,
         cart_mass=plant.cart_mass,
         half_length=plant.half_length,
         margin=margin,
-        measured=measured_delay(controller, plant, DELAY if margin is None else margin, period),
+        measured=measured_delay(controller, plant, about, period, imperfections),
     )
 
 
 def measured_delay(
-    controller: Controller, plant: CartPoleParameters, about: float, period: float = TIMESTEP
+    controller: Controller,
+    plant: CartPoleParameters,
+    about: float,
+    period: float = TIMESTEP,
+    imperfections: Imperfections = IDEAL,
 ) -> float | None:
     """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
 
@@ -152,25 +163,37 @@ def measured_delay(
         A delay near which to look, from a fifth of it to five times it [s].
     period
         How long the force is held [s].
+    imperfections
+        As of `linear_part`; the delay is added to theirs.
     """
     scan = scan_levels(about / 5.0, about * 5.0, 7)
-    found = find_threshold(lambda x: motion_decays(controller, plant, x, period), scan, TOLERANCE)
+
+    def holds(delay: float) -> bool:
+        return motion_decays(controller, plant, delay, period, imperfections)
+
+    found = find_threshold(holds, scan, TOLERANCE)
     if found.bound != BRACKETED or found.holds_at is None or found.fails_at is None:
         return None
     return math.sqrt(found.holds_at * found.fails_at)
 
 
 def motion_decays(
-    controller: Controller, plant: CartPoleParameters, delay: float, period: float = TIMESTEP
+    controller: Controller,
+    plant: CartPoleParameters,
+    delay: float,
+    period: float = TIMESTEP,
+    imperfections: Imperfections = IDEAL,
 ) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
 
     Parameters
     ----------
     delay
-        Transport delay [s].
+        Transport delay [s], on top of that of the imperfections.
     period
         How long the force is held [s].
+    imperfections
+        As of `linear_part`.
     """
     steps = math.ceil(period / TIMESTEP - 1e-9)  # of a period
     scenario = Scenario(
@@ -181,7 +204,9 @@ def motion_decays(
         pole_mass=plant.pole_mass,
         gravity=plant.gravity,
         initial_state=(0.0, START, 0.0, 0.0),
-        imperfections=Imperfections(delay=delay),
+        imperfections=replace(
+            imperfections, delay=imperfections.delay + delay, control_period=None
+        ),
     )
     run = simulate_sampled(scenario, controller, timestep=period / steps, control_period=period)
     if run.outcome.kind != COMPLETED:

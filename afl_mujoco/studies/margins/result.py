@@ -85,12 +85,17 @@ class Result:
         The grid, M [kg] and l [m].
     pole_mass, gravity
         m [kg] and g [m/s^2].
+    imperfections
+        Those that the linear loop has, by their keys; "none" for the ideal loop.
     linearisation_step
         Of the central differences [m, rad, m/s, rad/s, N].
     margins
         By controller.
     measured
         Margin and measurement on some of the plants; empty if none was measured.
+    scenario, left_out
+        Name of the scenario whose plants they are, if any; and its imperfections that no linear
+        loop has.
     """
 
     control_period: float
@@ -98,9 +103,12 @@ class Result:
     half_lengths: tuple[float, ...]
     pole_mass: float
     gravity: float
+    imperfections: str
     linearisation_step: float
     margins: dict[str, ControllerMargins]
     measured: tuple[DelayComparison, ...] = ()
+    scenario: str | None = None
+    left_out: tuple[str, ...] = ()
 
     @property
     def plants(self) -> int:

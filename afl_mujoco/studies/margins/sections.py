@@ -10,7 +10,7 @@ import numpy as np
 
 from afl_mujoco.control.names import REFERENCE, SUBJECT
 from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
-from afl_mujoco.document.numbers import fixed, percent, short
+from afl_mujoco.document.numbers import fixed, listed, percent, short
 from afl_mujoco.document.style import in_words
 from afl_mujoco.studies.margins.figures import delay_margins, draw_delay_margins, draw_measured
 from afl_mujoco.studies.margins.measured_delay import REACH, START, TOLERANCE, DelayComparison
@@ -28,10 +28,23 @@ _COLUMNS = (
 
 def sections(result: Result) -> list[Section]:
     """Return what a report says of the margins."""
-    blocks: list[Block] = [_finding(result), _delay_figure(result), _table(result)]
+    blocks: list[Block] = [_finding(result), *_about(result), _delay_figure(result)]
+    blocks.append(_table(result))
     if both := _both(result):
         blocks += [Text(_measured_text(result, both)), _measured_figure(both, result)]
     return [Section("Stability margins", "margins", blocks)]
+
+
+def _about(result: Result) -> Iterator[Text]:
+    """Say whose plants these are, and what of its imperfections counts."""
+    if result.scenario is None:
+        return
+    rest = f"; no linear loop has its {listed(result.left_out, 'and')}" if result.left_out else ""
+    yield Text(
+        f"The plants are those of {result.scenario}, its ranges included. Of its imperfections "
+        f"count: {result.imperfections}{rest}. The delay margin of the held force is what it "
+        "bears besides a delay of its own; that of the continuous one is without hold and delay."
+    )
 
 
 def _finding(result: Result) -> Finding:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from afl_mujoco.control.names import INFORMED
-from afl_mujoco.studies.contract import Progress, Study, silent
+from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, silent
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.margins.result import Result
@@ -16,24 +16,27 @@ if TYPE_CHECKING:
 class MarginsConfiguration:
     """Gain, phase, disk and delay margins of each controller at upright, over a grid of plants.
 
-    Example: afl-mujoco margins --controllers fixed lqr --control-period 0.005
+    Example: afl-mujoco margins my-rig.toml --controllers adaptive lqr
 
     The loop is linearised by finite differences on MuJoCo; on six of the plants the delay at which
     a small motion in MuJoCo grows is measured as well. Writes margins.json and figures.
     """
 
+    scenario: ScenarioIfAny = None
+    """Scenario by name, or TOML file, whose plants, control period and linear imperfections are
+    taken; the paper's grid of plants, ideal, by default."""
     controllers: tuple[str, ...] = INFORMED
     """Controllers by name, but for -estimated, or module:attribute of your own."""
     cart_masses: tuple[float, ...] | None = None
-    """Cart masses M of the grid [kg]; the paper's 20 by default."""
+    """Cart masses M of the grid [kg]; the paper's 20, or 5 over the scenario's, by default."""
     half_lengths: tuple[float, ...] | None = None
-    """Half-lengths l of the grid [m]; the paper's 20 by default."""
-    pole_mass: float = 0.05
-    """m of every plant [kg]."""
-    gravity: float = 9.81
-    """g of every plant [m/s^2]."""
-    control_period: float = 1e-3
-    """How long the sampled loop holds the force [s]."""
+    """Half-lengths l of the grid [m]; the paper's 20, or 5 over the scenario's, by default."""
+    pole_mass: float | None = None
+    """m of every plant [kg]; the scenario's, or 0.05, by default."""
+    gravity: float | None = None
+    """g of every plant [m/s^2]; the scenario's, or 9.81, by default."""
+    control_period: float | None = None
+    """How long the sampled loop holds the force [s]; the scenario's, or 0.001, by default."""
     quick: bool = False
     """Every fourth M and l of the paper where not given otherwise, and two plants measured."""
     measure: bool = True
@@ -54,10 +57,11 @@ def run(
     from dataclasses import replace
 
     from afl_mujoco.studies.margins.measured_delay import compare_delays, measured_plants
-    from afl_mujoco.studies.margins.survey import request_of, survey_margins
+    from afl_mujoco.studies.margins.survey import described, request_of, survey_margins
 
     request = request_of(configuration)
     found = survey_margins(*request, workers=workers, progress=progress)
+    found = replace(found, **described(configuration))
     if not configuration.measure:
         return found
     pairs = measured_plants(found.cart_masses, found.half_lengths, few=configuration.quick)
@@ -67,7 +71,8 @@ def run(
     measured = compare_delays(
         request.controllers,
         plants,
-        control_period=configuration.control_period,
+        control_period=request.control_period,
+        imperfections=request.imperfections,
         workers=workers,
         progress=lambda done: progress("measuring", done, total),
     )
@@ -78,7 +83,7 @@ STUDY = Study(
     name="margins",
     title="Stability margins",
     order=40,
-    schema=3,
+    schema=4,
     configuration=MarginsConfiguration,
     check=check,
     run=run,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,20 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import (
     CART_MASSES,
     HALF_LENGTHS,
     NOMINAL,
     CartPoleParameters,
+    departures,
     require_positive,
 )
+from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.studies.contract import Progress, counted, silent
-from afl_mujoco.studies.linearization import STEP, linearize
+from afl_mujoco.studies.delay_margin import PERIOD
+from afl_mujoco.studies.linearization import LINEAR, STEP, linear_part, linearize
 from afl_mujoco.studies.loop_margins import loop_margins
 from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGrid, Result
 from afl_mujoco.studies.margins.study import MarginsConfiguration
@@ -31,11 +36,17 @@ from afl_mujoco.studies.margins.study import MarginsConfiguration
 QUICK = 4
 """Of how many M and l one is studied in a quick run."""
 
-Unit = tuple[Controller, tuple[CartPoleParameters, ...], float]
+LEVELS = 5
+"""How many M and l of a scenario are studied where they change."""
+
+Unit = tuple[Controller, tuple[CartPoleParameters, ...], float, Imperfections]
 
 
 class Request(NamedTuple):
-    """What is surveyed: controllers, M [kg] and l [m], control period [s], m [kg], g [m/s^2]."""
+    """What is surveyed: controllers, M [kg] and l [m], control period [s], m [kg], g [m/s^2].
+
+    And the imperfections, as of `linear_part`.
+    """
 
     controllers: tuple[Controller, ...]
     cart_masses: tuple[float, ...]
@@ -43,6 +54,7 @@ class Request(NamedTuple):
     control_period: float
     pole_mass: float
     gravity: float
+    imperfections: Imperfections
 
     def plant(self, cart_mass: float, half_length: float) -> CartPoleParameters:
         """Return the plant at a place of the grid."""
@@ -58,14 +70,41 @@ def request_of(configuration: MarginsConfiguration) -> Request:
     """Return the request of a configuration, or raise."""
     c = configuration
     every = QUICK if c.quick else 1
+    masses, lengths = CART_MASSES[::every], HALF_LENGTHS[::every]
+    pole_mass, gravity, period, imperfections = NOMINAL.pole_mass, NOMINAL.gravity, None, IDEAL
+    if c.scenario is not None:
+        scenario = find_scenario(c.scenario)
+        (mass, length, pole_mass, gravity), varied = scenario.plants, scenario.ranges.varied
+        masses = _levels(varied.get("cart_mass", mass))
+        lengths = _levels(varied.get("half_length", length))
+        imperfections = linear_part(scenario.imperfections)
+        period = imperfections.control_period
+    asked = c.control_period
     return require(
         [find_controller(name) for name in c.controllers],
-        c.cart_masses or CART_MASSES[::every],
-        c.half_lengths or HALF_LENGTHS[::every],
-        c.control_period,
-        c.pole_mass,
-        c.gravity,
+        c.cart_masses or masses,
+        c.half_lengths or lengths,
+        (period or PERIOD) if asked is None else asked,
+        pole_mass if c.pole_mass is None else c.pole_mass,
+        gravity if c.gravity is None else c.gravity,
+        imperfections,
     )
+
+
+def described(configuration: MarginsConfiguration) -> dict[str, Any]:
+    """Return what a result says of the scenario it is about: its name, and what is left out."""
+    if configuration.scenario is None:
+        return {}
+    scenario = find_scenario(configuration.scenario)
+    found = departures(scenario.imperfections)
+    left_out = tuple(name for name in found if name not in (*LINEAR, "seed"))
+    return {"scenario": scenario.name, "left_out": left_out}
+
+
+def _levels(bounds: tuple[float, float]) -> tuple[float, ...]:
+    """Return levels of a scenario's M or l, from the least to the largest."""
+    low, high = bounds
+    return (low,) if low == high else tuple(np.linspace(low, high, LEVELS).tolist())
 
 
 def require(
@@ -75,6 +114,7 @@ def require(
     control_period: float,
     pole_mass: float,
     gravity: float,
+    imperfections: Imperfections = IDEAL,
 ) -> Request:
     """Return what is surveyed, or raise before it is.
 
@@ -93,9 +133,9 @@ def require(
         if not items or len(set(items)) < len(items):
             raise InvalidValueError(thing, "must hold at least one, each once", list(items))
     m, g = require_positive("pole_mass", pole_mass), require_positive("gravity", gravity)
-    request = Request(tuple(controllers), masses, lengths, period, m, g)
+    request = Request(tuple(controllers), masses, lengths, period, m, g, imperfections)
     for controller in controllers:
-        linearize(controller, request.plant(masses[0], lengths[0]))
+        linearize(controller, request.plant(masses[0], lengths[0]), imperfections)
     return request
 
 
@@ -103,9 +143,10 @@ def survey_margins(
     controllers: Sequence[Controller],
     cart_masses: Sequence[float] = CART_MASSES,
     half_lengths: Sequence[float] = HALF_LENGTHS,
-    control_period: float = 1e-3,
+    control_period: float = PERIOD,
     pole_mass: float = NOMINAL.pole_mass,
     gravity: float = NOMINAL.gravity,
+    imperfections: Imperfections = IDEAL,
     *,
     workers: int = 1,
     progress: Progress = silent,
@@ -120,13 +161,22 @@ def survey_margins(
         Over which the sampled loop holds its force [s].
     pole_mass, gravity
         m [kg] and g [m/s^2] of every plant.
+    imperfections
+        As of `linear_part`.
     workers
         Processes to share the work among; the result does not depend on it.
     """
-    request = require(controllers, cart_masses, half_lengths, control_period, pole_mass, gravity)
+    request = require(
+        controllers, cart_masses, half_lengths, control_period, pole_mass, gravity, imperfections
+    )
     controllers, masses, lengths, period = request[:4]
     units: list[Unit] = [
-        (controller, tuple(request.plant(mass, length) for length in lengths), period)
+        (
+            controller,
+            tuple(request.plant(mass, length) for length in lengths),
+            period,
+            request.imperfections,
+        )
         for controller in controllers
         for mass in masses
     ]
@@ -145,6 +195,7 @@ def survey_margins(
         half_lengths=lengths,
         pole_mass=request.pole_mass,
         gravity=request.gravity,
+        imperfections=departures_text(request.imperfections),
         linearisation_step=STEP,
         margins={
             name: ControllerMargins(continuous=_grid(table[:, :, 0]), sampled=_grid(table[:, :, 1]))
@@ -171,14 +222,14 @@ def margins_of_row(unit: Unit) -> NDArray[np.float64]:
     Parameters
     ----------
     unit
-        Controller, the plants and the period of the sampled loop [s].
+        Controller, the plants, the period of the sampled loop [s], and imperfections.
     """
-    controller, plants, period = unit
+    controller, plants, period, imperfections = unit
     row = np.full((len(plants), 2, len(METRICS)), np.nan)
     for place, plant in enumerate(plants):
-        loop = linearize(controller, plant)
-        for kind, held in enumerate((None, period)):
-            found = loop_margins(loop, held)
+        loop = linearize(controller, plant, imperfections)
+        for kind, held in enumerate(((None, 0.0), (period, imperfections.delay))):
+            found = loop_margins(loop, *held)
             if found is not None:
                 row[place, kind] = list(asdict(found).values())
     return row
