@@ -24,10 +24,14 @@ from afl_mujoco.simulation.attraction.grid import (
     Grid,
 )
 from afl_mujoco.studies.attraction.comparison import INSIDE, ON_BORDER, Comparison
+from afl_mujoco.studies.attraction.deployed import WORDS, StartMap
 
 FALLEN_COLOUR, UNDECIDED_COLOUR = "#D55E00", "#000000"
 AGREE_COLOUR, BORDER_COLOUR, INSIDE_COLOUR = "#EDEDED", "#E69F00", "#0072B2"
 """Of Okabe and Ito, distinct to the colour-blind, and greys."""
+
+GOOD_COLOUR, MISSED_COLOUR = "#56B4E9", "#F0E442"
+"""Of a scenario's map."""
 
 SHADES = "Blues"
 """Of the time to settle, the lightest first."""
@@ -60,6 +64,40 @@ def draw_attraction(comparisons: Sequence[Comparison]) -> Figure:
     return figure
 
 
+def draw_starts(maps: Sequence[StartMap]) -> Figure:
+    """Draw a panel for each controller: how its runs end, by where they start."""
+    columns = min(len(maps), 3)
+    rows = -(-len(maps) // columns)
+    figure = new_figure(1.0 + 3.4 * columns, 0.9 + 3.0 * rows)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    colours = {SETTLED: GOOD_COLOUR, FALLEN: FALLEN_COLOUR, UNDECIDED: MISSED_COLOUR}
+    words = dict(zip((SETTLED, FALLEN, UNDECIDED), WORDS[maps[0].judged], strict=True))
+    for axes, found in zip(panels.flat, maps, strict=False):
+        image = np.empty((*found.outcome.shape, 4))
+        for code, colour in colours.items():
+            image[found.outcome == code] = matplotlib.colors.to_rgba(colour)
+        edges = _edges(found.angles, found.rates)
+        axes.grid(False)
+        axes.imshow(image, extent=edges, origin="lower", aspect="auto", interpolation="nearest")
+        axes.plot(*found.own, "x", color="white", markersize=9, markeredgewidth=4)
+        axes.plot(*found.own, "x", color="black", markersize=8, markeredgewidth=2)
+        axes.set_xlim(edges[:2])
+        axes.set_ylim(edges[2:])
+        share = 100.0 * found.shares[words[SETTLED]]
+        axes.set_title(f"{found.controller}: {share:.1f} %")
+    for axes in panels.flat[len(maps) :]:
+        axes.set_axis_off()
+    horizontal, vertical = LABELS[True]
+    figure.supxlabel(horizontal, fontsize=9)
+    figure.supylabel(vertical, fontsize=9)
+    handles = [
+        Patch(facecolor=colour, edgecolor="#707070", label=words[code])
+        for code, colour in colours.items()
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    return figure
+
+
 def _latest(comparisons: Sequence[Comparison]) -> float:
     """Return the time that the darkest shade stands for: a whole number of seconds."""
     times = [
@@ -77,8 +115,15 @@ def _shades() -> ListedColormap:
 
 def _extent(grid: Grid) -> tuple[float, float, float, float]:
     """Return the outer edges of a grid's outermost points."""
+    return _edges(grid.columns, grid.rows)
+
+
+def _edges(
+    columns: NDArray[np.float64], rows: NDArray[np.float64]
+) -> tuple[float, float, float, float]:
+    """Return the outer edges of the outermost points."""
     edges: list[float] = []
-    for values in (grid.columns, grid.rows):
+    for values in (columns, rows):
         half = 0.5 * float(values[-1] - values[0]) / (len(values) - 1)
         edges += [float(values[0]) - half, float(values[-1]) + half]
     return edges[0], edges[1], edges[2], edges[3]

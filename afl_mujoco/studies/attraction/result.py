@@ -18,6 +18,7 @@ from afl_mujoco.simulation.attraction.grid import (
 )
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.attraction.comparison import INSIDE, ON_BORDER, Comparison
+from afl_mujoco.studies.attraction.deployed import StartMap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,10 +129,13 @@ class Result:
     Attributes
     ----------
     maps
-        Each controller on each plane, by the equations and in MuJoCo.
+        Each controller on each plane, by the equations and in MuJoCo; empty with a scenario.
+    starts
+        Each controller on the scenario, if one was asked for.
     """
 
     maps: tuple[MapPair, ...]
+    starts: tuple[StartMap, ...] = ()
 
 
 def result_of(comparisons: Sequence[Comparison]) -> Result:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table
-from afl_mujoco.document.numbers import fixed, percent
+from afl_mujoco.document.numbers import fixed, percent, short
 from afl_mujoco.simulation.attraction.grid import OUTCOMES, PLANTS, STATES
-from afl_mujoco.studies.attraction.figures import draw_attraction
+from afl_mujoco.studies.attraction.deployed import WORDS as ENDINGS
+from afl_mujoco.studies.attraction.deployed import StartMap
+from afl_mujoco.studies.attraction.figures import draw_attraction, draw_starts
 from afl_mujoco.studies.attraction.result import Map, MapPair, Result
 
 WORDS = {
@@ -24,11 +27,49 @@ WORDS = {
 
 def sections(result: Result) -> list[Section]:
     """Return what a report says of the maps."""
+    if result.starts:
+        return [Section("Regions of attraction", "attraction", _of_a_scenario(result.starts))]
     planes = dict.fromkeys(pair.plane for pair in result.maps)
     figures = [_figure([pair for pair in result.maps if pair.plane == p]) for p in planes]
     finding = Finding("Where it settles", _finding(result))
     blocks: list[Block] = [finding, *figures, _table(result)]
     return [Section("Regions of attraction", "attraction", blocks)]
+
+
+def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
+    """Return what there is to say of a scenario's maps."""
+    first = maps[0]
+    good, *others = ENDINGS[first.judged]
+    angle, rate = short(float(first.angles[-1])), short(float(first.rates[-1]))
+    reach = f"starts up to {angle} rad and {rate} rad/s"
+    said = "; ".join(f"{one.controller} from {percent(one.shares[good], 3)}" for one in maps)
+    words = {"meets all": "meets all requirements"}.get(good, good)
+    text = f"On {first.scenario}, of {reach} to either side, a controller {words}: {said}."
+    return [
+        Finding("Where it may start", text),
+        Figure(
+            name="attraction-starts",
+            title=f"From which starts each controller {words} on {first.scenario}",
+            caption=(
+                f"A run of MuJoCo for each point, as deployed, steps of {1e3 * first.timestep:g} "
+                f"ms ({first.integrator}), with schedules, disturbances and imperfections. The "
+                "cross is the start of the scenario itself."
+            ),
+            alt=text,
+            draw=partial(draw_starts, maps),
+        ),
+        Table(
+            caption=f"How runs on {first.scenario} end, in % of {first.outcome.size} starts",
+            columns=(
+                Column("Controller"),
+                *(Column(word.capitalize(), "%", number=True) for word in (good, *others)),
+            ),
+            rows=[
+                (one.controller, *(fixed(100.0 * x, 1) for x in one.shares.values()))
+                for one in maps
+            ],
+        ),
+    ]
 
 
 def _finding(result: Result) -> str:

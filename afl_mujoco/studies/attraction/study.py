@@ -7,35 +7,50 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from afl_mujoco.control.names import REFERENCE, SUBJECT
-from afl_mujoco.studies.contract import Progress, Study, silent
+from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, silent
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from afl_mujoco.control.controller import Controller
+    from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.simulation.attraction.grid import Grid, Settling
     from afl_mujoco.studies.attraction.result import Result
 
 GRID, QUICK_GRID = 101, 21
+STARTS, QUICK_STARTS = 41, 11
+"""Grid points along each axis of the map of a scenario, a run each."""
+
+TIMESTEP, WITH_A_SCENARIO = 2e-3, 1e-3
+"""MuJoCo's step by default [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attraction:
     """Map from where each controller settles: by the equations, in MuJoCo, where they disagree.
 
-    Example: afl-mujoco attraction --controllers adaptive lqr --quick
+    Example: afl-mujoco attraction my-rig.toml --controllers adaptive lqr --quick
 
-    One map over (phi0, phi0') on one plant, one over (M, l) from one start. Writes
-    attraction.json, an npz of the maps, and a figure for each plane. The whole takes some ten
-    minutes on two cores.
+    With a scenario: one map over (phi0, phi0') of it as deployed in MuJoCo, its schedules,
+    disturbances and imperfections on; a start counts from which the requirements are met or, where
+    there are none, the run settles. Without: one map over (phi0, phi0') on one plant, one over (M,
+    l) from one start, on the ideal loop. Writes attraction.json, an npz of the maps, and a figure
+    for each plane. The whole takes some ten minutes on two cores.
     """
 
+    scenario: ScenarioIfAny = None
+    """Scenario by name, or TOML file, to map over its start; what follows from --planes to
+    --cart-mass, and from --cart-masses to --horizon, is then the scenario's."""
     controllers: tuple[str, ...] = (SUBJECT, REFERENCE)
-    """Controllers by name; neither a Python controller nor one with the estimator."""
+    """Controllers by name; without a scenario neither a Python controller nor one with the
+    estimator."""
     planes: tuple[str, ...] = ("states", "plants")
     """Maps to draw: states, plants."""
     grid: int | None = None
-    """Grid points along each axis; 101 by default."""
+    """Grid points along each axis; 101 by default, 41 with a scenario."""
     quick: bool = False
-    """21 grid points along each axis, unless a number is given."""
+    """21 grid points along each axis, 11 with a scenario, unless a number is given."""
     cart_mass: float = 1.0
     """Cart mass M of the map over states [kg]."""
     half_length: float = 0.5
@@ -56,20 +71,33 @@ class Attraction:
     """phi0 of the map over plants [rad]."""
     horizon: float = 20.0
     """When a rollout that has neither settled nor fallen ends as undecided [s]."""
-    timestep: float = 2e-3
-    """MuJoCo's physics step, over which the control is held [s]."""
+    timestep: float | None = None
+    """MuJoCo's physics step [s]; 0.001 with a scenario, else 0.002, over which the control is
+    held."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
 
 
+THE_SCENARIOS = (
+    "planes", "cart_mass", "half_length", "pole_mass", "gravity", "cart_masses", "half_lengths",
+    "start_angle", "horizon",
+)  # fmt: skip
+"""Options that a scenario leaves no choice of."""
+
+
 class Request(NamedTuple):
-    """What is mapped: controllers, the grid of each map, and when a rollout has settled."""
+    """What is mapped: controllers, the grid of each map, when a rollout has settled, the step [s].
+
+    Or a scenario, in place of grids.
+    """
 
     controllers: list[Controller]
     maps: list[Grid]
     settling: Settling
+    timestep: float
+    scenario: Scenario | None
 
 
 def request_of(configuration: Attraction) -> Request:
@@ -82,20 +110,68 @@ def request_of(configuration: Attraction) -> Request:
 
     c = configuration
     require_distinct("controller", c.controllers)
+    if c.scenario is not None:
+        return _scenario_request(c, c.scenario)
     require_distinct("plane", c.planes)
     controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    timestep = TIMESTEP if c.timestep is None else c.timestep
     m, g = require_positive("pole_mass", c.pole_mass), require_positive("gravity", c.gravity)
     maps = [replace(_grid(c, plane), pole_mass=m, gravity=g) for plane in c.planes]
     settling = Settling(horizon=c.horizon)
     for name, time in (("dwell", settling.dwell), ("horizon", settling.horizon)):
-        whole_steps(name, time, "timestep", c.timestep)
+        whole_steps(name, time, "timestep", timestep)
     require_integrator(c.integrator)
     for controller in controllers:
         _ = controller.kind  # raises if it has no compiled form
         for grid in maps:  # raises if a gain is not positive
             masses, lengths = grid.plants.T
             controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)
-    return Request(controllers, maps, settling)
+    return Request(controllers, maps, settling, timestep, None)
+
+
+def _scenario_request(configuration: Attraction, name: str) -> Request:
+    """Return the request of a scenario's map, or raise."""
+    from dataclasses import fields
+
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.errors import InvalidValueError
+    from afl_mujoco.scenario.files import find_scenario
+    from afl_mujoco.scenario.sampling import whole_steps
+    from afl_mujoco.simulation.attraction.grid import Settling
+    from afl_mujoco.simulation.mujoco_model import require_integrator
+    from afl_mujoco.simulation.sampled.runs import control_period_of
+
+    c, scenario = configuration, find_scenario(name)
+    defaults = {field.name: field.default for field in fields(c)}
+    for option in THE_SCENARIOS:
+        if (value := getattr(c, option)) != defaults[option]:
+            rule = f"is that of scenario {scenario.name!r}: leave it out"
+            raise InvalidValueError(option, rule, value)
+    timestep = WITH_A_SCENARIO if c.timestep is None else c.timestep
+    whole_steps("duration", scenario.duration, "timestep", timestep)
+    period = control_period_of(scenario, None, timestep)
+    whole_steps("control_period", period, "timestep", timestep)
+    require_integrator(c.integrator)
+    starts_of(c)
+    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    return Request(controllers, [], Settling(), timestep, scenario)
+
+
+def starts_of(configuration: Attraction) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the angles [rad] and rates [rad/s] of a scenario's map, or raise."""
+    from afl_mujoco.errors import InvalidValueError
+    from afl_mujoco.simulation.attraction.grid import axis
+    from afl_mujoco.simulation.trajectory import FALL_ANGLE
+
+    c = configuration
+    count = c.grid if c.grid is not None else QUICK_STARTS if c.quick else STARTS
+    if c.scenario is not None and not c.max_angle < FALL_ANGLE:
+        rule = f"must be below {FALL_ANGLE:.4f} rad, where a pole has fallen"
+        raise InvalidValueError("max_angle", rule, c.max_angle)
+    return (
+        axis("max_angle", -c.max_angle, c.max_angle, count),
+        axis("max_rate", -c.max_rate, c.max_rate, count),
+    )
 
 
 def _grid(configuration: Attraction, plane: str) -> Grid:
@@ -137,10 +213,15 @@ def run(configuration: Attraction, *, progress: Progress = silent, workers: int 
     from afl_mujoco.simulation.attraction.mujoco_map import map_in_mujoco
     from afl_mujoco.simulation.attraction.ode_map import map_by_ode
     from afl_mujoco.studies.attraction.comparison import Comparison
-    from afl_mujoco.studies.attraction.result import result_of
+    from afl_mujoco.studies.attraction.deployed import map_starts
+    from afl_mujoco.studies.attraction.result import Result, result_of
 
-    controllers, maps, settling = request_of(configuration)
-    done, total = 0, 2 * len(controllers) * sum(len(grid.starts) for grid in maps)
+    c = configuration
+    controllers, maps, settling, timestep, scenario = request_of(c)
+    angles, rates = starts_of(c)
+    points = 2 * sum(len(grid.starts) for grid in maps)
+    each = points if scenario is None else len(angles) * len(rates)
+    done, total = 0, len(controllers) * each
     progress("mapping", 0, total)
 
     def advance(points: int) -> None:
@@ -148,8 +229,12 @@ def run(configuration: Attraction, *, progress: Progress = silent, workers: int 
         done += points
         progress("mapping", done, total)
 
+    steps: Any = {"timestep": timestep, "integrator": c.integrator}
+    if scenario is not None:
+        how: Any = {**steps, "threads": workers, "progress": advance}
+        found = [map_starts(scenario, one, angles, rates, **how) for one in controllers]
+        return Result(maps=(), starts=tuple(found))
     shared: Any = {"settling": settling, "threads": workers, "progress": advance}
-    steps: Any = {"timestep": configuration.timestep, "integrator": configuration.integrator}
     return result_of(
         [
             Comparison(
@@ -166,7 +251,7 @@ STUDY = Study(
     name="attraction",
     title="Regions of attraction",
     order=30,
-    schema=3,
+    schema=4,
     configuration=Attraction,
     check=check,
     run=run,

@@ -1,0 +1,115 @@
+"""From which starts a controller copes with a scenario as deployed, with all that it has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.attraction.grid import FALLEN, SETTLED, UNDECIDED
+from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.studies.arrays import Array
+
+WORDS = {
+    True: ("meets all", "falls", "misses a requirement"),
+    False: ("settles", "falls", "does not settle"),
+}
+"""How a run ends, by `SETTLED`, `FALLEN` and `UNDECIDED`; with requirements, and without."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StartMap:
+    """How the runs of one controller on a scenario end, by where they start.
+
+    Attributes
+    ----------
+    scenario, controller
+        Their names.
+    judged
+        Whether requirements decide.
+    own
+        (phi, phi_dot) at which the scenario itself starts [rad, rad/s].
+    timestep, integrator
+        MuJoCo's [s].
+    shares
+        Of the grid points, by how they end, as of `WORDS` [1].
+    angles, rates
+        phi(0) [rad], shape (columns,), and phi_dot(0) [rad/s], shape (rows,).
+    outcome
+        `SETTLED`, `FALLEN` or `UNDECIDED`, shape (rows, columns).
+    """
+
+    scenario: str
+    controller: str
+    judged: bool
+    own: tuple[float, float]
+    timestep: float
+    integrator: str
+    shares: dict[str, float]
+    angles: Array
+    rates: Array
+    outcome: Array
+
+
+def map_starts(
+    scenario: Scenario,
+    controller: Controller,
+    angles: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    *,
+    timestep: float,
+    integrator: str,
+    threads: int,
+    progress: Callable[[int], None],
+) -> StartMap:
+    """Run a controller from every start; the numbers do not depend on the threads.
+
+    Parameters
+    ----------
+    angles, rates
+        phi(0) [rad] and phi_dot(0) [rad/s].
+    """
+    judged = scenario.requirements != NONE
+    rows = []
+    for rate in rates.tolist():
+        starts = [_started(scenario, angle, rate) for angle in angles.tolist()]
+        settings = {"timestep": timestep, "integrator": integrator, "threads": threads}
+        runs = run_rollouts(starts, controller, **settings)  # type: ignore[arg-type]
+        rows.append([_outcome(runs, i, judged) for i in range(len(runs))])
+        progress(len(starts))
+    outcome = np.array(rows, dtype=np.uint8)
+    counts = np.bincount(outcome.ravel(), minlength=3) / outcome.size
+    return StartMap(
+        scenario=scenario.name,
+        controller=controller.name,
+        judged=judged,
+        own=(scenario.initial_state[1], scenario.initial_state[3]),
+        timestep=timestep,
+        integrator=integrator,
+        shares=dict(zip(WORDS[judged], counts[[SETTLED, FALLEN, UNDECIDED]].tolist(), strict=True)),
+        angles=angles,
+        rates=rates,
+        outcome=outcome,
+    )
+
+
+def _started(scenario: Scenario, angle: float, rate: float) -> Scenario:
+    """Return a scenario from another start."""
+    z, _, z_dot, _ = scenario.initial_state
+    return replace(scenario, initial_state=(z, angle, z_dot, rate))
+
+
+def _outcome(runs: Rollouts, index: int, judged: bool) -> int:
+    """Return how a run ended."""
+    missed: Sequence[object] = [one for one in runs.requirements[index] if not one.met]
+    if judged and not missed:
+        return SETTLED
+    if runs.outcome(index).kind != COMPLETED:
+        return FALLEN
+    return SETTLED if not judged and np.isfinite(runs.settling_time[index]) else UNDECIDED
