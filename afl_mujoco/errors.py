@@ -6,7 +6,7 @@ import difflib
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 
@@ -49,6 +49,12 @@ class InvalidValueError(AflMujocoError, ValueError):
     """A number or a setting outside what it may be."""
 
 
+def meant(name: object, known: Sequence[str]) -> str:
+    """Return which of some names was meant, as the end of a message; nothing if none is near."""
+    near = difflib.get_close_matches(str(name), known, n=2)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
 class UnknownNameError(AflMujocoError, LookupError):
     """A name that is not in its catalogue."""
 
@@ -56,9 +62,7 @@ class UnknownNameError(AflMujocoError, LookupError):
     def among(cls, thing: str, name: object, valid: Iterable[str]) -> UnknownNameError:
         """Build the error for `name`, listing the `valid` names and guessing which was meant."""
         known = list(valid)
-        near = difflib.get_close_matches(str(name), known, n=2)
-        meant = f"; did you mean {' or '.join(near)}?" if near else ""
-        return cls(thing, f"must be one of {', '.join(known)}", f"{name!r}{meant}")
+        return cls(thing, f"must be one of {', '.join(known)}", f"{name!r}{meant(name, known)}")
 
 
 class FileError(AflMujocoError):

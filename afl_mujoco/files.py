@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin,
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import AflMujocoError, FileError, reading
+from afl_mujoco.errors import AflMujocoError, FileError, meant, reading
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -157,8 +157,9 @@ def _in_one_line(error: Any, kind: Any) -> str:
     match first["type"], first.get("ctx", {}):
         case "unexpected_keyword_argument", _:
             key, owner = _resolved(kind, place[:-1])
-            known = ", ".join(field.name for field in fields(owner))
-            return f"{_joined(key, place[-1])} is not a known key; known are {known}"
+            known = [field.name for field in fields(owner)]
+            which = f"known are {', '.join(known)}{meant(place[-1], known)}"
+            return f"{_joined(key, place[-1])} is not a known key; {which}"
         case "value_error", {"error": AflMujocoError() as own}:
             key = _resolved(kind, place)[0]
             return str(own.within(f"{key}.") if key else own)

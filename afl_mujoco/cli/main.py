@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib.metadata import version
-from typing import Any, Union
+from typing import Any, Union, get_args
 
 import tyro
 
@@ -108,5 +110,17 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
     said, _, meant = " ".join(line for line in lines if line).partition(" Perhaps you meant: ")
-    name = meant.split()[0] if meant.startswith("--") else ""
+    said = re.sub(r" \(applied to [^)]*\)| Arguments are applied to .* can matter\.", "", said)
+    near = [word for word in meant.split() if word.startswith("--")]
+    own = [word for word in near if word.removeprefix("--").replace("-", "_") in _options(given)]
+    name = next(iter(own or near), "")
     return f"{said}; did you mean {name}?" if name and name not in given else said
+
+
+def _options(given: Sequence[str]) -> set[str]:
+    """Return the names of the options of the command that is given."""
+    kinds: dict[str, type] = {kind.__name__.lower(): kind for kind in OTHERS}
+    of_studies = (get_args(kind)[0] for kind in study_commands())
+    kinds |= dict(zip(studies(), of_studies, strict=True))
+    known = given and given[0] in kinds
+    return {field.name for field in fields(kinds[given[0]])} if known else set()

@@ -73,12 +73,13 @@ def write_page(folder: Path, films: Path) -> Path:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     found = [section for record in records for section in record.sections]
     parts = [
-        ([_overview(records, found), *found], folder),
+        ([_overview(records, found)], folder),
+        (found, folder),
         (film_sections(films), films),
         ([_not_run(records), _reproduce(records), _notation()], folder),
     ]
     if folder.resolve() != films.resolve():  # a study films into the folder of its result
-        parts.insert(2, (film_sections(folder, "Films beside this page", "own-films"), folder))
+        parts.insert(1, (film_sections(folder, "Films beside this page", "own-films"), folder))
     verdicts = [record.verdict for record in records if record.verdict]
     verdict = min(verdicts, key=lambda one: one.passed, default=None)  # a failure counts
     write_text(folder / PAGE, to_html(TITLE, parts, folder, lede=LEDE, verdict=verdict))

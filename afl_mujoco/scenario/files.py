@@ -199,8 +199,8 @@ def find_scenario(name: str) -> Scenario:
     if name.endswith(".toml"):
         return load_scenario(name)
     if Path(f"{name}.toml").is_file():
-        rule = "must be of the catalogue or end in .toml: did you mean"
-        raise InvalidValueError("scenario", f"{rule} {name}.toml?", repr(name))
+        rule = "must be of the catalogue or end in .toml"
+        raise InvalidValueError("scenario", rule, f"{name!r}; did you mean {name}.toml?")
     raise UnknownNameError.among("scenario", name, (*_NAMED, "a .toml file"))
 
 

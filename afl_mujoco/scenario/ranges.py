@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, meant
 from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS
 from afl_mujoco.scenario.parameters import require_finite, require_positive
 
@@ -103,7 +104,9 @@ class Ranges:
         varied = {name: value for name, value in table.items() if name not in SETTINGS}
         for name in varied:
             if name not in VARIABLE:
-                raise UnknownNameError.among("range", name, (*VARIABLE, *SETTINGS))
+                known = (*VARIABLE, *SETTINGS)
+                which = f"known are {', '.join(known)}{meant(name, known)}"
+                raise InvalidValueError(name, f"is not a known key; {which}")
         return cls(
             varied=varied, **{name: value for name, value in table.items() if name in SETTINGS}
         )
@@ -138,6 +141,9 @@ def _range(name: str, bounds: Any) -> Range:
     elif name in DECLARATIONS:
         rule_of = DECLARATIONS[name].rule
     low, high = (float(rule_of(name, require_finite(name, x))) for x in bounds)
+    if name == "phi" and not max(-low, high) < 0.5 * math.pi:
+        rule = "must lie between -pi/2 and pi/2, where a pole has fallen"
+        raise InvalidValueError(name, rule, f"{low:g} to {high:g}")
     if not low <= high:
         raise InvalidValueError(name, "must not fall", f"{low:g} to {high:g}")
     return low, high

@@ -87,16 +87,19 @@ class Requirements:
         if self.settling_time is not None and not self.settling_time < until:
             what = "the duration" if until == duration else "when the first disturbance begins"
             rule = f"must be less than {until:g} s, {what}"
-            raise InvalidValueError("settling_time", rule, f"{self.settling_time:g} s")
+            raise InvalidValueError("requirements.settling_time", rule, f"{self.settling_time:g} s")
         if self.recover_within is None:
             return
         if not disturbances:
-            raise InvalidValueError("recover_within", "needs a disturbance to recover from")
+            rule = "needs a disturbance to recover from"
+            raise InvalidValueError("requirements.recover_within", rule)
         for end, until in recoveries(duration, disturbances):
             if not self.recover_within < until - end:
                 left = f"what is left after the disturbance that ends at {end:g} s"
                 rule = f"must be less than {until - end:g} s, {left}"
-                raise InvalidValueError("recover_within", rule, f"{self.recover_within:g} s")
+                raise InvalidValueError(
+                    "requirements.recover_within", rule, f"{self.recover_within:g} s"
+                )
 
 
 NONE = Requirements()

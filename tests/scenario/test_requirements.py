@@ -67,8 +67,11 @@ def test_to_complete_is_what_every_scenario_requires() -> None:
         ("angle_band = 0", "requirements.angle_band must be positive, got 0"),
         ("completes = 1", "requirements.completes must be true or false, got 1"),
         ("max_positon = 1", "requirements.max_positon is not a known key; known are completes, "),
-        ("settling_time = 20", "settling_time must be less than 20 s, the duration, got 20 s"),
-        ("recover_within = 1", "recover_within needs a disturbance to recover from"),
+        (
+            "settling_time = 20",
+            "requirements.settling_time must be less than 20 s, the duration, got 20 s",
+        ),
+        ("recover_within = 1", "requirements.recover_within needs a disturbance to recover from"),
     ],
 )
 def test_a_requirement_that_breaks_its_rule_is_named(

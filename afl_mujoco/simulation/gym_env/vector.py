@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import borrowing_kernel, kernel, load, store
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.threads import require_threads
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (
     CartPoleEnv,
@@ -51,7 +50,6 @@ from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence has been said in one line)
-import mujoco  # noqa: E402  (after the package has chosen what draws)
 from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
@@ -300,7 +298,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._forces[i], self._samples[i] = 0.0, scenario.name
         model = self._models[i]
         model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
-        require_only(model.mj_model, scenario.imperfections)
+        model.compute_only(scenario.imperfections)
         _start(
             i, self._at, np.array(start), e.constants, e.profile, self._rows[i, :instants],
             self._shown, self._sensors, self._runs, self._truth, self._seen, self._told,
@@ -320,15 +318,6 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             known["sample"] = self._samples.copy()
         there = np.ones(self.num_envs, dtype=np.bool_)
         return {**known, **{f"_{name}": there.copy() for name in known}}
-
-
-def require_only(model: mujoco.MjModel, imperfections: Imperfections) -> None:
-    """Switch off what MuJoCo need not compute: the same bits in less time."""
-    unused = [mujoco.mjtDisableBit.mjDSBL_SENSOR, mujoco.mjtDisableBit.mjDSBL_CONTACT]
-    constrained = imperfections.rail_friction or imperfections.rail_half_length is not None
-    if not constrained:
-        unused.append(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    model.opt.disableflags = sum(map(int, unused))
 
 
 def _with_room(stacked: NDArray[Any], length: int) -> NDArray[Any]:

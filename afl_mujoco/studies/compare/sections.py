@@ -22,7 +22,7 @@ from afl_mujoco.document.blocks import (
 from afl_mujoco.document.numbers import short
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.words import describe
+from afl_mujoco.scenario.words import departures_text, describe
 from afl_mujoco.simulation.metrics import LABELS, unit_of
 from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import COMPLETED
@@ -73,8 +73,9 @@ def _deployment(result: Result, scenario: Scenario) -> str:
     """Say how the controllers were run on a scenario."""
     period = control_period_of(scenario, result.control_period, result.timestep)
     ideal = scenario.imperfections == IDEAL
+    hardware = "ideal" if ideal else f"with {departures_text(scenario.imperfections)}"
     return (
-        f"As deployed in MuJoCo, {'ideal' if ideal else 'with the imperfections listed below'}: "
+        f"As deployed in MuJoCo, {hardware}: "
         f"the force held for {short(1e3 * period)} ms, physics steps of "
         f"{short(1e3 * result.timestep)} ms ({result.integrator})."
     )

@@ -174,6 +174,8 @@ class Result:
         What was found; no worst cases if none were searched.
     film
         Whether the hardest samples are to be filmed.
+    assumed
+        Whether the scenario did not say what varies, so that it is as of `with_ranges`.
     """
 
     seed: int
@@ -186,6 +188,7 @@ class Result:
     comparisons: tuple[Comparison, ...]
     worst_cases: tuple[WorstCase, ...]
     film: bool = False
+    assumed: bool = False
 
     def scenario_of(self, one: WorstCase) -> Scenario:
         """Return the scenario of what a search found."""
@@ -204,6 +207,7 @@ def result_of(
     keep: int | None = None,
     asked: Mapping[str, str] | None = None,
     film: bool = False,
+    assumed: bool = False,
 ) -> Result:
     """Return a campaign and what was searched as a result.
 
@@ -213,7 +217,7 @@ def result_of(
         How many failures of each controller have a scenario file; ``None`` for all.
     asked
         What each controller was asked for by, where that is not its name.
-    film
+    film, assumed
         As of `Result`.
     """
     names = {name: name for name in campaign.trials} | dict(asked or {})
@@ -231,6 +235,7 @@ def result_of(
         ),
         worst_cases=tuple(_worst(campaign, one) for one in found),
         film=film,
+        assumed=assumed,
     )
 
 

@@ -45,7 +45,8 @@ DEFAULT_INTEGRATOR = "RK4"
 
 def sections(result: Result) -> list[Section]:
     """Return what a report says of a campaign."""
-    blocks: list[Block] = [*_findings(result), _rates_figure(result), _rates(result)]
+    blocks: list[Block] = [*_findings(result), *_assumed(result)]
+    blocks += [_rates_figure(result), _rates(result)]
     if result.comparisons:
         blocks.append(_comparisons(result))
     blocks += [Text(said) for said in _messages(result)]
@@ -95,6 +96,16 @@ def _findings(result: Result) -> Iterator[Finding]:
             )
 
 
+def _assumed(result: Result) -> Iterator[Text]:
+    """Say what varies where the scenario itself does not."""
+    if result.assumed:
+        yield Text(
+            f"{result.space.scenario.name} does not say what varies: it has the imperfections of "
+            "random laboratory hardware wherever it is ideal, and its start, M and l are the same "
+            "in every sample. A table [ranges] in its file says otherwise."
+        )
+
+
 def _passes(result: Result) -> str:
     """Say what a run does that passes."""
     return "meets all requirements on" if result.judged else "survives"
@@ -107,7 +118,7 @@ def _rates(result: Result) -> Table:
     ways = ENDINGS[1:]
     what = [Column("Meets all" if result.judged else "Survives", number=True), level]
     if result.judged:
-        what += [Column(f"Misses “{IN_WORDS[name]}”", number=True) for name in missed]
+        what += [Column(f"Misses “{_limit(result, name)}”", number=True) for name in missed]
     else:
         what += [Column("Settles", number=True), level]
     return Table(
@@ -119,7 +130,7 @@ def _rates(result: Result) -> Table:
             Column("Controller"),
             *what,
             *(Column(ending.capitalize(), number=True) for ending in ways),
-            Column("Median peak |z|", "m", number=True),
+            Column("Median peak |z| of those that pass", "m", number=True),
         ),
         rows=[
             (
@@ -137,6 +148,14 @@ def _rates(result: Result) -> Table:
             for rates in result.controllers
         ],
     )
+
+
+def _limit(result: Result, name: str) -> str:
+    """Return a requirement in words."""
+    if name == "completes":
+        return IN_WORDS[name]
+    limit = getattr(result.space.scenario.requirements, name)
+    return f"{IN_WORDS[name]} {short(limit)} {UNITS[name]}"
 
 
 def _comparisons(result: Result) -> Table:
@@ -204,12 +223,17 @@ def _worst_cases(result: Result) -> Table:
                 ),
                 fixed(one.distance, 2),
                 str(one.runs),
-                ", ".join(f"{n} {fixed(x, 2)}" for n, x in islice(one.changes.items(), SHOWN)),
+                ", ".join(f"{n} {fixed(x, 2)}" for n, x in islice(_moved(one), SHOWN)),
                 Cell(one.file, code=True),
             )
             for one in result.worst_cases
         ],
     )
+
+
+def _moved(one: WorstCase) -> Iterator[tuple[str, float]]:
+    """Return what differs from the scenario; instants differ from nothing, as nothing changes."""
+    return ((n, x) for n, x in one.changes.items() if " instant " not in n and " shape" not in n)
 
 
 def _how(one: WorstCase) -> str:
@@ -251,7 +275,8 @@ def _replays(result: Result) -> Iterator[Command]:
             file = PurePath(str(failure.file))
             command: list[str | PurePath] = ["afl-mujoco", "simulate", file]
             command += ["--controller", rates.asked, *integrator]
-            yield Command("Replay a failure to the last bit", command)
+            title = f"Replay a failure of {rates.controller} to the last bit"
+            yield Command(title, command)
 
 
 def _rates_figure(result: Result) -> Figure:

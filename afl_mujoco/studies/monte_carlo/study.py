@@ -137,6 +137,8 @@ def run(
 ) -> Result:
     """Run the campaign and the searches; the result does not depend on the workers."""
     from afl_mujoco.execution.executors import open_executor
+    from afl_mujoco.scenario.files import find_scenario
+    from afl_mujoco.scenario.ranges import FIXED
     from afl_mujoco.studies.monte_carlo.campaign import run_campaign
     from afl_mujoco.studies.monte_carlo.result import result_of
     from afl_mujoco.studies.monte_carlo.worst_case import Found, most_runs, search_worst
@@ -167,7 +169,9 @@ def run(
         zip((controller.name for controller in controllers), configuration.controllers, strict=True)
     )
     c = configuration
-    return result_of(campaign, found, keep=c.keep, asked=asked, film=c.film)
+    assumed = find_scenario(c.scenario).ranges == FIXED
+    kept = {"keep": c.keep, "asked": asked, "film": c.film, "assumed": assumed}
+    return result_of(campaign, found, **kept)  # type: ignore[arg-type]
 
 
 def _search_progress(progress: Progress, controller: str, total: int, done: int) -> None:

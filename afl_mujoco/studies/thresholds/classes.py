@@ -49,7 +49,7 @@ def tolerated(imperfection: Imperfection, sweep: Sweep) -> float:
     if level is None:
         return 0.0
     ratio = level / imperfection.reference
-    return 1.0 / ratio if imperfection.less_is_worse else ratio
+    return round(1.0 / ratio if imperfection.less_is_worse else ratio, 9)  # 10 is 10
 
 
 def class_of(imperfection: Imperfection, sweep: Sweep) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.requirements import NONE
@@ -113,13 +113,16 @@ class Result:
     settings
         How they were searched.
     controllers, imperfections
-        In their order.
+        In their order; of the controllers those that survive without any imperfection added.
+    failing
+        The others, with what becomes of them.
     sweeps
         Each controller under each imperfection, by imperfection and then by controller.
     added
         Names of the imperfections that were added one after another, at their reference level.
     combined
-        By controller, the verdict with the first, the first two ... of `added`.
+        By controller, the verdict with the first, the first two ... of `added`; empty if all
+        combined was not asked for.
     scenarios
         In all of which each level must be survived.
     delay_margins
@@ -137,6 +140,7 @@ class Result:
     combined: dict[str, tuple[Verdict, ...]]
     delay_margins: tuple[LeastMargin, ...]
     scenarios: tuple[Scenario, ...] = ()
+    failing: dict[str, Verdict] = field(default_factory=dict)
 
     @property
     def endless(self) -> bool:

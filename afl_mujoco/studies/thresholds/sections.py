@@ -22,7 +22,7 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
-from afl_mujoco.studies.requirements_table import in_words
+from afl_mujoco.studies.requirements_table import IN_WORDS, in_words
 from afl_mujoco.studies.thresholds.classes import (
     FAILS,
     LITTLE,
@@ -36,6 +36,7 @@ from afl_mujoco.studies.thresholds.figures import added_titles, draw_combined, d
 from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL
 from afl_mujoco.studies.thresholds.result import (
     END_STOP,
+    MISSES,
     REFUSED,
     Result,
     Sweep,
@@ -63,14 +64,11 @@ _EQUAL = 1.05  # thresholds closer than this factor count as equal
 
 def sections(result: Result) -> list[Section]:
     """Return what a report says of the thresholds."""
-    blocks: list[Block] = [
-        *findings(result),
-        Text(_meaning(result)),
-        _thresholds_figure(result),
-        _overview(result),
-        _details(result),
-        _combined_figure(result),
-    ]
+    blocks: list[Block] = [*findings(result), Text(_meaning(result))]
+    if result.controllers:
+        blocks += [_thresholds_figure(result), _overview(result), _details(result)]
+    if result.combined:
+        blocks.append(_combined_figure(result))
     if result.delay_margins:
         blocks.append(_delays(result))
     return [Section("Imperfection thresholds", "thresholds", blocks)]
@@ -102,12 +100,26 @@ def _failing(result: Result) -> str:
 
 def findings(result: Result) -> Iterator[Finding]:
     """Return the sentences of the summary."""
+    for name, verdict in result.failing.items():
+        yield Finding(f"No threshold for {name}", _fails_already(result, name, verdict))
+    if not result.controllers:
+        return
     ours = SUBJECT if SUBJECT in result.controllers else result.controllers[0]
     yield Finding("What holds", _holds(result, ours))
     yield Finding("What breaks first", _breaks(result, ours))
     yield Finding("At what threshold", _thresholds(result, ours))
     if REFERENCE in result.controllers and ours != REFERENCE:
         yield Finding("Compared with LQR", _compared(result, ours))
+
+
+def _fails_already(result: Result, name: str, verdict: Verdict) -> str:
+    """Say how a controller fails before anything is added."""
+    on = verdict.scenario or listed(result.settings.scenarios, "and")
+    why = f" ({verdict.message})" if verdict.message else ""
+    return (
+        f"Without any imperfection added the {name} controller fails on {on} already: "
+        f"{_how(verdict)}{why}."
+    )
 
 
 def _holds(result: Result, ours: str) -> str:
@@ -120,8 +132,10 @@ def _holds(result: Result, ours: str) -> str:
     settled = sum(sweep.reference.settles for sweep in sweeps)
     ample = sum(tolerated(*pair) >= 10.0 for pair in zip(single, sweeps, strict=True))
     without = _endless(result, " and without a rail's end")
+    several = len(single) > 1
+    of = f"{len(single)} single imperfections, each" if several else "one single imperfection,"
     return (
-        f"Of {len(single)} single imperfections, each at the level of the reference hardware"
+        f"Of {of} at the level of the reference hardware"
         f"{without}, the {ours} controller survives {survived}, settles under "
         f"{settled}, and survives {ample} even at ten times that level."
     )
@@ -138,7 +152,7 @@ def _breaks(result: Result, ours: str) -> str:
     if not failing:
         return "Nothing, within the ranges that were tried."
     if all(sweep.survives.bound == UPPER for _, sweep in sweeps.values()):
-        return "Everything that was tried, at its mildest: it may fail on the ideal loop already."
+        return "Everything that was tried, at its mildest."
     text = ""
     if RAIL in failing and not failing[RAIL][1].reference.survives:
         text = _rail(*failing.pop(RAIL))
@@ -166,7 +180,7 @@ def _rail(rail: Imperfection, sweep: Sweep) -> str:
 def _clause(one: Imperfection, sweep: Sweep) -> str:
     """Say from which level on a controller fails, and how."""
     failure = "" if sweep.failure is None else sweep.failure.failure
-    how, level = _HOW.get(failure, f"the run {failure}"), reached(sweep.survives)
+    how, level = _HOW.get(failure, f"the run {_in_words(failure)}"), reached(sweep.survives)
     at = f"{level_text(one, level)} {one.unit}"
     if sweep.survives.bound == UPPER:
         return f"{one.title}: already at {at}, the mildest tried, {how}"
@@ -179,10 +193,12 @@ def _thresholds(result: Result, ours: str) -> str:
     """Say the thresholds that users ask for, and that of everything combined."""
     fatal: list[str] = []
     harmless: list[str] = []
-    for name, words in _ASKED.items():
-        if (one := result.imperfection(name)) is not None:
-            threshold = result.sweep(name, ours).survives
-            text = f"{words} of {level_text(one, reached(threshold))} {one.unit}"
+    short_list = len(result.imperfections) <= len(_ASKED)  # then each was asked for by name
+    for tried in result.imperfections:
+        if tried.name in _ASKED or (short_list and tried.name != COMBINED.name):
+            threshold = result.sweep(tried.name, ours).survives
+            words = _ASKED.get(tried.name, tried.title)
+            text = f"{words} of {level_text(tried, reached(threshold))} {tried.unit}"
             (harmless if threshold.bound == LOWER else fatal).append(text)
     parts = []
     if fatal:
@@ -239,8 +255,9 @@ def _compared(result: Result, ours: str) -> str:
     better = sum(ratio > _EQUAL for ratio in ratios)
     worse = sum(ratio < 1.0 / _EQUAL for ratio in ratios)
     text = (
-        f"The {ours} controller tolerates more than LQR under {better} imperfections, as much "
-        f"under {len(ratios) - better - worse} and less under {worse}"
+        f"The {ours} controller tolerates more than LQR under {better} of "
+        f"{len(result.imperfections)} imperfections, as much under "
+        f"{len(ratios) - better - worse} and less under {worse}"
     )
     if neither:
         text += f"; neither fails under {neither}"
@@ -377,7 +394,7 @@ def _detail(one: Imperfection, sweep: Sweep) -> tuple[Cell | str, ...]:
         Cell(threshold_text(one, sweep.survives), kinds[class_of(one, sweep)]),
         _how(sweep.failure),
         threshold_text(one, sweep.settles),
-        Cell(reference.failure or settles, status),
+        Cell(_in_words(reference.failure) or settles, status),
         fixed(metrics["peak_z"], 2),
         fixed(metrics["max_force"], 0),
     )
@@ -387,7 +404,14 @@ def _how(failure: Verdict | None) -> str:
     """Say what happened first where a controller does not survive."""
     if failure is None:
         return "none"
-    return failure.failure + ("" if failure.time is None else f" at {fixed(failure.time, 2)} s")
+    at = "" if failure.time is None else f" at {fixed(failure.time, 2)} s"
+    return _in_words(failure.failure) + at
+
+
+def _in_words(failure: str) -> str:
+    """Return a failure with a requirement in words."""
+    missed = failure.removeprefix(MISSES)
+    return f"{MISSES}“{IN_WORDS[missed]}”" if missed in IN_WORDS else failure
 
 
 def _delays(result: Result) -> Section:

@@ -85,6 +85,14 @@ def sweep(unit: Unit) -> Sweep:
     )
 
 
+def run_bare(unit: tuple[Controller, Scenarios, Settings]) -> Verdict:
+    """Return the verdict on one controller with nothing added to the scenarios."""
+    controller, scenarios, settings = unit
+    chance = seeds(False, scenarios, settings)
+    runs = on_hardware(scenarios, [replace(IDEAL, seed=seed) for seed in chance])
+    return judge(0.0, runs, controller, settings)
+
+
 def sweep_combined(unit: tuple[Controller, Scenarios, Settings]) -> tuple[Verdict, ...]:
     """Return the verdicts on one controller as the imperfections of `added` are added in turn.
 
@@ -157,14 +165,15 @@ def _refused(level: float, message: str) -> Verdict:
 def _failure(runs: Rollouts, index: int) -> str:
     """Return how a run failed; empty if it did not.
 
-    Where its scenario has requirements, a run that completed fails by the first that it misses.
+    Where its scenario has requirements, a run that completed fails by the one that it misses most.
     """
     outcome = runs.outcome(index)
     if judged := runs.requirements[index]:
-        missed = [one.requirement for one in judged if not one.met]
+        missed = [one for one in judged if not one.met]
         if not missed:
             return ""
-        return MISSES + missed[0] if outcome.kind == COMPLETED else outcome.kind
+        worst = min(missed, key=lambda one: -math.inf if one.relative is None else one.relative)
+        return MISSES + worst.requirement if outcome.kind == COMPLETED else outcome.kind
     if math.isfinite(runs.stop_time[index]):
         return END_STOP
     if outcome.kind != COMPLETED:
@@ -245,25 +254,34 @@ def find_thresholds(
 ) -> Result:
     """Find the thresholds of some controllers."""
     names = require(controllers, scenarios, settings, imperfections)
-    each = [(controller, scenarios, settings) for controller in controllers]
-    units = [(name, *one) for name in names for one in each]
-    total = len(units) + len(each)
-    progress("sweeping", 0, total)
-    advance = counted(progress, "sweeping", total)
+    asked = [(controller, scenarios, settings) for controller in controllers]
     with open_executor(workers, cluster) as executor:
+        bare = compute_all(run_bare, asked, executor)
+        each = [unit for unit, verdict in zip(asked, bare, strict=True) if verdict.survives]
+        sound = [controller for controller, _, _ in each]
+        units = [(name, *one) for name in names for one in each]
+        combine = each if COMBINED.name in names else []
+        total = len(units) + len(combine)
+        progress("sweeping", 0, total)
+        advance = counted(progress, "sweeping", total)
         sweeps = compute_all(sweep, units, executor, advance)
-        verdicts = compute_all(sweep_combined, each, executor, advance)
-        linear = [one for one in controllers if not one.estimates and not one.interpreted]
+        verdicts = compute_all(sweep_combined, combine, executor, advance)
+        linear = [one for one in sound if not one.estimates and not one.interpreted]
         alone = DELAY in names and all(s.imperfections == IDEAL for s in scenarios)
         plants = [(controller, scenarios) for controller in linear if alone]
         margins = compute_all(least_margin, plants, executor)
     return Result(
         settings=replace(settings, scenarios=tuple(scenario.name for scenario in scenarios)),
         scenarios=tuple(scenarios),
-        controllers=tuple(controller.name for controller in controllers),
+        controllers=tuple(controller.name for controller in sound),
+        failing={
+            one.name: verdict
+            for one, verdict in zip(controllers, bare, strict=True)
+            if not verdict.survives
+        },
         imperfections=tuple(find_imperfection(name) for name in names),
         sweeps=tuple(sweeps),
         added=tuple(one.name for one in added()),
-        combined={one.name: v for one, v in zip(controllers, verdicts, strict=True)},
+        combined={one.name: v for (one, *_), v in zip(combine, verdicts, strict=True)},
         delay_margins=tuple(margin for margin in margins if margin is not None),
     )

@@ -294,7 +294,7 @@ def test_the_requirements_decide_which_runs_pass(heavy: Campaign, tmp_path) -> N
 def test_the_words_are_those_of_requirements(heavy: Campaign) -> None:
     text = to_markdown(sections(result_of(heavy, [])))
     assert "lqr controller meets all requirements on" in text
-    assert "| Misses “\\|z\\| at most” |" in text
+    assert "| Misses “\\|z\\| at most 0.5 m” |" in text
     assert "urviv" not in text and "ettles" not in text
 
 

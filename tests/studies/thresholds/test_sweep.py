@@ -10,11 +10,14 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.document.blocks import Text
+from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.studies.bisection import BRACKETED, LOWER
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.studies.bisection import BRACKETED, LOWER, Threshold
+from afl_mujoco.studies.thresholds.classes import tolerated
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME
-from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED
+from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED, Sweep
 from afl_mujoco.studies.thresholds.sections import sections
 from afl_mujoco.studies.thresholds.sweep import (
     Settings,
@@ -131,7 +134,7 @@ def test_the_numbers_do_not_depend_on_the_workers():
     one = find_thresholds(*asked, progress=lambda *step: done.append(step))
     two = find_thresholds(*asked, workers=2)
     assert one == two
-    assert done == [("sweeping", k, 6) for k in range(7)]
+    assert done == [("sweeping", k, 4) for k in range(5)]
     assert one.sweep("noise", "adaptive").imperfection == "noise"
     assert [m.controller for m in one.delay_margins] == ["lqr", "adaptive"]
     lowest = one.delay_margins[0]
@@ -198,3 +201,61 @@ def test_the_result_says_by_what_its_runs_are_judged() -> None:
     text = " ".join(block.text for block in section.walk() if isinstance(block, Text))
     assert "is to meet its requirements: |z| at most 3 m and at rest after 5.5 s." in text
     assert "on top of those of step-step itself" in text and "delay = 0.002" in text
+
+
+def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
+    """Neither one that misses a requirement without any imperfection, nor one that raises."""
+
+    def broken(time, state, belief):
+        raise ValueError("my own problem")
+
+    near = replace(
+        afl.SCENARIOS["nominal"],
+        initial_state=(0.0, 0.2, 0.0, 0.0),
+        duration=3.0,
+        requirements=Requirements(max_force=5.0, max_angle=1.0),
+    )
+    controllers = [
+        afl.CONTROLLERS["lqr"],
+        PythonController(name="mine", function=broken),
+        PythonController(name="weak", function=lambda time, x, belief: -4.0 * x[1]),
+    ]
+    settings = Settings(scan=3, tolerance=0.5, seeds=1)
+    found = find_thresholds(controllers, (near,), settings, ["delay"])
+    assert found.controllers == ()
+    assert found.sweeps == () and found.combined == {}
+    assert found.failing["lqr"].failure == "misses max_force"
+    assert found.failing["weak"].failure == "fell"
+    assert "my own problem" in found.failing["mine"].message
+    text = to_markdown(sections(found)).replace("\\|", "|")
+    assert "the lqr controller fails on nominal already: misses “|F| at most”" in text
+    assert "my own problem" in text
+    assert "fails at" not in text and "survives" not in text.split("To *survive*")[0]
+
+    mild = replace(near, requirements=Requirements(max_force=60.0))
+    found = find_thresholds(controllers, (mild,), settings, ["delay"])
+    assert found.controllers == ("lqr",)
+    assert set(found.failing) == {"mine", "weak"}
+    assert found.sweep("delay", "lqr").survives.fails_at is not None
+    text = to_markdown(sections(found)).replace("\\|", "|")
+    assert "the weak controller fails on nominal already: fell at" in text
+    assert "Compared with LQR" not in text
+
+
+def test_what_is_missed_most_is_named() -> None:
+    hard = replace(
+        afl.SCENARIOS["nominal"],
+        requirements=Requirements(max_angle=1.0, max_force=1.0),
+    )
+    verdict = judge(0.0, [hard], afl.CONTROLLERS["adaptive"], Settings())
+    assert verdict.failure == "misses max_force"  # 98 N; the angle only by 5 %
+
+
+def test_ten_times_is_ten_times_whatever_the_rounding() -> None:
+    one = BY_NAME["rail-damping"]
+    held = Threshold(holds_at=49.99999999999997, fails_at=55.0, bound=BRACKETED, islands=0)
+    sweep = Sweep(
+        imperfection=one.name, controller="x", reference=None, survives=held, settles=held,
+        failure=None,
+    )  # fmt: skip
+    assert tolerated(one, sweep) == 10.0

@@ -220,7 +220,7 @@ def test_figures_are_the_same_files_from_any_number_of_workers(tmp_path: Path) -
         folder = tmp_path / str(workers)
         folder.mkdir()
         save_record(one, folder, workers=workers, progress=lambda _, k, n: done.append((k, n)))
-    assert done == [(k, 3) for k in (1, 2, 3)] * 2
+    assert done == [(k, 4) for k in (1, 2, 3, 4)] * 2
     names = sorted(path.name for path in (tmp_path / "1").iterdir())
     assert sorted(path.name for path in (tmp_path / "2").iterdir()) == names
     for name in names:
