@@ -10,18 +10,22 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from afl_mujoco.document.style import colours
 from afl_mujoco.films.captions import BOTTOM
 from afl_mujoco.films.replay import Replay
 
 Picture = NDArray[np.uint8]
 
-COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7")
 LINES = ("-", "--", "-.", ":")
+LUMINANCE, LEAST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.45
+"""Of red, green and blue; and the least of a curve."""
+
 LABELS = (
     "pole angle φ [rad]",
     "cart position z [m]",
@@ -118,9 +122,10 @@ def _axes(figure: Figure) -> list[Axes]:
 
 def _plot(axes: Sequence[Axes], replays: Sequence[Replay]) -> list[Line2D]:
     """Draw the curves and return their lines."""
-    lines = []
-    for replay, colour, dash in zip(replays, COLOURS, LINES, strict=False):
-        style: dict[str, Any] = {"color": colour, "ls": dash, "lw": 1.5}
+    lines, names = [], [str(replay.controller) for replay in replays]
+    colour = colours(names)
+    for replay, name, dash in zip(replays, names, LINES, strict=False):
+        style: dict[str, Any] = {"color": _on_dark(colour[name]), "ls": dash, "lw": 1.5}
         curves = (replay.state[:, 1], replay.state[:, 0], replay.force)
         for axis, curve in zip(axes, curves, strict=False):
             lines += axis.plot(replay.time, curve, label=f"{replay.controller}", **style)
@@ -144,6 +149,15 @@ def _plot(axes: Sequence[Axes], replays: Sequence[Replay]) -> list[Line2D]:
         handlelength=2.6,
     )
     return lines
+
+
+def _on_dark(colour: str) -> tuple[float, float, float]:
+    """Return the colour of a page's figures as it can be seen on the dark: with white in it."""
+    rgb = np.array(to_rgb(colour))
+    bright = float(rgb @ LUMINANCE)
+    white = (LEAST_LUMINANCE - bright) / (1.0 - bright) if bright < LEAST_LUMINANCE else 0.0
+    red, green, blue = (rgb + (1.0 - rgb) * white).tolist()
+    return red, green, blue
 
 
 def _end(replays: Sequence[Replay]) -> float:

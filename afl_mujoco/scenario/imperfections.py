@@ -13,7 +13,12 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import require_finite, require_positive, require_type
+from afl_mujoco.scenario.parameters import (
+    require_finite,
+    require_positive,
+    require_type,
+    short_repr,
+)
 
 _LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
 _FINEST_STEP = 1e-12  # of an encoder [m, rad]; a position over one much finer overflows
@@ -389,6 +394,8 @@ class Imperfections:
         """Validate every field and store numbers as floats."""
         for name, declaration in DECLARATIONS.items():
             object.__setattr__(self, name, declaration.rule(name, getattr(self, name)))
+
+    __repr__ = short_repr
 
 
 DECLARATIONS: Mapping[str, Declaration] = MappingProxyType(

@@ -51,6 +51,12 @@ def departures(table: Any) -> dict[str, Any]:
     return {name: value for name, (value, default) in values.items() if value != default}
 
 
+def short_repr(table: Any) -> str:
+    """Return the call that makes a dataclass, with what is not its default: for ``__repr__``."""
+    given = (f"{name}={value!r}" for name, value in departures(table).items())
+    return f"{type(table).__name__}({', '.join(given)})"
+
+
 def require_distinct(thing: str, names: Sequence[str]) -> None:
     """Raise unless there is at least one name, and none twice."""
     if not names:

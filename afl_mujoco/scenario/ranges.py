@@ -10,7 +10,7 @@ from typing import Any
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, meant
 from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS
-from afl_mujoco.scenario.parameters import require_finite, require_positive
+from afl_mujoco.scenario.parameters import require_finite, require_positive, short_repr
 
 Range = tuple[float, float]
 
@@ -86,6 +86,8 @@ class Ranges:
         if (changes or self.last_change) is not None and not varied.keys() & SCHEDULES.keys():
             thing = "changes" if changes is not None else "last_change"
             raise InvalidValueError(thing, f"needs a range of {' or '.join(SCHEDULES)}")
+
+    __repr__ = short_repr
 
     def __hash__(self) -> int:
         """Be hashable, as scenarios are."""

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.parameters import require_positive, require_type
+from afl_mujoco.scenario.parameters import require_positive, require_type, short_repr
 
 UNITS = MappingProxyType(
     {
@@ -72,6 +72,8 @@ class Requirements:
             value = getattr(self, field.name)
             if value is not None or field.default is not None:
                 object.__setattr__(self, field.name, require_positive(field.name, value))
+
+    __repr__ = short_repr
 
     def require_decidable(
         self, duration: float, disturbances: Sequence[ForcePulse | Impulse]

@@ -20,6 +20,7 @@ from afl_mujoco.scenario.parameters import (
     require_finite,
     require_positive,
     require_type,
+    short_repr,
 )
 from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.requirements import NONE, Requirements
@@ -141,6 +142,8 @@ class Scenario:
         require_type("requirements", self.requirements, Requirements)
         self.requirements.require_decidable(self.duration, self.disturbances)
         require_type("ranges", self.ranges, Ranges)
+
+    __repr__ = short_repr
 
     @property
     def plants(self) -> PlantRange:

@@ -152,3 +152,13 @@ def test_a_space_in_which_nothing_varies_is_refused() -> None:
         ranges = Ranges(varied={"z": (-2.0, 2.0)})
         rail = Imperfections(rail_half_length=1.0)
         SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
+
+
+def test_a_repr_is_short_and_makes_the_same_again(rig: afl.Scenario) -> None:
+    from afl_mujoco.scenario import disturbances, requirements, scenario, schedules
+
+    names = {**vars(scenario), **vars(schedules), **vars(disturbances), **vars(requirements)}
+    for one in (rig, LABORATORY, *afl.SCENARIOS.values()):
+        assert eval(repr(one), dict(names)) == one
+    assert repr(rig.imperfections) == "Imperfections(delay=0.004, mass_error=0.1)"
+    assert len(repr(afl.SCENARIOS["step-step"])) < 250
