@@ -21,7 +21,9 @@ from afl_mujoco.scenario.parameters import (
 )
 
 _LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
-_FINEST_STEP = 1e-12  # of an encoder [m, rad]; a position over one much finer overflows
+
+FINEST_STEP = 1e-12
+"""Of an encoder [m, rad]: a position over one much finer overflows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,8 +158,8 @@ def _not_negative(name: str, value: Any) -> float:
 
 def _resolution(name: str, value: Any) -> float:
     number = _not_negative(name, value)
-    if 0.0 < number < _FINEST_STEP:
-        raise InvalidValueError(name, f"must be 0 or at least {_FINEST_STEP:g}", number)
+    if 0.0 < number < FINEST_STEP:
+        raise InvalidValueError(name, f"must be 0 or at least {FINEST_STEP:g}", number)
     return number
 
 

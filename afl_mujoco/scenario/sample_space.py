@@ -11,7 +11,7 @@ from numpy.random import Generator, Philox, SeedSequence
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import DECLARATIONS
+from afl_mujoco.scenario.imperfections import DECLARATIONS, FINEST_STEP
 from afl_mujoco.scenario.parameters import departures
 from afl_mujoco.scenario.ranges import FIXED, HARDWARE, SCHEDULES, STATE, Range, unit_of
 from afl_mujoco.scenario.scenario import Scenario
@@ -26,6 +26,8 @@ from afl_mujoco.scenario.schedules import (
 SHAPES = ("constant", "steps", "trapezoid")
 """Of the schedules, each with a third of its coordinate: one level; two jumps between three levels;
 a trapezoid between two levels."""
+
+ENCODERS = {"encoder_step_z", "encoder_step_phi"}
 
 INSTANT = 1e-3
 """Instants of change are multiples of this [s]."""
@@ -61,14 +63,29 @@ class SampleSpace:
 
     def __post_init__(self) -> None:
         """Check that the corners make scenarios."""
-        if not self.varied:
+        if not self.coordinates:
             rule = "must say in [ranges] what varies"
             raise InvalidValueError(f"scenario {self.scenario.name!r}", rule)
-        last = self.last_change
-        if not self._counts[1] * INSTANT < last <= self.scenario.duration:
-            raise InvalidValueError("last_change", "must be within the duration", last)
+        last, least = self.last_change, self._counts[1] * INSTANT
+        if self.varied.keys() & SCHEDULES.keys():
+            if last > self.scenario.duration:
+                raise InvalidValueError("last_change", "must be within the duration", last)
+            if not last > least:
+                rule = f"must be more than {least:g} s, for there are {self._counts[1]} instants"
+                raise InvalidValueError("last_change", rule, last)
+        self._require_on_rail()
         for corner in (0.0, 1.0):
             self.scenario_of(np.full(self.dimension, corner), 0, 0)
+
+    def _require_on_rail(self) -> None:
+        """Raise if a sample could start beyond an end of its rail."""
+        own = self.scenario.imperfections.rail_half_length
+        rail = self.varied["rail_half_length"][0] if "rail_half_length" in self.varied else own
+        z = self.scenario.initial_state[0]
+        farthest = max(map(abs, self.varied.get("z", (z, z))))
+        if rail is not None and farthest >= rail:
+            rule = f"must lie within the shortest rail_half_length, {rail:g} m"
+            raise InvalidValueError("initial_state z", rule, f"{farthest:g} m")
 
     @property
     def varied(self) -> Mapping[str, Range]:
@@ -93,13 +110,12 @@ class SampleSpace:
         parts = [] if self.scenario.ranges.changes is not None else ["shape"]
         parts += [f"level {i}" for i in range(1, levels + 1)]
         parts += [f"instant {i}" for i in range(1, instants + 1)]
-        state, hardware = (
-            tuple(n for n in names if n in self.varied) for names in (STATE, HARDWARE)
-        )
-        drawn = tuple(
-            f"{name} {part}" for name in SCHEDULES if name in self.varied for part in parts
-        )
-        return (*state, *drawn, *hardware)
+        found: list[str] = []
+        for name in (*STATE, *SCHEDULES, *HARDWARE):
+            low, high = self.varied.get(name, (0.0, 0.0))
+            if low < high:  # one number has no axis
+                found += [f"{name} {part}" for part in parts] if name in SCHEDULES else [name]
+        return tuple(found)
 
     @property
     def dimension(self) -> int:
@@ -141,7 +157,13 @@ class SampleSpace:
             nothing else.
         """
         at, base = self._by_name(point), self.scenario
-        scaled = {name: _within(self.varied[name], at[name]) for name in self.varied if name in at}
+        scaled = {
+            name: _within(self.varied[name], at[name]) if name in at else self.varied[name][0]
+            for name in self.varied
+            if name not in SCHEDULES
+        }
+        for name in ENCODERS & scaled.keys():  # one finer than any is exact
+            scaled[name] = scaled[name] if scaled[name] >= FINEST_STEP else 0.0
         noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
         start = zip(STATE, base.initial_state, strict=True)
         drawn: dict[str, Any] = {
@@ -171,6 +193,8 @@ class SampleSpace:
         """Return the schedule of M or l."""
         count, instants = self._counts
         bounds, ranges = self.varied[thing], self.scenario.ranges
+        if bounds[0] == bounds[1]:
+            return constant(bounds[0])
         levels = [_within(bounds, at[f"{thing} level {i}"]) for i in range(1, count + 1)]
         shares = [at[f"{thing} instant {i}"] for i in range(1, instants + 1)]
         drawn = self._steps_between(levels, shares)

@@ -282,7 +282,7 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
 
 
 def slew_limited(schedule: Schedule, rate: float) -> Schedule:
-    """Return the schedule that follows another at no more than a rate, from the same start.
+    """Return the schedule that follows another at no more than a rate, from its first value.
 
     Parameters
     ----------

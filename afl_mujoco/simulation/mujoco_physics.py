@@ -196,7 +196,8 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.episode = episode_of(scenario, self._timestep, self.hold)
         self.pending = no_commands(self.episode.actuator)
         self.run: Any = new_run()
-        self._seen, self._seen_at = np.zeros(4), -1
+        self._seen: NDArray[np.float64] = np.zeros(4)
+        self._seen_at: tuple[float, ...] = ()
 
     def follow(self, scenario: Scenario) -> None:
         """Follow another scenario from its start.
@@ -234,10 +235,11 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
     def measured(self) -> NDArray[np.float64]:
         """Return (z, phi, z_dot, phi_dot) as the sensors say at this control tick, shape (4,)."""
-        if self.instant != self._seen_at:
+        now = (self.instant, *mm.read_state(self.addresses))
+        if now != self._seen_at:  # the memory of the sensors wants each tick once
             tick = self.instant // self.hold
             seen = sense(self.addresses, self.episode.sensors, self.run, tick)
-            self._seen, self._seen_at = np.array(seen), self.instant
+            self._seen, self._seen_at = np.array(seen), now
         return self._seen.copy()
 
     def diverged(self) -> bool:
@@ -254,7 +256,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """
         self.data.ptr.time = 0.0
         mm.write_state(self.addresses, *(float(x) for x in state))
-        self.run, self._seen_at = new_run(), -1
+        self.run, self._seen_at = new_run(), ()
         self.pending[:] = 0.0
         begin_held(self.addresses, self.episode.constants, self.episode.profile, self.run)
         self.forward()

@@ -247,7 +247,7 @@ def load(
     )
     leans = (scenario.initial_state[1], scenario.initial_state[1])
     leans = leans if space is None else space.varied.get("phi", leans)
-    if initial_noise > 0.0 and max(map(abs, leans)) + initial_noise >= FALL_ANGLE:
+    if (initial_noise > 0.0 or randomize) and max(map(abs, leans)) + initial_noise >= FALL_ANGLE:
         raise InvalidValueError(
             "initial_noise", "must not let the pole start fallen", initial_noise
         )

@@ -63,7 +63,7 @@ def opening_blocks(
     blocks: list[Block] = []
     if drawn:
         left_out = len(runs) - len(drawn)
-        more = f" {left_out} more controllers are below." if left_out else ""
+        more = f" The other {left_out} stand in the table below." if left_out else ""
         blocks.append(
             Figure(
                 name=name,

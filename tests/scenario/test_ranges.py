@@ -148,7 +148,7 @@ def test_a_table_that_breaks_a_rule_is_refused(tmp_path: Path, text: str, messag
 def test_a_space_in_which_nothing_varies_is_refused() -> None:
     with pytest.raises(AflMujocoError, match=r"scenario 'nominal' must say in \[ranges\] what"):
         SampleSpace(afl.SCENARIOS["nominal"])
-    with pytest.raises(AflMujocoError, match="initial_state z must lie within rail_half_length"):
+    with pytest.raises(AflMujocoError, match="initial_state z must lie within the shortest rail"):
         ranges = Ranges(varied={"z": (-2.0, 2.0)})
         rail = Imperfections(rail_half_length=1.0)
         SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
@@ -162,3 +162,42 @@ def test_a_repr_is_short_and_makes_the_same_again(rig: afl.Scenario) -> None:
         assert eval(repr(one), dict(names)) == one
     assert repr(rig.imperfections) == "Imperfections(delay=0.004, mass_error=0.1)"
     assert len(repr(afl.SCENARIOS["step-step"])) < 250
+
+
+def test_a_range_of_one_number_has_no_axis_and_sets_it() -> None:
+    varied = {"phi": (-0.5, 0.5), "delay": (0.003, 0.003), "cart_mass": (2.0, 2.0)}
+    own = afl.Scenario(name="own", ranges=Ranges(varied=varied))
+    space = SampleSpace(own)
+    assert space.coordinates == ("phi",)
+    sample = sample_scenario(space, 4, 1)
+    assert sample.imperfections.delay == 0.003
+    assert set(sample.cart_mass.values) == {2.0}
+
+
+def test_an_encoder_step_finer_than_any_is_exact() -> None:
+    space = SampleSpace(LABORATORY)
+    point = np.full(space.dimension, 0.5)
+    point[space.coordinates.index("encoder_step_z")] = 5e-9
+    assert space.scenario_of(point, 0, 0).imperfections.encoder_step_z == 0.0
+
+
+def test_every_sample_of_a_space_starts_on_its_rail() -> None:
+    varied = {"z": (0.0, 0.5), "rail_half_length": (0.2, 1.0)}
+    own = afl.Scenario(name="own", ranges=Ranges(varied=varied))
+    with pytest.raises(AflMujocoError, match="must lie within the shortest rail_half_length"):
+        SampleSpace(own)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"changes": 100, "last_change": 0.1}, "last_change must be more than 0.1 s, for there "),
+        ({"last_change": 30.0}, "last_change must be within the duration, got 30.0"),
+    ],
+    ids=str,
+)
+def test_instants_that_find_no_room_are_refused(changes, message: str) -> None:
+    own = afl.Scenario(name="own", ranges=Ranges(varied={"cart_mass": (1.0, 2.0)}, **changes))
+    with pytest.raises(AflMujocoError) as raised:
+        SampleSpace(own)
+    assert str(raised.value).startswith(message)

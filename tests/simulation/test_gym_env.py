@@ -501,3 +501,26 @@ def test_a_picture_shows_the_cart_the_pole_and_the_force(graphics: None) -> None
     assert blue[1] > 1.2 * blue[0] > 100  # the cart grows with its mass
     green = [int((p[..., 1] - p[..., 0] > 60).sum()) for p in (loaded, pulled)]
     assert green[0] == 0 and green[1] > 50  # the arrow of the force
+
+
+@needs_gymnasium
+def test_what_is_asked_of_an_environment_has_to_make_sense() -> None:
+    with pytest.raises(InvalidValueError, match="control_period must be positive"):
+        CartPoleEnv(control_period=0.0)
+    railed = replace(afl.SCENARIOS["nominal"], imperfections=Imperfections(rail_half_length=0.5))
+    environment = CartPoleEnv(railed)
+    with pytest.raises(InvalidValueError, match="z of initial_state must lie within rail_half"):
+        environment.reset(options={"initial_state": (3, 0, 0, 0)})
+    with pytest.raises(InvalidValueError, match="z of initial_state must be a number, got 'a'"):
+        environment.reset(options={"initial_state": ("a", 0, 0, 0)})
+    many = CartPoleVectorEnv(2, scenario=railed)
+    with pytest.raises(InvalidValueError, match="z of initial_state must lie within rail_half"):
+        many.reset(options={"initial_state": (3, 0, 0, 0)})
+    many.reset()
+    with pytest.raises(InvalidValueError, match=r"actions must have shape \(2, 1\), got \(2,\)"):
+        many.step(np.zeros(2))
+    many.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+        many.reset()
+    with pytest.raises(InvalidValueError, match="threads must be at least 1, got 0"):
+        CartPoleVectorEnv(2, threads=0)

@@ -472,3 +472,15 @@ class TestContractOfAPerfectBalance(TestContract):
 
     def make_action(self):
         return np.zeros(1)
+
+
+def test_what_is_measured_is_of_the_state_that_has_been_set():
+    environment = afl.load("nominal")
+    environment.reset()
+    physics = environment.physics
+    state = physics.get_state()
+    state[1] = 0.2
+    physics.set_state(state)
+    physics.forward()
+    observed = environment.task.get_observation(physics)
+    assert observed["position"].tolist() == [0.0, 0.2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +111,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
             raise UnknownNameError.among("render_mode", render_mode, ("None", RENDER_MODE))
         scenario = as_scenario(scenario)
         own = scenario.imperfections.control_period
-        period = control_period or own or CONTROL_PERIOD
+        period = control_period if control_period is not None else own or CONTROL_PERIOD
         self.dm_environment = load(
             scenario,
             timestep=timestep,
@@ -170,6 +170,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         reseed(task, self.np_random)
         step = self.dm_environment.reset()
         if start is not None:
+            require_on_rail(start, self.scenario)
             physics.begin(start)
             step = step._replace(observation=task.get_observation(physics))
         self._under_way = True
@@ -271,6 +272,14 @@ def policy_controller(
     return policy
 
 
+def require_on_rail(start: Sequence[float], scenario: Scenario) -> None:
+    """Raise if a start lies beyond an end of the rail."""
+    rail = scenario.imperfections.rail_half_length
+    if rail is not None and abs(start[0]) >= rail:
+        rule = f"must lie within rail_half_length, {rail:g} m"
+        raise InvalidValueError("z of initial_state", rule, f"{start[0]:g} m")
+
+
 def initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:
     """Return the initial state that is asked for, if any."""
     for key in options:
@@ -278,7 +287,7 @@ def initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:
             raise UnknownNameError.among("options of reset", key, OPTIONS)
     if "initial_state" not in options:
         return None
-    values = np.asarray(options["initial_state"], dtype=np.float64)
+    values = np.asarray(options["initial_state"], dtype=object)
     if values.shape != (4,):
         raise InvalidValueError("initial_state", "must hold four numbers", values.shape)
     names = zip(STATE_NAMES, values.tolist(), strict=True)

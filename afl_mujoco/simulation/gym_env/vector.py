@@ -18,6 +18,7 @@ from afl_mujoco.simulation.gym_env.environment import (
     CartPoleEnv,
     initial_state,
     observed,
+    require_on_rail,
     reseed,
 )
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
@@ -155,7 +156,9 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self.observation_space = batch_space(first.observation_space, num_envs)
         self.action_space = batch_space(first.action_space, num_envs)
         self.scale = first.scale
-        self._workers = min(require_threads(threads or os.cpu_count() or 1), num_envs)
+        self._workers = min(
+            require_threads((os.cpu_count() or 1) if threads is None else threads), num_envs
+        )
         self._pool = ThreadPoolExecutor(self._workers - 1) if self._workers > 1 else None
         physics: Physics = first.dm_environment.physics
         self._hold, self._timestep = physics.hold, physics.episode.constants[0]
@@ -201,11 +204,15 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise InvalidValueError("seed", f"must be {self.num_envs}", len(seeds))
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError("closed environments cannot be reset")
         asked = initial_state(options or {})
         for i in count:
             if seeds[i] is not None:
                 self._randoms[i], _ = np_random(seeds[i])
             scenario, start, episode = self._draw(i)
+            if asked is not None:
+                require_on_rail(asked, scenario)
             self._begin(i, scenario, start if asked is None else asked, episode)
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         return self._observations(), self._information()
@@ -228,7 +235,11 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         """
         if self._ended is None:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
-        values = np.asarray(actions, dtype=np.float64).reshape(self.num_envs)
+        values = np.asarray(actions, dtype=np.float64)
+        if values.shape != (self.num_envs, 1):
+            rule = f"must have shape ({self.num_envs}, 1)"
+            raise InvalidValueError("actions", rule, values.shape)
+        values = values[:, 0]
         fresh = self._ended
         if not np.isfinite(values[~fresh]).all():
             raise InvalidValueError("actions", "must be finite", values.tolist())
@@ -253,7 +264,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._steps += 1
         for i, draw in zip(begin, drawn, strict=True):
             self._begin(i, *draw)
-        known = (np.abs(self._truth) <= STATE_LIMIT).all(axis=1)
+        known = (np.abs(self._truth) < STATE_LIMIT).all(axis=1)
         diverged = np.logical_not(known)
         terminated = (np.abs(self._truth[:, 1]) >= FALL_ANGLE) | diverged
         terminated &= ~fresh

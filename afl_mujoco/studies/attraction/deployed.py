@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.attraction.grid import FALLEN, SETTLED, UNDECIDED
@@ -17,10 +19,13 @@ from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.arrays import Array
 
 WORDS = {
-    True: ("meets all", "falls", "misses a requirement"),
-    False: ("settles", "falls", "does not settle"),
+    True: ("meets all", "falls", "misses a requirement", "controller fails"),
+    False: ("settles", "falls", "does not settle", "controller fails"),
 }
-"""How a run ends, by `SETTLED`, `FALLEN` and `UNDECIDED`; with requirements, and without."""
+"""How a run ends, by its code; with requirements, and without."""
+
+FAILED = 3
+"""The code of a run whose controller raises or has no force, besides those of `grid.OUTCOMES`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,7 +47,7 @@ class StartMap:
     angles, rates
         phi(0) [rad], shape (columns,), and phi_dot(0) [rad/s], shape (rows,).
     outcome
-        `SETTLED`, `FALLEN` or `UNDECIDED`, shape (rows, columns).
+        `SETTLED`, `FALLEN`, `UNDECIDED` or `FAILED`, shape (rows, columns).
     """
 
     scenario: str
@@ -79,12 +84,15 @@ def map_starts(
     rows = []
     for rate in rates.tolist():
         starts = [_started(scenario, angle, rate) for angle in angles.tolist()]
-        settings = {"timestep": timestep, "integrator": integrator, "threads": threads}
-        runs = run_rollouts(starts, controller, **settings)  # type: ignore[arg-type]
-        rows.append([_outcome(runs, i, judged) for i in range(len(runs))])
+        settings: Any = {"timestep": timestep, "integrator": integrator, "threads": threads}
+        if controller.interpreted:
+            rows.append([_alone(start, controller, judged, settings) for start in starts])
+        else:
+            runs = run_rollouts(starts, controller, **settings)
+            rows.append([_outcome(runs, i, judged) for i in range(len(runs))])
         progress(len(starts))
     outcome = np.array(rows, dtype=np.uint8)
-    counts = np.bincount(outcome.ravel(), minlength=3) / outcome.size
+    counts = np.bincount(outcome.ravel(), minlength=len(WORDS[judged])) / outcome.size
     return StartMap(
         scenario=scenario.name,
         controller=controller.name,
@@ -92,7 +100,7 @@ def map_starts(
         own=(scenario.initial_state[1], scenario.initial_state[3]),
         timestep=timestep,
         integrator=integrator,
-        shares=dict(zip(WORDS[judged], counts[[SETTLED, FALLEN, UNDECIDED]].tolist(), strict=True)),
+        shares=dict(zip(WORDS[judged], counts.tolist(), strict=True)),
         angles=angles,
         rates=rates,
         outcome=outcome,
@@ -103,6 +111,14 @@ def _started(scenario: Scenario, angle: float, rate: float) -> Scenario:
     """Return a scenario from another start."""
     z, _, z_dot, _ = scenario.initial_state
     return replace(scenario, initial_state=(z, angle, z_dot, rate))
+
+
+def _alone(start: Scenario, controller: Controller, judged: bool, settings: Any) -> int:
+    """Return how a run of a Python controller ends, which may fail."""
+    try:
+        return _outcome(run_rollouts([start], controller, **settings), 0, judged)
+    except ControllerError:
+        return FAILED
 
 
 def _outcome(runs: Rollouts, index: int, judged: bool) -> int:

@@ -70,8 +70,9 @@ def draw_starts(maps: Sequence[StartMap]) -> Figure:
     rows = -(-len(maps) // columns)
     figure = new_figure(1.0 + 3.4 * columns, 0.9 + 3.0 * rows)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    colours = {SETTLED: GOOD_COLOUR, FALLEN: FALLEN_COLOUR, UNDECIDED: MISSED_COLOUR}
-    words = dict(zip((SETTLED, FALLEN, UNDECIDED), WORDS[maps[0].judged], strict=True))
+    colours = dict(enumerate((GOOD_COLOUR, FALLEN_COLOUR, MISSED_COLOUR, UNDECIDED_COLOUR)))
+    words = dict(enumerate(WORDS[maps[0].judged]))
+    present = {code for found in maps for code in np.unique(found.outcome).tolist()}
     for axes, found in zip(panels.flat, maps, strict=False):
         image = np.empty((*found.outcome.shape, 4))
         for code, colour in colours.items():
@@ -93,8 +94,9 @@ def draw_starts(maps: Sequence[StartMap]) -> Figure:
     handles = [
         Patch(facecolor=colour, edgecolor="#707070", label=words[code])
         for code, colour in colours.items()
+        if code in present
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    figure.legend(handles=handles, loc="outside upper center", ncols=4)
     return figure
 
 

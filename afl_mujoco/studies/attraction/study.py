@@ -40,8 +40,8 @@ class Attraction:
     """
 
     scenario: ScenarioIfAny = None
-    """Scenario by name, or TOML file, to map over its start; what follows from --planes to
-    --cart-mass, and from --cart-masses to --horizon, is then the scenario's."""
+    """Scenario by name, or TOML file, to map over its start; its planes, plants, start and horizon
+    are then no options."""
     controllers: tuple[str, ...] = (SUBJECT, REFERENCE)
     """Controllers by name; without a scenario neither a Python controller nor one with the
     estimator."""

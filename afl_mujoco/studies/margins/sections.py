@@ -39,11 +39,12 @@ def _about(result: Result) -> Iterator[Text]:
     """Say whose plants these are, and what of its imperfections counts."""
     if result.scenario is None:
         return
-    rest = f"; no linear loop has its {listed(result.left_out, 'and')}" if result.left_out else ""
+    rest = f"; its {listed(result.left_out, 'and')} are not modelled" if result.left_out else ""
+    counts = result.imperfections if result.imperfections != "none" else "none is linear"
     yield Text(
-        f"The plants are those of {result.scenario}, its ranges included. Of its imperfections "
-        f"count: {result.imperfections}{rest}. The delay margin of the held force is what it "
-        "bears besides a delay of its own; that of the continuous one is without hold and delay."
+        f"Of the imperfections of {result.scenario} these count: {counts}{rest}. The delay margin "
+        "of the held force is what it bears besides a delay of its own; that of the continuous one "
+        "is without hold and delay."
     )
 
 
@@ -110,7 +111,7 @@ def _measured_text(result: Result, both: list[DelayComparison]) -> str:
     neither = sum(one.margin is None and one.measured is None for one in result.measured)
     unstable = ""
     if neither:
-        unstable = f" On {neither} the loop is unstable even without delay, in both."
+        unstable = f" On {neither} the loop is unstable even without a delay added, in both."
     return (
         f"Measured, with the force held for {short(1e3 * result.control_period)} ms: the delay "
         f"from which a motion of {short(1e3 * START)} mrad no longer decays in MuJoCo. On "
@@ -129,7 +130,7 @@ def _delay_figure(result: Result) -> Figure:
         caption=(
             "Delay margin at upright of the loop linearised on MuJoCo, its force held for "
             f"{1e3 * result.control_period:g} ms, over {len(result.cart_masses)} × "
-            f"{len(result.half_lengths)} plants. Red: unstable even without delay."
+            f"{len(result.half_lengths)} plants. Red: unstable even without a delay added."
         ),
         alt=f"Least delay margin: {'; '.join(_least(result)) or 'none'}.",
         draw=partial(draw_delay_margins, result),

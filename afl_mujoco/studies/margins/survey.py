@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -195,7 +195,7 @@ def survey_margins(
         half_lengths=lengths,
         pole_mass=request.pole_mass,
         gravity=request.gravity,
-        imperfections=departures_text(request.imperfections),
+        imperfections=departures_text(replace(request.imperfections, control_period=None)),
         linearisation_step=STEP,
         margins={
             name: ControllerMargins(continuous=_grid(table[:, :, 0]), sampled=_grid(table[:, :, 1]))

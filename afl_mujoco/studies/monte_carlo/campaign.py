@@ -8,12 +8,12 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
-from afl_mujoco.scenario.ranges import SCHEDULES
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.sampling import whole_steps
@@ -140,6 +140,18 @@ def run_samples(unit: SampleUnit) -> list[Trial]:
     return run_trials(scenarios, unit.controller, unit.settings)
 
 
+ERRORS = {"cart_mass": "mass_error", "half_length": "length_error"}
+"""The error of what a controller is told of M and l."""
+
+
+def _told(space: SampleSpace, name: str, error: str) -> NDArray[np.float64]:
+    """Return levels of M [kg] or l [m] over all that a controller may be told of it."""
+    own = getattr(space.scenario.imperfections, error)
+    low, high = space.varied.get(error, (own, own))
+    least, largest = space.bounds(name)
+    return np.linspace(least * (1.0 + low), largest * (1.0 + high), 21)
+
+
 def require_campaign(
     controllers: Sequence[Controller],
     space: SampleSpace,
@@ -159,7 +171,7 @@ def require_campaign(
     period = control_period_of(scenario, None, settings.timestep)
     for thing, length in (("control_period", period), ("duration", scenario.duration)):
         whole_steps(thing, length, "timestep", settings.timestep)
-    masses, lengths = (np.linspace(*space.bounds(name), 21) for name in SCHEDULES)
+    masses, lengths = (_told(space, name, error) for name, error in ERRORS.items())
     plants = np.meshgrid(masses, lengths)
     for controller in controllers:
         if not controller.interpreted:  # raises if a gain is not positive

@@ -69,11 +69,13 @@ def minimise(
         "seed": np.nan,  # the global generator is left alone
         "verbose": -9,
     }
-    strategy = cma.CMAEvolutionStrategy(start, step, options)
+    axes = len(start)
+    padded = np.append(start, 0.5) if axes == 1 else start  # cma needs two
+    strategy = cma.CMAEvolutionStrategy(padded, step, options)
     best, least, tried = start, cost([start])[0], 1
     while not strategy.stop():
         asked = strategy.ask()
-        points = [np.clip(x, 0.0, 1.0) for x in asked]
+        points = [np.clip(x[:axes], 0.0, 1.0) for x in asked]
         costs = list(cost(points))
         strategy.tell(asked, costs)
         tried += len(points)

@@ -65,12 +65,13 @@ class MonteCarlo:
 
 
 class Request(NamedTuple):
-    """What is studied: where, controllers, how many samples, how to run them, what to search.
+    """What is studied: where, whether that is assumed, controllers, how many samples, and how.
 
     All of it as `request_of` makes it.
     """
 
     space: SampleSpace
+    assumed: bool
     controllers: list[Controller]
     samples: int
     settings: Settings
@@ -82,10 +83,12 @@ def request_of(configuration: MonteCarlo) -> Request:
     from afl_mujoco.errors import InvalidValueError
     from afl_mujoco.scenario.files import find_scenario
     from afl_mujoco.scenario.laboratory import with_ranges
+    from afl_mujoco.scenario.ranges import FIXED
     from afl_mujoco.scenario.sample_space import SampleSpace
 
     c = configuration
-    space = SampleSpace(with_ranges(find_scenario(c.scenario)))
+    asked = find_scenario(c.scenario)
+    space = SampleSpace(with_ranges(asked))
     if c.film:
         from afl_mujoco.graphics import require_backend
 
@@ -102,6 +105,7 @@ def request_of(configuration: MonteCarlo) -> Request:
     generations = QUICK_GENERATIONS if c.quick else GENERATIONS
     request = Request(
         space=space,
+        assumed=asked.ranges == FIXED,
         controllers=[find_controller(name) for name in c.controllers],
         samples=samples if c.samples is None else c.samples,
         settings=Settings(integrator=c.integrator),
@@ -137,13 +141,11 @@ def run(
 ) -> Result:
     """Run the campaign and the searches; the result does not depend on the workers."""
     from afl_mujoco.execution.executors import open_executor
-    from afl_mujoco.scenario.files import find_scenario
-    from afl_mujoco.scenario.ranges import FIXED
     from afl_mujoco.studies.monte_carlo.campaign import run_campaign
     from afl_mujoco.studies.monte_carlo.result import result_of
     from afl_mujoco.studies.monte_carlo.worst_case import Found, most_runs, search_worst
 
-    space, controllers, samples, settings, budget = request_of(configuration)
+    space, assumed, controllers, samples, settings, budget = request_of(configuration)
     total = samples * len(controllers)
     found: list[Found] = []
     with open_executor(workers, cluster) as executor:
@@ -169,7 +171,6 @@ def run(
         zip((controller.name for controller in controllers), configuration.controllers, strict=True)
     )
     c = configuration
-    assumed = find_scenario(c.scenario).ranges == FIXED
     kept = {"keep": c.keep, "asked": asked, "film": c.film, "assumed": assumed}
     return result_of(campaign, found, **kept)  # type: ignore[arg-type]
 

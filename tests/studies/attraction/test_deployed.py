@@ -117,3 +117,16 @@ def test_the_record_survives_its_file(files, tmp_path) -> None:
     again = load_record(STUDY, tmp_path).result
     np.testing.assert_array_equal(again.starts[0].outcome, result.starts[0].outcome)
     assert again.starts[0].shares == result.starts[0].shares
+
+
+def test_a_controller_that_fails_from_some_starts_fails_there_only(
+    files, monkeypatch, tmp_path
+) -> None:
+    law = "def law(t, x, b):\n    if abs(x[1]) > 0.6: raise RuntimeError('far')\n    return 0.0\n"
+    (tmp_path / "fragile_law.py").write_text(law)
+    monkeypatch.chdir(tmp_path)
+    settings = Attraction(scenario=files["rig"], controllers=("fragile_law:law",), **SMALL)
+    found = run(settings).starts[0]
+    assert (found.outcome[:, [0, -1]] == 3).all()
+    assert found.shares["controller fails"] >= 0.4
+    assert len(draw_starts([found]).legends[0].get_texts()) >= 1

@@ -130,7 +130,7 @@ def test_ctrl_c_is_one_line_exit_130_and_nothing_written(tmp_path: Path, workers
 
 def test_a_scenario_of_ones_own_is_drawn_from_and_its_hardest_sample_filmed(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(
-        "duration = 1.0\ninitial_state = [0, 0.2, 0, 0]\nrequirements.max_position = 0.3\n"
+        "duration = 1.0\ninitial_state = [0, 0.2, 0, 0]\nrequirements.max_position = 0.6\n"
         "[ranges]\ncart_mass = [0.5, 2.0]\nchanges = 4\ncart_mass_rate = 8.0\n"
     )
     result = run(

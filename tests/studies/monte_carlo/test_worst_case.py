@@ -187,3 +187,14 @@ def test_a_controller_that_survives_nothing_needs_no_search(twenty: Campaign) ->
 def test_a_budget_of_nothing_is_refused(changes) -> None:
     with pytest.raises(InvalidValueError, match=r"must be at least \d, got \d$"):
         Budget(**changes)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_number_alone_can_be_searched(seed: int) -> None:
+    """CMA-ES of the library needs two."""
+    best, tried = minimise(
+        lambda points: [float(point[0]) for point in points],
+        np.array([0.8]), 0.3, search_generator(seed), Budget(generations=20),
+    )  # fmt: skip
+    assert best.shape == (1,)
+    assert best[0] < 0.01 and tried > 20
