@@ -72,8 +72,6 @@ class Requirements:
             value = getattr(self, field.name)
             if value is not None or field.default is not None:
                 object.__setattr__(self, field.name, require_positive(field.name, value))
-        if not self.completes and all(getattr(self, name) is None for name in list(UNITS)[1:]):
-            raise InvalidValueError("completes", "may be false only where something is asked for")
 
     __repr__ = short_repr
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.files import save_scenario
 from afl_mujoco.scenario.requirements import NONE, UNITS, Requirements, recoveries
 
@@ -105,9 +105,3 @@ def test_disturbances_that_overlap_are_recovered_from_together() -> None:
     assert [pytest.approx(end) for end in ends] == [(2.6, 6.0), (6.0, 10.0)]
     touching = (*PUSHES[:1], dataclasses.replace(PUSHES[1], start=2.5))
     assert [pytest.approx(end) for end in recoveries(10.0, touching)] == [(2.7, 10.0)]
-
-
-def test_a_table_that_asks_for_nothing_is_refused() -> None:
-    with pytest.raises(InvalidValueError, match="completes may be false only where something"):
-        Requirements(completes=False)
-    assert not Requirements(completes=False, max_angle=1.0).completes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -123,9 +123,9 @@ def _alone(start: Scenario, controller: Controller, judged: bool, settings: Any)
 
 def _outcome(runs: Rollouts, index: int, judged: bool) -> int:
     """Return how a run ended."""
-    missed: Sequence[object] = [one for one in runs.requirements[index] if not one.met]
-    if judged and not missed:
+    asked, completed = runs.requirements[index], runs.outcome(index).kind == COMPLETED
+    if judged and (all(one.met for one in asked) if asked else completed):
         return SETTLED
-    if runs.outcome(index).kind != COMPLETED:
+    if not completed:
         return FALLEN
     return SETTLED if not judged and np.isfinite(runs.settling_time[index]) else UNDECIDED

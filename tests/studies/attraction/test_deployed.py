@@ -130,3 +130,14 @@ def test_a_controller_that_fails_from_some_starts_fails_there_only(
     assert (found.outcome[:, [0, -1]] == 3).all()
     assert found.shares["controller fails"] >= 0.4
     assert len(draw_starts([found]).legends[0].get_texts()) >= 1
+
+
+def test_where_nothing_is_asked_for_a_fall_is_a_fall(tmp_path) -> None:
+    careless = replace(PLAIN, requirements=Requirements(completes=False), duration=3.0)
+    save_scenario(careless, tmp_path / "careless.toml")
+    found = run(
+        Attraction(scenario=str(tmp_path / "careless.toml"), controllers=("lqr",), grid=3,
+                   max_angle=1.5, max_rate=4.0)
+    ).starts[0]  # fmt: skip
+    assert found.outcome[2, 2] == FALLEN
+    assert found.outcome[1, 1] == SETTLED
