@@ -55,6 +55,9 @@ from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
 
+DRAWING = 5
+"""How many environments' steps take as long as to draw another rig, which this thread does."""
+
 
 def _records(kind: type, **others: type) -> np.dtype[Any]:
     """Return a named tuple of floats and others as a record."""
@@ -255,9 +258,12 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             )  # fmt: skip
 
         begin = np.flatnonzero(fresh).tolist()
-        under_way = np.array_split(np.flatnonzero(~fresh), self._workers)
-        others = [self._pool.submit(work, part) for part in under_way[1:]] if self._pool else []
-        work(under_way[0])  # in compiled code, so that the others can begin
+        active = np.flatnonzero(~fresh)
+        drawing = DRAWING * len(begin) if self._first.randomize else 0
+        mine = max(0, round((len(active) + drawing) / self._workers) - drawing)
+        theirs = np.array_split(active[mine:], max(self._workers - 1, 1))
+        others = [self._pool.submit(work, part) for part in theirs] if self._pool else []
+        work(active[:mine] if self._pool else active)  # compiled, so that the others can begin
         drawn = [self._draw(i) for i in begin]
         for one in others:
             one.result()
