@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.studies.linearization import linearize
 from afl_mujoco.studies.loop_margins import loop_margins
 from afl_mujoco.studies.margins.result import METRICS, Result
-from afl_mujoco.studies.margins.survey import survey_margins
+from afl_mujoco.studies.margins.study import MarginsConfiguration
+from afl_mujoco.studies.margins.survey import described, request_of, survey_margins
 
 GRID = {"cart_masses": (0.1, 1.0), "half_lengths": (0.05, 0.5)}
 
@@ -81,3 +85,36 @@ def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> No
     delay = content["margins"]["lqr"]["continuous"]["delay"][0][0]
     assert f"{1e3 * delay:.2f}" in output
     assert "Delay [ms]" in output
+
+
+def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> None:
+    lqr = afl.CONTROLLERS["lqr"]
+    plain, late = (
+        survey_margins([lqr], [1.0], [0.5], 0.01, imperfections=Imperfections(delay=delay))
+        for delay in (0.0, 0.01)
+    )
+    one, other = (found.values("lqr", "delay", sampled=True)[0, 0] for found in (plain, late))
+    assert other == pytest.approx(one - 0.01, rel=1e-9)
+    assert late.imperfections == "delay = 0.01"
+    continuous = [found.values("lqr", "delay")[0, 0] for found in (plain, late)]
+    assert continuous[0] == continuous[1]
+
+
+def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> None:
+    own = afl.Scenario(
+        name="own",
+        pole_mass=0.2,
+        cart_mass=afl.staircase([1.0], [8.0, 10.0]),
+        half_length=afl.constant(1.5),
+        imperfections=Imperfections(control_period=0.01, delay=0.004, noise_phi=1e-3),
+    )
+    afl.save_scenario(own, tmp_path / "own.toml")
+    asked = MarginsConfiguration(scenario=str(tmp_path / "own.toml"), controllers=("lqr",))
+    request = request_of(asked)
+    assert request.cart_masses == (8.0, 8.5, 9.0, 9.5, 10.0)
+    assert request.half_lengths == (1.5,)
+    assert (request.control_period, request.pole_mass) == (0.01, 0.2)
+    assert request.imperfections == Imperfections(control_period=0.01, delay=0.004)
+    assert described(asked) == {"scenario": "own", "left_out": ("noise_phi",)}
+    assert request_of(replace(asked, control_period=0.002)).control_period == 0.002
+    assert request_of(replace(asked, pole_mass=0.3)).pole_mass == 0.3
