@@ -159,15 +159,12 @@ def _draw_system(axis: Axes, scenario: Scenario) -> None:
     right = z + 0.5 * width
     axis.annotate("", (right + 0.3 * unit, at), (right, at), arrowprops=arrow)
     axis.annotate("F, z", (right + 0.33 * unit, at), va="center", fontsize=12)
-    side = -1.0 if phi > 0.0 else 1.0  # of the pole on which its text stands
-    place = z + along[0] * 0.62 * now + side * 0.06 * unit, along[1] * 0.62 * now
-    own = f"m {short(pole_mass)} kg\n2 l {_span((2.0 * length[0], 2.0 * length[1]))} m"
-    axis.annotate(own, place, ha="right" if side < 0.0 else "left", va="center", fontsize=11)
-    axis.annotate(
-        f"M {_span(mass)} kg", (z, -height - 0.07 * unit), ha="center", va="top", fontsize=11
-    )
+    poles = _span((2.0 * length[0], 2.0 * length[1]))
+    said = f"cart M {_span(mass)} kg\npole m {short(pole_mass)} kg, 2 l {poles} m"
+    below = (z, -height - 0.07 * unit)
+    axis.annotate(said, below, ha="center", va="top", fontsize=11)
     axis.set_xlim(z - 1.15 * unit, z + 1.15 * unit)
-    axis.set_ylim(-height - 0.28 * unit, 1.1 * unit)
+    axis.set_ylim(-height - 0.4 * unit, 1.1 * unit)
 
 
 def _pale(scenario: Scenario) -> str:
