@@ -403,6 +403,12 @@ VECTORS = {
         ),
         "parameters": "hidden", "integrator": "Euler",
     },
+    "blows up": {
+        "scenario": replace(
+            afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-6), pole_mass=1e-6, duration=1.0
+        ),
+        "force_limit": 9e5, "control_period": 0.1,
+    },
     "diverges": {
         "scenario": replace(
             afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-3), pole_mass=1e-5, duration=1.0

@@ -6,6 +6,7 @@ import pytest
 
 from afl_mujoco import CartPoleModel, CartPoleParameters
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.imperfections import Imperfections
 
 NAMES = ("cart_mass", "pole_mass", "half_length", "gravity")
 
@@ -174,3 +175,27 @@ def test_bad_settings_are_refused(odd_parameters):
     assert str(caught.value) == f"{expected}; did you mean RK4?"
     with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
         CartPoleModel(odd_parameters, timestep=0.0)
+
+
+@pytest.mark.parametrize(
+    ("imperfections", "constrained"),
+    [
+        (Imperfections(), False),
+        (Imperfections(rail_damping=1.0), False),
+        (Imperfections(rail_friction=0.5), True),
+        (Imperfections(rail_half_length=1.0), True),
+    ],
+    ids=str,
+)
+def test_only_what_is_not_needed_is_left_out_and_a_bad_state_is_not_reset(
+    imperfections: Imperfections, constrained: bool
+) -> None:
+    bits = mujoco.mjtDisableBit
+    model = CartPoleModel(CartPoleParameters())
+    before = model.mj_model.opt.disableflags
+    assert before & bits.mjDSBL_AUTORESET
+    model.compute_only(Imperfections())
+    model.compute_only(imperfections)  # what was left out comes back
+    flags = model.mj_model.opt.disableflags
+    assert flags & ~int(bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT) == before
+    assert bool(flags & bits.mjDSBL_CONSTRAINT) == (not constrained)
