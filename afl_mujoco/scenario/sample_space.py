@@ -133,9 +133,9 @@ class SampleSpace:
         ranges, own = self.scenario.ranges, self.scenario.imperfections
         for name, bounds in self.varied.items():
             yield Quantity(name, unit_of(name), bounds)
-        for name, unit in (("cart_mass_rate", "kg/s"), ("half_length_rate", "m/s")):
-            if (rate := getattr(ranges, name)) is not None:
-                yield Quantity(name, unit, rate)
+        for name, unit in SCHEDULES.items():
+            if (rate := getattr(ranges, f"{name}_rate")) is not None:
+                yield Quantity(f"{name}_rate", f"{unit}/s", rate)
         if ranges.changes is not None:
             yield Quantity("changes", "", float(ranges.changes))
         if self.varied.keys() & SCHEDULES.keys():
@@ -197,19 +197,17 @@ class SampleSpace:
             return constant(bounds[0])
         levels = [_within(bounds, at[f"{thing} level {i}"]) for i in range(1, count + 1)]
         shares = [at[f"{thing} instant {i}"] for i in range(1, instants + 1)]
-        drawn = self._steps_between(levels, shares)
+        shape = "steps"
         if ranges.changes is None:
             shape = SHAPES[min(int(len(SHAPES) * at[f"{thing} shape"]), len(SHAPES) - 1)]
-            if shape == "constant":
-                drawn = constant(levels[0])
-            elif shape == "trapezoid":
-                drawn = trapezoid(self._times(shares), low=levels[0], high=levels[1])
+        if shape == "constant":
+            drawn = constant(levels[0])
+        elif shape == "trapezoid":
+            drawn = trapezoid(self._times(shares), low=levels[0], high=levels[1])
+        else:
+            drawn = staircase(self._times(shares[: len(levels) - 1]), levels)
         rate = getattr(ranges, f"{thing}_rate")
         return drawn if rate is None else slew_limited(drawn, rate)
-
-    def _steps_between(self, levels: list[float], shares: list[float]) -> Schedule:
-        """Return the jumps from each level to the next, at the first of the instants."""
-        return staircase(self._times(shares[: len(levels) - 1]), levels)
 
     def _times(self, shares: list[float]) -> tuple[float, ...]:
         """Return increasing instants [s] from numbers in 0 to 1, in whatever order."""

@@ -200,7 +200,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self._seen_at: tuple[float, ...] = ()
 
     def follow(self, scenario: Scenario) -> None:
-        """Follow another scenario from its start.
+        """Take another scenario's plant and hardware; `begin` starts it.
 
         Parameters
         ----------
@@ -209,7 +209,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """
         self._take(scenario)
         self._model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
-        self.begin(scenario.initial_state)
 
     @property
     def addresses(self) -> Any:

@@ -118,6 +118,11 @@ class Balance(control.Task):  # type: ignore[misc]
         """The source of the initial perturbations and of what is drawn."""
         return self._random
 
+    @property
+    def space(self) -> SampleSpace | None:
+        """What scenarios are drawn from, if they are."""
+        return self._space
+
     def initialize_episode(self, physics: Physics) -> None:
         """Put the plant into the scenario's initial state, drawn and perturbed if so configured.
 

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.laboratory import with_ranges
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite
 from afl_mujoco.scenario.ranges import SCHEDULES
 from afl_mujoco.scenario.sample_space import SampleSpace
@@ -124,7 +123,8 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         )
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1.0 / period, 3)}
-        self.scale = _scale_of(scenario, randomize) if scaled else np.ones(6)
+        space = self.dm_environment.task.space
+        self.scale = _scale_of(scenario, space) if scaled else np.ones(6)
         if parameters != OBSERVED:
             self.scale = self.scale[:4]
         high = STATE_LIMIT / self.scale
@@ -237,11 +237,10 @@ def observed(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray
     return np.asarray(limited / scale)
 
 
-def _scale_of(scenario: Scenario, randomize: bool) -> NDArray[np.float64]:
+def _scale_of(scenario: Scenario, space: SampleSpace | None) -> NDArray[np.float64]:
     """Return what observations are shares of."""
     mass, length, _, _ = scenario.plants
-    if randomize:
-        space = SampleSpace(with_ranges(scenario, start=True))
+    if space is not None:
         mass, length = (space.bounds(name) for name in SCHEDULES)
     largest = np.array([mass[1], length[1]])
     return np.concatenate([STATE_SCALE, 2.0 ** np.ceil(np.log2(largest))])

@@ -165,7 +165,7 @@ def starts_of(configuration: Attraction) -> tuple[NDArray[np.float64], NDArray[n
 
     c = configuration
     count = c.grid if c.grid is not None else QUICK_STARTS if c.quick else STARTS
-    if c.scenario is not None and not c.max_angle < FALL_ANGLE:
+    if not c.max_angle < FALL_ANGLE:
         rule = f"must be below {FALL_ANGLE:.4f} rad, where a pole has fallen"
         raise InvalidValueError("max_angle", rule, c.max_angle)
     return (
@@ -218,9 +218,10 @@ def run(configuration: Attraction, *, progress: Progress = silent, workers: int 
 
     c = configuration
     controllers, maps, settling, timestep, scenario = request_of(c)
-    angles, rates = starts_of(c)
-    points = 2 * sum(len(grid.starts) for grid in maps)
-    each = points if scenario is None else len(angles) * len(rates)
+    starts = None if scenario is None else starts_of(c)
+    each = 2 * sum(len(grid.starts) for grid in maps)
+    if starts is not None:
+        each = len(starts[0]) * len(starts[1])
     done, total = 0, len(controllers) * each
     progress("mapping", 0, total)
 
@@ -230,9 +231,9 @@ def run(configuration: Attraction, *, progress: Progress = silent, workers: int 
         progress("mapping", done, total)
 
     steps: Any = {"timestep": timestep, "integrator": c.integrator}
-    if scenario is not None:
+    if scenario is not None and starts is not None:
         how: Any = {**steps, "threads": workers, "progress": advance}
-        found = [map_starts(scenario, one, angles, rates, **how) for one in controllers]
+        found = [map_starts(scenario, one, *starts, **how) for one in controllers]
         return Result(maps=(), starts=tuple(found))
     shared: Any = {"settling": settling, "threads": workers, "progress": advance}
     return result_of(

@@ -94,8 +94,7 @@ class Result:
     measured
         Margin and measurement on some of the plants; empty if none was measured.
     scenario, left_out
-        Name of the scenario whose plants they are, if any; and its imperfections that no linear
-        loop has.
+        Name of the scenario, if any; and its imperfections that are not modelled.
     """
 
     control_period: float

@@ -59,9 +59,8 @@ def run(
     from afl_mujoco.studies.margins.measured_delay import compare_delays, measured_plants
     from afl_mujoco.studies.margins.survey import described, request_of, survey_margins
 
-    request = request_of(configuration)
-    found = survey_margins(*request, workers=workers, progress=progress)
-    found = replace(found, **described(configuration))
+    request, about = request_of(configuration), described(configuration)
+    found = replace(survey_margins(*request, workers=workers, progress=progress), **about)
     if not configuration.measure:
         return found
     pairs = measured_plants(found.cart_masses, found.half_lengths, few=configuration.quick)

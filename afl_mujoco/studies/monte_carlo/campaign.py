@@ -14,7 +14,6 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
-from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import require_integrator
@@ -73,11 +72,6 @@ class Campaign:
     def samples(self) -> int:
         """How many samples there are."""
         return len(next(iter(self.trials.values())))
-
-    @property
-    def judged(self) -> bool:
-        """Whether the scenario has requirements, which decide what passes."""
-        return self.space.scenario.requirements != NONE
 
     def success(self, name: str) -> Rate:
         """Return how often a controller passed, as of `Trial.passed`."""

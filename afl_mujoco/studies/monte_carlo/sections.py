@@ -50,8 +50,8 @@ def sections(result: Result) -> list[Section]:
     if result.comparisons:
         blocks.append(_comparisons(result))
     blocks += [Text(said) for said in _messages(result)]
-    if any(rates.failures for rates in result.controllers) and separating_features(result)[1]:
-        blocks.append(_failures_figure(result))
+    if any(rates.failures for rates in result.controllers):
+        blocks += _failures_figure(result)
     if result.worst_cases:
         blocks.append(_worst_cases(result))
     blocks += [_space(result), *_replays(result)]
@@ -303,11 +303,13 @@ def _rates_figure(result: Result) -> Figure:
     )
 
 
-def _failures_figure(result: Result) -> Figure:
-    """Return the figure of where the failures lie."""
+def _failures_figure(result: Result) -> Iterator[Figure]:
+    """Return the figure of where the failures lie, if there is a feature to draw them over."""
     features, chosen = separating_features(result)
+    if not chosen:
+        return
     counts = ", ".join(f"{r.controller} {_failures(r)}" for r in result.controllers)
-    return Figure(
+    yield Figure(
         name="montecarlo-failures",
         title="Where the failures lie",
         caption=(
