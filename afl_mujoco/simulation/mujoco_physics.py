@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel, load
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.sampling import SNAP, whole_steps
+from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
 from afl_mujoco.simulation.decor import add_forces, add_marks, marks_near, show_mass
@@ -34,7 +34,7 @@ from afl_mujoco.simulation.sampled.loop import (
     apply_impulse,
     write_plant,
 )
-from afl_mujoco.simulation.sampled.runs import input_profile
+from afl_mujoco.simulation.sampled.runs import input_profile, last_change, told_parameters
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
 
 choose_backend()
@@ -83,21 +83,17 @@ def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
     """
     s, r = scenario, scenario.imperfections
     count = whole_steps("duration", s.duration, "timestep", timestep)
-    sources = (s.cart_mass, s.half_length, *s.disturbances)
-    last = max((t for source in sources for t in source.breakpoints), default=0.0)
-    changing = min(math.ceil(last / timestep) + 1, count)
+    changing = min(math.ceil(last_change(s) / timestep) + 1, count)
     profile = input_profile(s, timestep, changing, count)
     until = min(changing + 1 + math.ceil(r.parameter_delay / timestep), count)
-    instants = np.arange(until + 1) * timestep
+    instants: NDArray[np.float64] = np.arange(until + 1, dtype=np.float64) * timestep
     now = np.stack([s.cart_mass(instants), s.half_length(instants)], axis=1)
     if changing + 1 >= count:  # beyond the horizon the plant keeps what it had there
         profile = np.concatenate([profile, np.zeros(1, PROFILE)])
         profile["cart_mass"][-1], profile["half_length"][-1] = now[-1]
     told = now
     if r.parameter_delay or r.mass_error or r.length_error:
-        at = instants - (r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0)
-        mass, length = 1.0 + r.mass_error, 1.0 + r.length_error
-        told = np.stack([s.cart_mass(at) * mass, s.half_length(at) * length], axis=1)
+        told = np.stack(told_parameters(s, instants, timestep), axis=1)
     return Episode(
         constants=(float(timestep), s.pole_mass, s.gravity),
         profile=profile,

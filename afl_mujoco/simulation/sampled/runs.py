@@ -92,16 +92,11 @@ def prepare(
     period = control_period_of(s, control_period, timestep)
     hold = whole_steps("control_period", period, "timestep", timestep)
     count = whole_steps("duration", s.duration, "timestep", timestep)
-    sources = (s.cart_mass, s.half_length, *s.disturbances)
-    last = min(max((t for source in sources for t in source.breakpoints), default=0.0), s.duration)
+    last = min(last_change(s), s.duration)
     changing = min(math.ceil(last / timestep) + 1, count)
     known_until = min(last + r.parameter_delay, s.duration)
     ticks = _grid(min(math.ceil(known_until / period) + 2, -(-count // hold)))
-    late = r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0
-    known_at = ticks * hold * timestep - late
-    mass_error, length_error = r.mass_error, r.length_error
-    if controller.estimates:  # its assumed parameters are the estimates
-        mass_error = length_error = 0.0
+    masses, lengths = told_parameters(s, ticks * hold * timestep, timestep, controller.estimates)
     return PreparedRun(
         plan=loop.Plan(
             steps=count,
@@ -117,12 +112,39 @@ def prepare(
         initial_state=np.array(s.initial_state),
         estimator=controller.estimator_for(s.plants),
         inputs=controller.inputs_along_run(
-            s.cart_mass(known_at) * (1.0 + mass_error),
-            s.half_length(known_at) * (1.0 + length_error),
+            masses,
+            lengths,
             s.pole_mass,
             s.gravity,
         ),
     )
+
+
+def last_change(scenario: Scenario) -> float:
+    """Return when anything prescribed changes for the last time [s]; 0 if nothing does."""
+    sources = (scenario.cart_mass, scenario.half_length, *scenario.disturbances)
+    return max((t for source in sources for t in source.breakpoints), default=0.0)
+
+
+def told_parameters(
+    scenario: Scenario, times: NDArray[np.float64], timestep: float, estimates: bool = False
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return M [kg] and l [m] as a controller is told them at some times, late and with an error.
+
+    Parameters
+    ----------
+    times
+        Of its control ticks [s].
+    timestep
+        Physics step [s].
+    estimates
+        Whether it assumes estimates in their place, which the errors do not touch.
+    """
+    s, r = scenario, scenario.imperfections
+    known_at = times - (r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0)
+    mass_error, length_error = (0.0, 0.0) if estimates else (r.mass_error, r.length_error)
+    masses, lengths = s.cart_mass(known_at), s.half_length(known_at)
+    return masses * (1.0 + mass_error), lengths * (1.0 + length_error)
 
 
 def input_profile(scenario: Scenario, timestep: float, changing: int, count: int) -> NDArray[Any]:
