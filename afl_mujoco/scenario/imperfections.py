@@ -400,6 +400,14 @@ class Imperfections:
     __repr__ = short_repr
 
 
+def require_on_rail(
+    thing: str, z: float, rail: float | None, which: str = "rail_half_length"
+) -> None:
+    """Raise if a position [m] lies at an end of the rail or beyond; no rail has no end."""
+    if rail is not None and abs(z) >= rail:
+        raise InvalidValueError(thing, f"must lie within {which}, {rail:g} m", f"{z:g} m")
+
+
 DECLARATIONS: Mapping[str, Declaration] = MappingProxyType(
     {one.name: one.metadata["declaration"] for one in fields(Imperfections)}
 )

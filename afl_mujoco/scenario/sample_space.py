@@ -11,7 +11,7 @@ from numpy.random import Generator, Philox, SeedSequence
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import DECLARATIONS, FINEST_STEP
+from afl_mujoco.scenario.imperfections import DECLARATIONS, FINEST_STEP, require_on_rail
 from afl_mujoco.scenario.parameters import departures
 from afl_mujoco.scenario.ranges import FIXED, HARDWARE, SCHEDULES, STATE, Range, unit_of
 from afl_mujoco.scenario.scenario import Scenario
@@ -83,9 +83,7 @@ class SampleSpace:
         rail = self.varied["rail_half_length"][0] if "rail_half_length" in self.varied else own
         z = self.scenario.initial_state[0]
         farthest = max(map(abs, self.varied.get("z", (z, z))))
-        if rail is not None and farthest >= rail:
-            rule = f"must lie within the shortest rail_half_length, {rail:g} m"
-            raise InvalidValueError("initial_state z", rule, f"{farthest:g} m")
+        require_on_rail("initial_state z", farthest, rail, "the shortest rail_half_length")
 
     @property
     def varied(self) -> Mapping[str, Range]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_on_rail
 from afl_mujoco.scenario.parameters import (
     NOMINAL,
     CartPoleParameters,
@@ -126,10 +126,7 @@ class Scenario:
             raise InvalidValueError("initial_state", "must hold four numbers", len(state))
         object.__setattr__(self, "initial_state", state)
         require_type("imperfections", self.imperfections, Imperfections)
-        rail = self.imperfections.rail_half_length
-        if rail is not None and abs(state[0]) >= rail:
-            rule = f"must lie within rail_half_length, {rail:g} m"
-            raise InvalidValueError("initial_state z", rule, f"{state[0]:g} m")
+        require_on_rail("initial_state z", state[0], self.imperfections.rail_half_length)
         require_type("disturbances", self.disturbances, Iterable)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))
         for disturbance in self.disturbances:

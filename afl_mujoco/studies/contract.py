@@ -15,8 +15,9 @@ A study is a package of this folder:
     study that judges, whose command ends with it and fails where it does; ``opening(result)`` for
     one that runs controllers on scenarios: what a page shows of them before anything else.
 ``films.py``
-    Only for a study that can film what it ran: ``require(folder)`` raises before the run,
-    ``write(result, folder, command)`` returns the films, made once the result has been written.
+    Only for a study that can film what it ran: ``films(result, command)`` returns what to film,
+    once the result has been written; films of an earlier run go, for they would stand beside
+    numbers that are not theirs.
 ``files.py``
     Only for a study that writes more than figures: ``require(folder)`` raises before the run,
     ``write(result, folder)`` returns what it wrote.
@@ -139,9 +140,12 @@ class Study:
 
     def require_folder(self, folder: Path) -> None:
         """Raise if what the folder holds would be lost, or is in the way of its files."""
-        for module in ("files", "films"):
-            if self._has(module):
-                self._module(module).require(folder)
+        if self._has("files"):
+            self._module("files").require(folder)
+        if self._has("films"):
+            from afl_mujoco.films.listing import REMOVE, load_listing
+
+            load_listing(folder, REMOVE)
 
     def write_files(self, result: Any, folder: Path) -> list[Path]:
         """Write what it has besides its figures; return what that is."""
@@ -157,7 +161,15 @@ class Study:
         """
         if not self._has("films"):
             return []
-        return list(self._module("films").write(result, folder, command))
+        from afl_mujoco.films.listing import unlist_films
+
+        unlist_films(folder, lambda entry: entry.command.startswith(self.command))
+        films = self._module("films").films(result, command)
+        if not films:
+            return []
+        from afl_mujoco.films.renderer import make_films
+
+        return list(make_films(films, folder))
 
     def _has(self, module: str) -> bool:
         """Return whether its package has a module."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.scenario.files import as_scenario
+from afl_mujoco.scenario.imperfections import require_on_rail
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite
 from afl_mujoco.scenario.ranges import SCHEDULES
 from afl_mujoco.scenario.sample_space import SampleSpace
@@ -170,7 +171,8 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         reseed(task, self.np_random)
         step = self.dm_environment.reset()
         if start is not None:
-            require_on_rail(start, self.scenario)
+            rail = self.scenario.imperfections.rail_half_length
+            require_on_rail("z of initial_state", start[0], rail)
             physics.begin(start)
             step = step._replace(observation=task.get_observation(physics))
         self._under_way = True
@@ -269,14 +271,6 @@ def policy_controller(
         return limit * min(max(float(action), -1.0), 1.0)
 
     return policy
-
-
-def require_on_rail(start: Sequence[float], scenario: Scenario) -> None:
-    """Raise if a start lies beyond an end of the rail."""
-    rail = scenario.imperfections.rail_half_length
-    if rail is not None and abs(start[0]) >= rail:
-        rule = f"must lie within rail_half_length, {rail:g} m"
-        raise InvalidValueError("z of initial_state", rule, f"{start[0]:g} m")
 
 
 def initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import borrowing_kernel, kernel, load, store
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.threads import require_threads
+from afl_mujoco.scenario.imperfections import require_on_rail
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (
     CartPoleEnv,
     initial_state,
     observed,
-    require_on_rail,
     reseed,
 )
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
@@ -215,7 +215,8 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
                 self._randoms[i], _ = np_random(seeds[i])
             scenario, start, episode = self._draw(i)
             if asked is not None:
-                require_on_rail(asked, scenario)
+                rail = scenario.imperfections.rail_half_length
+                require_on_rail("z of initial_state", asked[0], rail)
             self._begin(i, scenario, start if asked is None else asked, episode)
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         return self._observations(), self._information()

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from afl_mujoco.films.listing import REMOVE, load_listing, unlist_films
 from afl_mujoco.studies.compare.result import Result
-from afl_mujoco.studies.compare.study import STUDY
+
+if TYPE_CHECKING:
+    from afl_mujoco.films.plan import Film
 
 
-def require(folder: Path) -> None:
-    """Raise if what the folder lists as films cannot be read."""
-    load_listing(folder, REMOVE)
-
-
-def write(result: Result, folder: Path, command: str) -> list[Path]:
-    """Film the controllers side by side, an MP4 for each scenario, if that was asked for.
-
-    Films of an earlier comparison go: they would stand beside numbers that are not theirs.
-    """
+def films(result: Result, command: str) -> list[Film]:
+    """Return a film of the controllers side by side for each scenario, if that was asked for."""
     asked = result.film
-    unlist_films(folder, lambda entry: entry.command.startswith(STUDY.command))
     if asked is None:
         return []
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.films.plan import side_by_side
-    from afl_mujoco.films.renderer import make_films
     from afl_mujoco.films.replay import Deployment
 
     controllers = [find_controller(name, asked.gain_labels) for name in asked.controllers]
@@ -34,10 +25,10 @@ def write(result: Result, folder: Path, command: str) -> list[Path]:
         control_period=result.control_period,
         integrator=result.integrator,
     )
-    films = []
+    found = []
     for scenario in result.scenarios:
         runs = zip(controllers, result.runs_on(scenario), strict=True)
         shown = [controller for controller, run in runs if run.metrics]  # the others failed
         if shown:
-            films.append(side_by_side(scenario, shown, deployment, command=command))
-    return make_films(films, folder) if films else []
+            found.append(side_by_side(scenario, shown, deployment, command=command))
+    return found
