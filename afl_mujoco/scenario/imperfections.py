@@ -388,6 +388,8 @@ class Imperfections:
     )  # fmt: skip
     """How far the cart can go to either side before it meets an end stop, which gives by some mm at
     1 m/s."""
+    hinge_friction: float = _declared(0.0, _not_negative, "N m")
+    """Dry (Coulomb) friction of the hinge."""
     seed: int = _declared(0, _seed)
     """Seed of the noise, 0 to 2**63 - 1; the same seed gives the same noise, whatever else is
     set."""

@@ -24,7 +24,7 @@ AXIAL_SHARE = 0.01
 
 
 FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.99, 0.9999, 0.001, 0.5, 2.0)
-"""Constraint of the rail's dry friction: below break-away the cart creeps by some 1e-5 m/s."""
+"""Constraint of dry friction: below break-away the cart creeps by some 1e-5 m/s."""
 
 STOP_SOLREF = (0.005, 1.0)
 """Constraint of the end stops [s, 1]: stiffer than MuJoCo's default, critically damped."""
@@ -114,9 +114,10 @@ def passive_arrays(
     z, phi = slider.dofadr[0], hinge.dofadr[0]
     arrays["dof_damping"][[z, phi]] += r.rail_damping, r.hinge_damping
     arrays["dof_armature"][[z, phi]] += r.rail_armature, r.hinge_armature
-    if r.rail_friction > 0.0:
-        arrays["dof_frictionloss"][z] += r.rail_friction
-        arrays["dof_solref"][z], arrays["dof_solimp"][z] = FRICTION_SOLREF, FRICTION_SOLIMP
+    for dof, friction in ((z, r.rail_friction), (phi, r.hinge_friction)):
+        if friction > 0.0:
+            arrays["dof_frictionloss"][dof] += friction
+            arrays["dof_solref"][dof], arrays["dof_solimp"][dof] = FRICTION_SOLREF, FRICTION_SOLIMP
     if r.rail_half_length is not None:
         arrays["jnt_limited"][slider.id] = True
         arrays["jnt_range"][slider.id] = -r.rail_half_length, r.rail_half_length

@@ -263,7 +263,8 @@ class CartPoleModel:
         bits, r = mujoco.mjtDisableBit, imperfections
         flags = self.mj_model.opt.disableflags | int(bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT)
         constraint = int(bits.mjDSBL_CONSTRAINT)
-        constrained = r.rail_friction > 0.0 or r.rail_half_length is not None
+        friction = max(r.rail_friction, r.hinge_friction)
+        constrained = friction > 0.0 or r.rail_half_length is not None
         self.mj_model.opt.disableflags = flags & ~constraint if constrained else flags | constraint
 
 

@@ -1,0 +1,296 @@
+"""What the columns of a log mean, and what is known of the cart-pole that it is of: a TOML file."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from types import MappingProxyType
+
+from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, reading
+from afl_mujoco.files import parse_json
+from afl_mujoco.scenario.parameters import require_finite, require_positive
+
+UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "time": MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}),
+        "phi": MappingProxyType({"rad": 1.0, "deg": math.pi / 180.0, "turn": 2.0 * math.pi}),
+        "z": MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3}),
+    }
+)
+"""What one of a unit is in SI, by signal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeColumn:
+    """Time of a reading, of any origin.
+
+    Attributes
+    ----------
+    column
+        Its header.
+    unit
+        Of `UNITS`.
+    """
+
+    column: str = "time"
+    unit: str = "s"
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown unit."""
+        _require_unit("time", self.unit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AngleColumn:
+    """Angle of the pole: 0 upright, positive as it leans towards -z.
+
+    Attributes
+    ----------
+    column
+        Its header.
+    unit
+        Of `UNITS`; what follows is in this unit too.
+    sign
+        -1 where the readings grow as the pole leans towards +z.
+    zero
+        The reading of the upright pole, as far as it is known.
+    resolution
+        Of the readings.
+    dead_zone
+        Readings that say nothing, from and to, as of a potentiometer that does not go all the way
+        round: its scale is identified too. None if every reading counts and a turn is a turn.
+    """
+
+    column: str = "phi"
+    unit: str = "rad"
+    sign: int = 1
+    zero: float = 0.0
+    resolution: float = 0.0
+    dead_zone: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Validate every field."""
+        _require_signal("phi", self)
+        require_finite("phi.zero", self.zero)
+        if self.dead_zone is not None and not self.dead_zone[0] < self.dead_zone[1]:
+            raise InvalidValueError("phi.dead_zone", "must grow", list(self.dead_zone))
+
+    @property
+    def radians(self) -> float:
+        """One of its unit [rad], signed."""
+        return self.sign * UNITS["phi"][self.unit]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositionColumn:
+    """Position of the cart.
+
+    Attributes
+    ----------
+    column
+        Its header.
+    unit
+        Of `UNITS`; what follows is in this unit too.
+    sign
+        -1 where the readings grow towards -z.
+    resolution
+        Of the readings.
+    """
+
+    column: str = "z"
+    unit: str = "m"
+    sign: int = 1
+    resolution: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Validate every field."""
+        _require_signal("z", self)
+
+    @property
+    def metres(self) -> float:
+        """One of its unit [m], signed."""
+        return self.sign * UNITS["z"][self.unit]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandColumn:
+    """Command to the drive, held from the time of its row to that of the next.
+
+    Attributes
+    ----------
+    column
+        Its header.
+    sign
+        -1 where a positive command drives the cart towards -z.
+    limit
+        Largest command.
+    """
+
+    column: str = "command"
+    sign: int = 1
+    limit: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Validate every field."""
+        _require_sign("command", self.sign)
+        require_positive("command.limit", self.limit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nominal:
+    """What the owners of the cart-pole say of it.
+
+    Attributes
+    ----------
+    pole_mass, half_length
+        m [kg] and l [m] of a uniform rod. Every mass and force that is identified is in proportion
+        to m, which motion alone cannot tell.
+    cart_mass
+        M [kg].
+    force
+        Of one of the command [N].
+    hinge_damping, rail_damping
+        In N m s/rad and N s/m.
+    rail_half_length
+        How far the cart can go to either side [m].
+    gravity
+        g [m/s^2].
+    """
+
+    pole_mass: float
+    half_length: float
+    cart_mass: float
+    force: float
+    hinge_damping: float = 0.0
+    rail_damping: float = 0.0
+    rail_half_length: float | None = None
+    gravity: float = 9.81
+
+    def __post_init__(self) -> None:
+        """Validate every field."""
+        for name in ("pole_mass", "half_length", "cart_mass", "force", "gravity"):
+            require_positive(f"nominal.{name}", getattr(self, name))
+        for name in ("hinge_damping", "rail_damping"):
+            if require_finite(f"nominal.{name}", getattr(self, name)) < 0.0:
+                raise InvalidValueError(
+                    f"nominal.{name}", "must not be negative", getattr(self, name)
+                )
+        if self.rail_half_length is not None:
+            require_positive("nominal.rail_half_length", self.rail_half_length)
+
+    @property
+    def gravity_term(self) -> float:
+        """3 g / (4 l) of a uniform rod [1/s^2]: its falling rate, squared."""
+        return 0.75 * self.gravity / self.half_length
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Description:
+    """What the columns of a log mean, and what is known of its cart-pole.
+
+    Attributes
+    ----------
+    name
+        Of the cart-pole.
+    period
+        Nominal time between two rows [s]; a log whose own differs by more than a tenth is refused.
+    nominal
+        What its owners say of it.
+    time, phi, z, command
+        The columns.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value breaks its rule.
+    """
+
+    name: str
+    period: float
+    nominal: Nominal
+    time: TimeColumn = field(default_factory=TimeColumn)
+    phi: AngleColumn = field(default_factory=AngleColumn)
+    z: PositionColumn = field(default_factory=PositionColumn)
+    command: CommandColumn = field(default_factory=CommandColumn)
+
+    def __post_init__(self) -> None:
+        """Validate the period, and that no column is two signals."""
+        require_positive("period", self.period)
+        names = list(self.columns.values())
+        for name in names:
+            if names.count(name) > 1:
+                raise InvalidValueError("column", "must be one signal alone", repr(name))
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The header of each signal."""
+        return {name: getattr(self, name).column for name in ("time", "phi", "z", "command")}
+
+    @property
+    def angle_count(self) -> float:
+        """Resolution of the angle [rad]."""
+        return abs(self.phi.radians) * self.phi.resolution
+
+    @property
+    def position_count(self) -> float:
+        """Resolution of the position [m]."""
+        return abs(self.z.metres) * self.z.resolution
+
+
+def load_description(path: str | Path) -> Description:
+    """Read a description from a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file: the attributes of `Description`, those that are dataclasses as tables.
+
+    Raises
+    ------
+    AflMujocoError
+        If it cannot be read or breaks a rule; the message names file, key and value.
+    """
+    with reading(path, "is no description of a log"):
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    try:
+        return parse_json(json.dumps(table, default=str), Description)
+    except ValueError as error:
+        raise FileError(f"{path}:", str(error)) from None
+
+
+def to_table(description: Description) -> dict[str, object]:
+    """Return a description as the table of a TOML file, without what is not set."""
+
+    def plain(one: object) -> dict[str, object]:
+        values = {f.name: getattr(one, f.name) for f in fields(one)}  # type: ignore[arg-type]
+        return {
+            name: plain(v) if hasattr(v, "__dataclass_fields__") else v
+            for name, v in values.items()
+            if v is not None
+        }
+
+    return plain(description)
+
+
+def _require_unit(signal: str, unit: str) -> None:
+    """Raise if a signal has no such unit."""
+    if unit not in UNITS[signal]:
+        raise UnknownNameError.among(f"{signal}.unit", unit, UNITS[signal])
+
+
+def _require_sign(signal: str, sign: int) -> None:
+    """Raise if a sign is none."""
+    if sign not in (-1, 1):
+        raise InvalidValueError(f"{signal}.sign", "must be 1 or -1", sign)
+
+
+def _require_signal(signal: str, column: AngleColumn | PositionColumn) -> None:
+    """Raise if unit, sign or resolution break a rule."""
+    _require_unit(signal, column.unit)
+    _require_sign(signal, column.sign)
+    if require_finite(f"{signal}.resolution", column.resolution) < 0.0:
+        raise InvalidValueError(f"{signal}.resolution", "must not be negative", column.resolution)

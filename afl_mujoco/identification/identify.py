@@ -1,0 +1,414 @@
+"""A cart-pole identified from its logs, in two steps: the pole alone, then the whole in MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.identification import pole, rig
+from afl_mujoco.identification.description import Description
+from afl_mujoco.identification.least_squares import (
+    Fit,
+    Parameter,
+    fit_to_scatter,
+    fitted_starts,
+    half_widths,
+)
+from afl_mujoco.identification.log import Log
+from afl_mujoco.identification.windows import Windows, cut
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+WINDOW = 0.5
+"""Length of the windows that are fitted [s]: three times the time constant of a pole of 0.4 m."""
+
+COARSE = 4
+"""One of so many windows gives a first guess of the drive."""
+
+ALIKE = 0.9
+"""Correlation from which on two estimates are hard to tell apart."""
+
+UNITS_RIGHT = (0.2, 5.0)
+"""Between which coupling and gravity, relative to what they should be, the units are right."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """An estimate with its interval.
+
+    Attributes
+    ----------
+    name, title, unit
+        Of what was estimated.
+    value, low, high
+        The estimate, and its interval of 95 %.
+    on_bound
+        Whether it lies on a bound of what it may be, so that there is no interval.
+    """
+
+    name: str
+    title: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    on_bound: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One of the two steps.
+
+    Attributes
+    ----------
+    estimates
+        What was estimated.
+    correlations
+        Of the estimates, in their order; 0 with one that lies on a bound.
+    scatter_phi, scatter_z
+        Of what the windows leave over, robust [rad, m]; None of a signal that was not fitted.
+    windows
+        How many were fitted.
+    """
+
+    estimates: tuple[Estimate, ...]
+    correlations: tuple[tuple[float, ...], ...]
+    scatter_phi: float
+    scatter_z: float | None
+    windows: int
+
+    @property
+    def alike(self) -> list[tuple[str, str, float]]:
+        """The pairs that are hard to tell apart, with their correlations."""
+        names, found = [one.name for one in self.estimates], np.array(self.correlations)
+        return [
+            (names[i], names[j], float(found[i, j]))
+            for i in range(len(names))
+            for j in range(i)
+            if abs(found[i, j]) >= ALIKE
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identified:
+    """A cart-pole as its logs have it.
+
+    Attributes
+    ----------
+    description
+        Of its logs.
+    logs
+        Their names.
+    seconds
+        Of them all.
+    period
+        Of their rows [s], the device's own.
+    pole, drive
+        The two steps; no drive where the command is constant.
+    physical
+        What the estimates are for a pole of the given mass; empty without a drive.
+    """
+
+    description: Description
+    logs: tuple[str, ...]
+    seconds: float
+    period: float
+    pole: Step
+    drive: Step | None
+    physical: tuple[Estimate, ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every estimate of the two steps by name."""
+        steps = [self.pole, *([self.drive] if self.drive else [])]
+        return {one.name: one.value for step in steps for one in step.estimates}
+
+    def find(self, name: str) -> Estimate:
+        """Return an estimate by name."""
+        steps = [*self.pole.estimates, *(self.drive.estimates if self.drive else ())]
+        return next(one for one in (*steps, *self.physical) if one.name == name)
+
+
+def identify(
+    logs: Sequence[Log],
+    description: Description,
+    *,
+    workers: int = 1,
+    progress: Progress = lambda done, total: None,
+) -> Identified:
+    """Identify a cart-pole from its logs.
+
+    Parameters
+    ----------
+    logs
+        As many as there are: intervals need some ten.
+    description
+        Of them.
+    workers
+        Threads; the numbers do not depend on it.
+    progress
+        Called with how many parts of the work are done, and how many there are.
+
+    Raises
+    ------
+    InvalidValueError
+        If the logs say that a unit is wrong.
+    """
+    require_radians(logs, description)
+    windows = cut(logs, WINDOW, WINDOW)
+    progress(0, 4)
+    first, starts = identify_pole(windows, description)
+    progress(1, 4)
+    found = first.by_name
+    drive, steps = None, [first]
+    if any(np.ptp(log.command) > 0.0 for log in logs):
+        drive = _identify_drive(windows, description, found, starts, workers, progress)
+        steps.append(drive)
+    progress(4, 4)
+    return Identified(
+        description=description,
+        logs=tuple(log.name for log in logs),
+        seconds=sum(log.duration for log in logs),
+        period=float(np.median([log.period for log in logs])),
+        pole=_step(first, windows, None),
+        drive=None if drive is None else _step(drive, windows, 0),
+        physical=() if drive is None else _physical(steps, description),
+    )
+
+
+def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Array]:
+    """Identify the pole and the sensors alone.
+
+    Parameters
+    ----------
+    windows
+        Of the logs.
+
+    Returns
+    -------
+    fit, starts
+        What was found, and the states at the first rows, shape (B, 4).
+    """
+    w, parameters = windows, pole.parameters_of(description)
+    driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
+    names = [one.name for one in parameters]
+
+    def errors(shared: Array, starts: Array) -> Array:
+        v = dict(zip(names, shared.tolist(), strict=True))
+        read = pole.readings(v, driven.angles(v, starts), w.turns)
+        return (w.valid * (read - w.phi))[:, None]
+
+    guess = np.array([one.start for one in parameters])
+    starts = pole_starts(errors, guess, w.starts[:, [1, 3]])
+    found = fit_to_scatter(
+        errors, w.valid[:, None], parameters, starts, w.log, start_scale=pole.START_SCALE
+    )
+    off = [
+        one.title
+        for one, ratio in (
+            (parameters[0], found.by_name["gravity_term"] / parameters[0].start),
+            (parameters[1], found.by_name["coupling"]),
+        )
+        if not UNITS_RIGHT[0] < ratio < UNITS_RIGHT[1]
+    ]
+    if off:
+        v = found.by_name
+        raise InvalidValueError(
+            " and ".join(off),
+            "cannot be so far from what a pole must have; check the units and signs of "
+            f"{description.phi.column} and {description.z.column}, and the pole's length",
+            f"w2 = {v['gravity_term']:.4g} 1/s² for {parameters[0].start:.4g}, "
+            f"k = {v['coupling']:.4g} for 1",
+        )
+    whole = w.starts.copy()
+    whole[:, [1, 3]] = found.starts
+    return found, whole
+
+
+def pole_starts(
+    errors: Callable[[Array, Array], Array], shared: Array, guess: Array
+) -> Array:
+    """Return states of the pole at the first rows that fit the readings of their windows.
+
+    Parameters
+    ----------
+    errors
+        As of `fit_to_scatter`.
+    shared
+        Values of the parameters.
+    guess
+        (phi, phi_dot) at the first rows, shape (B, 2).
+    """
+    scale = 1e3  # far beyond any error [rad]: every reading counts in full
+
+    def scaled(own: Array) -> Array:
+        return errors(shared, own)[:, 0] / scale
+
+    return fitted_starts(scaled, guess, pole.START_SCALE)
+
+
+def _identify_drive(
+    windows: Windows,
+    description: Description,
+    known: Mapping[str, float],
+    starts: Array,
+    workers: int,
+    progress: Progress,
+) -> Fit:
+    """Identify cart and drive, from few windows to all, and with a lag only where it shows."""
+    parameters = rig.parameters_of(description)
+    fixed = {one.name: one.low for one in parameters if one.name == "lag"}
+    free = [one for one in parameters if one.name not in fixed]
+    found = _fit_drive(windows, COARSE, description, {**known, **fixed}, free, starts, workers)
+    progress(2, 4)
+    guess = {**found.by_name, "lag": 0.05 * description.period}
+    parameters = [replace(one, start=guess[one.name]) for one in parameters]
+    found = _fit_drive(windows, COARSE, description, known, parameters, starts, workers)
+    progress(3, 4)
+    bound = {
+        one.name: value
+        for one, value, there in zip(parameters, found.values, found.on_bound, strict=True)
+        if there
+    }
+    free = [replace(o, start=found.by_name[o.name]) for o in parameters if o.name not in bound]
+    final = _fit_drive(windows, 1, description, {**known, **bound}, free, starts, workers)
+    return _with_bound(final, parameters, bound)
+
+
+def _fit_drive(
+    windows: Windows,
+    every: int,
+    description: Description,
+    known: Mapping[str, float],
+    parameters: Sequence[Parameter],
+    starts: Array,
+    workers: int,
+) -> Fit:
+    """Fit some parameters of cart and drive to one of so many windows."""
+    w = windows.some(every)
+    whole = rig.Rig(windows=w, description=description, workers=workers)
+    measured = np.stack([w.z, w.phi], axis=1)
+    mask = np.stack([np.ones_like(w.valid), w.valid], axis=1)
+    names = [one.name for one in parameters]
+
+    def errors(shared: Array, own: Array) -> Array:
+        values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
+        return mask * (whole.readings(values, own) - measured)
+
+    return fit_to_scatter(
+        errors, mask, parameters, starts[::every], w.log, start_scale=rig.START_SCALE
+    )
+
+
+def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, float]) -> Fit:
+    """Return a fit with the parameters that were held on a bound put back in their places."""
+    names = [one.name for one in parameters]
+    free = [i for i, name in enumerate(names) if name not in bound]
+    values, on_bound = np.array([bound.get(n, 0.0) for n in names]), np.ones(len(names), bool)
+    covariance = np.zeros((len(names), len(names)))
+    values[free], on_bound[free] = fit.values, fit.on_bound
+    covariance[np.ix_(free, free)] = fit.covariance
+    return replace(
+        fit, parameters=parameters, values=values, covariance=covariance, on_bound=on_bound
+    )
+
+
+def _step(fit: Fit, windows: Windows, position: int | None) -> Step:
+    """Return a fit as it is kept; `position` is the place of the position among its signals."""
+    return Step(
+        estimates=tuple(
+            Estimate(
+                name=one.name, title=one.title, unit=one.unit, value=float(value),
+                low=float(value - half), high=float(value + half), on_bound=bool(there),
+            )
+            for one, value, half, there in zip(
+                fit.parameters, fit.values, fit.half_widths, fit.on_bound, strict=True
+            )
+        ),
+        correlations=tuple(tuple(row) for row in fit.correlations.tolist()),
+        scatter_phi=float(fit.scatter[-1]),
+        scatter_z=None if position is None else float(fit.scatter[position]),
+        windows=windows.count,
+    )  # fmt: skip
+
+
+_PHYSICAL = {
+    "half_length": ("l of a uniform rod that falls alike", "m"),
+    "cart_mass": ("M, with the inertia of the drive", "kg"),
+    "force": ("force of one of the command", "N"),
+    "rail_damping": ("rail damping, with the back-EMF", "N s/m"),
+    "rail_friction": ("dry friction of the rail", "N"),
+    "hinge_damping": ("hinge damping", "N m s/rad"),
+    "hinge_friction": ("dry friction of the hinge", "N m"),
+}
+"""Title and unit of what `rig.physical` returns."""
+
+
+def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate, ...]:
+    """Return masses, forces and frictions with intervals, by linear propagation of errors."""
+    values = {name: value for step in steps for name, value in step.by_name.items()}
+    base = rig.physical(values, description)
+    variance = dict.fromkeys(base, 0.0)
+    for step in steps:  # the two steps are taken to be independent
+        slopes = np.zeros((len(base), len(step.values)))
+        for i, one in enumerate(step.parameters):
+            delta = 1e-6 * one.scale
+            ahead = rig.physical({**values, one.name: values[one.name] + delta}, description)
+            slopes[:, i] = [(ahead[name] - base[name]) / delta for name in base]
+        spread = np.einsum("ki,ij,kj->k", slopes, step.covariance, slopes)
+        variance = {name: variance[name] + float(x) for name, x in zip(base, spread, strict=True)}
+    degrees = min(step.degrees for step in steps)
+    friction = steps[-1].on_bound[[p.name for p in steps[-1].parameters].index("dry_deceleration")]
+    found = []
+    for name, value in base.items():
+        half = float(half_widths(np.sqrt(np.array([variance[name]])), degrees)[0])
+        title, unit = _PHYSICAL[name]
+        found.append(
+            Estimate(
+                name=name, title=title, unit=unit, value=value, low=value - half,
+                high=value + half, on_bound=name == "rail_friction" and bool(friction),
+            )  # fmt: skip
+        )
+    return tuple(found)
+
+
+def require_radians(logs: Sequence[Log], description: Description) -> None:
+    """Raise where gravity says that the angle is in another unit than the description says.
+
+    The curvature of the angle is compared with the sine of the angle, taken in radians and in
+    degrees: where the readings swing far, only one of the two fits.
+    """
+    fits = {factor: _share_explained(logs, factor) for factor in (1.0, np.pi / 180.0, 180.0 / np.pi)}
+    best = max(fits, key=lambda factor: fits[factor])
+    if best != 1.0 and fits[best] > fits[1.0] + 0.2:
+        unit = description.phi.unit
+        other = "deg" if best < 1.0 else "rad"
+        raise InvalidValueError(
+            f"unit of {description.phi.column}",
+            f"must be {other!r} by its gravity term, which explains "
+            f"{100.0 * fits[best]:.0f} % of the curvature then and {100.0 * fits[1.0]:.0f} % now",
+            repr(unit),
+        )
+
+
+def _share_explained(logs: Sequence[Log], factor: float) -> float:
+    """Return how much of the curvature of the angle gravity and the cart explain."""
+    left, curvature = [], []
+    for log in logs:
+        angle, t = factor * log.angle, log.time
+        inner = np.flatnonzero(log.valid[:-2] & log.valid[1:-1] & log.valid[2:]) + 1
+        h = 0.5 * (t[inner + 1] - t[inner - 1])
+        bent = [
+            (x[inner + 1] - 2.0 * x[inner] + x[inner - 1]) / h**2 for x in (angle, log.z)
+        ]
+        curvature.append(bent[0])
+        left.append(np.stack([np.sin(angle[inner]), bent[1] * np.cos(angle[inner])], axis=1))
+    y, x = np.concatenate(curvature), np.concatenate(left)
+    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    total = float(np.sum((y - y.mean()) ** 2))
+    return 1.0 - float(np.sum(rest**2)) / total if total > 0.0 else 0.0

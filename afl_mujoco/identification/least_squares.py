@@ -1,0 +1,407 @@
+"""Least squares for parameters that all windows share and a start that each has for itself.
+
+A start acts on its own window alone, so that starts are eliminated window by window, exactly; SciPy's
+trust region on the sparse whole, which solves it by iterations, took four times as many Jacobians.
+The covariance is that of clustered observations: readings of one log are not independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+Array = NDArray[np.float64]
+Residuals = Callable[[Array, Array], Array]
+"""``residuals(shared, starts)``: shapes (p,) and (B, L) to (B, R), in units of their scatter."""
+
+ROBUST = 3.0
+"""Residuals beyond so many of their scatter count by their size, not by its square."""
+
+LEAST_SCATTER = 1e-12
+"""Of residuals: those of a simulation may be nought."""
+
+SETTLED = 0.05
+"""Relative change of the scatter up to which it has been found."""
+
+ROUNDS = 6
+"""Of finding it, at most."""
+
+FEW_CLUSTERS = 8
+"""Logs below which windows are taken to be independent, for want of anything better."""
+
+STEP = 1e-4
+"""Of a difference, relative to the scale of what it is taken over."""
+
+FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6
+"""Of the method of Levenberg and Marquardt."""
+
+TOLERANCE = 1e-4
+"""Relative decrease of the cost below which it has converged."""
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """Something to be estimated.
+
+    Attributes
+    ----------
+    name, unit
+        For files and tables.
+    title
+        In words.
+    start, low, high
+        First guess and bounds.
+    scale
+        Of its changes.
+    """
+
+    name: str
+    unit: str
+    title: str
+    start: float
+    low: float
+    high: float
+    scale: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """What the least squares found.
+
+    Attributes
+    ----------
+    parameters
+        What was estimated.
+    values
+        Estimates, shape (p,).
+    covariance
+        Of the estimates, shape (p, p); zero of one that lies on a bound.
+    on_bound
+        Which lie on a bound, shape (p,).
+    degrees
+        Of freedom of the covariance.
+    starts
+        Of the windows, shape (B, L).
+    residuals
+        Shape (B, R), in units of their scatter.
+    scatter
+        Of each signal, robust, shape (C,).
+    evaluations
+        Of the Jacobian.
+    """
+
+    parameters: Sequence[Parameter]
+    values: Array
+    covariance: Array
+    on_bound: NDArray[np.bool_]
+    degrees: int
+    starts: Array
+    residuals: Array
+    scatter: Array
+    evaluations: int
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The estimates by name."""
+        names = (one.name for one in self.parameters)
+        return dict(zip(names, self.values.tolist(), strict=True))
+
+    @property
+    def errors(self) -> Array:
+        """Standard errors, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def half_widths(self) -> Array:
+        """Of the intervals of `CONFIDENCE`, shape (p,)."""
+        return half_widths(self.errors, self.degrees)
+
+    @property
+    def correlations(self) -> Array:
+        """Of the estimates, shape (p, p); zero with one that lies on a bound."""
+        errors = np.where(self.errors > 0.0, self.errors, np.inf)
+        return self.covariance / np.outer(errors, errors) + np.diag(1.0 * (errors == np.inf))
+
+
+def half_widths(errors: Array, degrees: int) -> Array:
+    """Return the half-widths of the intervals of `CONFIDENCE` of standard errors, shape (p,)."""
+    return errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees))
+
+
+def fit_to_scatter(
+    errors: Residuals,
+    mask: Array,
+    parameters: Sequence[Parameter],
+    starts: Array,
+    clusters: NDArray[np.int64],
+    *,
+    start_scale: Array,
+    evaluations: int = 8,
+) -> Fit:
+    """Estimate parameters from signals whose scatter is not known: it is found by turns.
+
+    Parameters
+    ----------
+    errors
+        ``errors(shared, starts)``: simulated less measured, shapes (p,) and (B, L) to (B, C, n).
+    mask
+        1 where a reading says something, 0 elsewhere, shape (B, C, n).
+    parameters, starts, clusters, start_scale
+        As of `fit`.
+    evaluations
+        Of the Jacobian in a round, at most.
+    """
+    count, signals = len(starts), mask.shape[1]
+    now, scatter = list(parameters), np.full(signals, np.inf)
+    done = 0
+    for _ in range(ROUNDS):
+        rest = errors(np.array([one.start for one in now]), starts)
+        before, scatter = scatter, _scatter(rest, mask)
+
+        def scaled(shared: Array, own: Array, scatter: Array = scatter) -> Array:
+            return (mask * errors(shared, own) / scatter[:, None]).reshape(count, -1)
+
+        found = fit(
+            scaled, now, starts, clusters, start_scale=start_scale, evaluations=evaluations
+        )
+        starts, done = found.starts, done + found.evaluations
+        now = [
+            replace(one, start=float(value))
+            for one, value in zip(now, found.values, strict=True)
+        ]
+        if (np.abs(scatter / before - 1.0) <= SETTLED).all():
+            break
+    final = found.residuals.reshape(mask.shape) * scatter[:, None]
+    return replace(
+        found, parameters=parameters, evaluations=done, scatter=_scatter(final, mask)
+    )
+
+
+def _scatter(rest: Array, mask: Array) -> Array:
+    """Return the scatter of each signal by the median of its size, shape (C,)."""
+    sizes = [np.abs(rest[:, i][mask[:, i] > 0.0]) for i in range(mask.shape[1])]
+    return np.array([max(1.4826 * float(np.median(one)), LEAST_SCATTER) for one in sizes])
+
+
+def fit(
+    residuals: Residuals,
+    parameters: Sequence[Parameter],
+    starts: Array,
+    clusters: NDArray[np.int64],
+    *,
+    start_scale: Array,
+    evaluations: int = 20,
+) -> Fit:
+    """Estimate parameters, by the method of Levenberg and Marquardt.
+
+    Parameters
+    ----------
+    residuals
+        What is to be small.
+    parameters
+        What is to be estimated, p of them.
+    starts
+        First guess of the windows' own, shape (B, L).
+    clusters
+        The log that a window is of, shape (B,).
+    start_scale
+        Of the changes of a start, shape (L,).
+    evaluations
+        Of the Jacobian, at most.
+    """
+    scales = np.array([one.scale for one in parameters])
+    steps, own_steps = STEP * scales, STEP * start_scale
+    low, high = (np.array([getattr(one, end) for one in parameters]) for end in ("low", "high"))
+    values = np.clip([one.start for one in parameters], low, high)
+    rest = residuals(values, starts)
+    cost, damping, done = _cost(rest), FIRST_DAMPING, 0
+    while done < evaluations and damping < LARGEST_DAMPING:
+        system = _reduced(residuals, values, starts, rest, steps, own_steps)
+        done += 1
+        stuck = ((values <= low) & (system.gradient > 0.0)) | (
+            (values >= high) & (system.gradient < 0.0)
+        )
+        before = cost
+        while cost == before and damping < LARGEST_DAMPING:
+            ahead = np.clip(values + system.step(damping, ~stuck), low, high)
+            ahead_starts = starts + system.own_step(ahead - values)
+            tried = residuals(ahead, ahead_starts)
+            if (now := _cost(tried)) < cost:
+                values, starts, rest, cost = ahead, ahead_starts, tried, now
+                damping = max(0.1 * damping, FIRST_DAMPING**2)
+            else:
+                damping *= 10.0
+        if before - cost <= TOLERANCE * before:
+            break
+    on_bound = np.minimum(values - low, high - values) <= 1e-3 * scales
+    covariance, degrees = _covariance(
+        _reduced(residuals, values, starts, rest, steps, own_steps), clusters, ~on_bound
+    )
+    return Fit(
+        parameters=parameters, values=values, covariance=covariance, on_bound=on_bound,
+        degrees=degrees, starts=starts, residuals=rest, scatter=np.ones(1), evaluations=done,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Reduced:
+    """The linear least squares about a point, the windows' own starts eliminated.
+
+    Attributes
+    ----------
+    slopes, rest
+        Weighted derivatives by the shared parameters, less what the starts can do for them, and
+        weighted residuals, shapes (B, R, p) and (B, R).
+    shared, q, r
+        Weighted derivatives before that, and the QR decomposition of those by the starts.
+    """
+
+    slopes: Array
+    rest: Array
+    shared: Array
+    q: Array
+    r: Array
+
+    @property
+    def matrix(self) -> Array:
+        """Of Gauss and Newton, shape (p, p)."""
+        found: Array = np.einsum("bri,brj->ij", self.slopes, self.slopes)
+        return found
+
+    @property
+    def gradient(self) -> Array:
+        """Of half the cost, shape (p,)."""
+        found: Array = np.einsum("bri,br->i", self.slopes, self.rest)
+        return found
+
+    def step(self, damping: float, free: NDArray[np.bool_]) -> Array:
+        """Return the step of the shared parameters, those that are free, shape (p,)."""
+        matrix = self.matrix[np.ix_(free, free)]
+        found = np.zeros(len(free))
+        damped = matrix + damping * np.diag(np.diag(matrix))
+        found[free] = -np.linalg.lstsq(damped, self.gradient[free], rcond=None)[0]
+        return found
+
+    def own_step(self, step: Array) -> Array:
+        """Return the step of the starts that goes with one of the shared parameters, (B, L)."""
+        rest = self.rest + self.shared @ step
+        right = np.swapaxes(self.q, 1, 2) @ rest[..., None]
+        found: Array = -np.linalg.solve(self.r, right)[..., 0]
+        return found
+
+
+def _reduced(
+    residuals: Residuals, values: Array, starts: Array, rest: Array, steps: Array, own_steps: Array
+) -> _Reduced:
+    """Return the linear least squares about a point, residuals weighted by their size."""
+    shared, own = derivatives(residuals, values, starts, rest, steps, own_steps)
+    root = np.sqrt(_weights(rest))
+    shared, own = root[..., None] * shared, root[..., None] * own
+    q, r = np.linalg.qr(own)
+    slopes = shared - q @ (np.swapaxes(q, 1, 2) @ shared)
+    return _Reduced(slopes=slopes, rest=root * rest, shared=shared, q=q, r=r)
+
+
+def fitted_starts(
+    residuals: Callable[[Array], Array], starts: Array, start_scale: Array, *, rounds: int = 6
+) -> Array:
+    """Return the starts that make residuals of the windows least, by Gauss-Newton.
+
+    Parameters
+    ----------
+    residuals
+        Of the starts, shape (B, L) to (B, R).
+    starts
+        First guess, shape (B, L).
+    start_scale
+        Of the changes of a start, shape (L,).
+    """
+    for _ in range(rounds):
+        rest = residuals(starts)
+        slopes = _own_slopes(residuals, starts, rest, STEP * start_scale)
+        weights = _weights(rest)
+        q, r = np.linalg.qr(np.sqrt(weights)[..., None] * slopes)
+        right = np.swapaxes(q, 1, 2) @ (np.sqrt(weights) * rest)[..., None]
+        starts = starts - np.linalg.solve(r, right)[..., 0]
+    return starts
+
+
+def derivatives(
+    residuals: Residuals,
+    shared: Array,
+    starts: Array,
+    base: Array,
+    steps: Array,
+    own_steps: Array,
+) -> tuple[Array, Array]:
+    """Return the derivatives by the shared parameters and by the starts, by differences.
+
+    Parameters
+    ----------
+    base
+        The residuals themselves, shape (B, R).
+    steps, own_steps
+        Shapes (p,) and (L,).
+
+    Returns
+    -------
+    shared, own
+        Shapes (B, R, p) and (B, R, L).
+    """
+    by_shared = np.empty((*base.shape, len(shared)))
+    for i, step in enumerate(steps):
+        ahead = shared.copy()
+        ahead[i] += step
+        by_shared[..., i] = (residuals(ahead, starts) - base) / step
+    return by_shared, _own_slopes(lambda x: residuals(shared, x), starts, base, own_steps)
+
+
+def _own_slopes(
+    residuals: Callable[[Array], Array], starts: Array, base: Array, steps: Array
+) -> Array:
+    """Return the derivatives by the starts, shape (B, R, L)."""
+    slopes = np.empty((*base.shape, starts.shape[1]))
+    for i, step in enumerate(steps):
+        ahead = starts.copy()
+        ahead[:, i] += step
+        slopes[..., i] = (residuals(ahead) - base) / step
+    return slopes
+
+
+def _weights(rest: Array) -> Array:
+    """Return how much a residual counts, by its size."""
+    weights: Array = 1.0 / np.sqrt(1.0 + (rest / ROBUST) ** 2)
+    return weights
+
+
+def _cost(rest: Array) -> float:
+    """Return the sum of squares, of what is large its size."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        cost = float(np.sum(2.0 * ROBUST**2 * (np.sqrt(1.0 + (rest / ROBUST) ** 2) - 1.0)))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _covariance(
+    system: _Reduced, clusters: NDArray[np.int64], free: NDArray[np.bool_]
+) -> tuple[Array, int]:
+    """Return the covariance of the shared parameters, and its degrees of freedom.
+
+    The sandwich of White for clustered observations: its bread is the inverse of the matrix of
+    Gauss and Newton, its filling the scatter of what the clusters contribute to the gradient.
+    """
+    bread = np.linalg.pinv(system.matrix[np.ix_(free, free)], hermitian=True)
+    scores = np.einsum("bri,br->bi", system.slopes[..., free], system.rest)
+    groups = np.unique(clusters)
+    if len(groups) >= FEW_CLUSTERS:
+        scores = np.array([scores[clusters == group].sum(axis=0) for group in groups])
+    degrees = max(1, len(scores) - 1)
+    meat = scores.T @ scores * (len(scores) / degrees)
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(free, free)] = bread @ meat @ bread
+    return covariance, degrees

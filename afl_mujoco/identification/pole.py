@@ -1,0 +1,229 @@
+"""The pole alone, driven by the recorded motion of the cart: no model of the drive is needed.
+
+For a rigid pole on a cart,
+
+    phi'' = w2 sin(phi) + (k / g) w2 z'' cos(phi) - c phi' - d sign(phi'),
+
+with the gravity term w2 = 3 g / (4 l) for a uniform rod, and k = 1 whatever the pole. In
+``p = phi' - (k w2 / g) z' cos(phi)`` the acceleration of the cart does not appear, only its
+velocity, which recorded positions give far better.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.identification.description import Description
+from afl_mujoco.identification.least_squares import Parameter
+from afl_mujoco.identification.windows import Windows
+
+Array = NDArray[np.float64]
+
+HARMONICS = 4
+"""Of the angle, in which the readings of a sensor with a dead zone may depart from a line."""
+
+SLOW = 0.05
+"""Below it [rad/s] dry friction in the hinge goes through zero smoothly."""
+
+START_SCALE = np.array([0.01, 0.1])
+"""Of changes of a start (phi, phi_dot) [rad, rad/s]."""
+
+
+def parameters_of(description: Description) -> list[Parameter]:
+    """Return what is estimated of the pole and of the two sensors.
+
+    Scale and linearity of the angle are among it only where the sensor has a dead zone: one that
+    goes all the way round counts its turns.
+    """
+    w2 = description.nominal.gravity_term
+    found = [
+        Parameter(name="gravity_term", unit="1/s²", title="gravity term w2", start=w2,
+                  low=w2 / 5.0, high=5.0 * w2, scale=w2),
+        Parameter(name="coupling", unit="1", title="coupling k", start=1.0, low=-0.5, high=5.0,
+                  scale=1.0),
+        Parameter(name="damping", unit="1/s", title="viscous friction of the hinge", start=0.05,
+                  low=-1.0, high=20.0, scale=0.1),
+        Parameter(name="friction", unit="rad/s²", title="dry friction of the hinge", start=0.05,
+                  low=-2.0, high=20.0, scale=0.1),
+        Parameter(name="skew", unit="s", title="skew: the position is read after the angle by",
+                  start=0.0, low=-2.0 * description.period, high=2.0 * description.period,
+                  scale=1e-2),
+        Parameter(name="compliance", unit="s²",
+                  title="compliance: the cart is ahead of its reading by, per acceleration",
+                  start=0.0, low=-1e-3, high=1e-3, scale=1e-4),
+        Parameter(name="angle_offset", unit="rad", title="angle at the zero of its readings",
+                  start=0.0, low=-0.5, high=0.5, scale=0.01),
+    ]  # fmt: skip
+    if description.phi.dead_zone is not None:
+        found.append(
+            Parameter(name="angle_scale", unit="1", title="scale of the angle", start=0.97,
+                      low=0.7, high=1.3, scale=0.1)  # fmt: skip
+        )
+        found += [
+            Parameter(name=f"{wave}_{k}", unit="rad", title=f"linearity of the angle: {wave} {k} phi",
+                      start=0.0, low=-0.1, high=0.1, scale=2e-3)
+            for k in range(1, HARMONICS + 1)
+            for wave in ("sin", "cos")
+        ]  # fmt: skip
+    return found
+
+
+NONE = {"angle_scale": 1.0}
+"""What is taken of a parameter that is not estimated."""
+
+
+def linearity(values: Mapping[str, float], angles: Array) -> Array:
+    """Return how far readings are off a straight line at some angles [rad].
+
+    Parameters
+    ----------
+    values
+        Of the parameters; those of the linearity may be missing.
+    """
+    off = np.zeros_like(angles)
+    for k in range(1, HARMONICS + 1):
+        if f"sin_{k}" in values:
+            off += values[f"sin_{k}"] * np.sin(k * angles) + values[f"cos_{k}"] * np.cos(k * angles)
+    return off
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drive:
+    """The recorded motion of the carts over windows.
+
+    Attributes
+    ----------
+    windows
+        Of the logs.
+    gravity
+        g [m/s^2].
+    """
+
+    windows: Windows
+    gravity: float
+
+    def angles(self, values: Mapping[str, float], starts: Array) -> Array:
+        """Return the angles at the rows of the windows [rad], shape (B, n).
+
+        Parameters
+        ----------
+        values
+            Of the parameters.
+        starts
+            (phi, phi_dot) at the first rows, shape (B, 2).
+        """
+        v, w = {**NONE, **values}, self.windows
+        factor = v["coupling"] * v["gravity_term"] / self.gravity
+        track = pole_motion(
+            starts, factor * self.velocities(v["skew"], v["compliance"]), w.step,
+            v["gravity_term"], v["damping"], v["friction"],
+        )  # fmt: skip
+        return at_rows(w, track[..., 0], track[..., 1], 0.0)
+
+    def velocities(self, skew: float, compliance: float) -> Array:
+        """Return the carts' velocities on the half steps of the windows [m/s], (B, 2 steps + 1).
+
+        Parameters
+        ----------
+        skew, compliance
+            As of `parameters_of`.
+        """
+        w = self.windows
+        found = np.empty((w.count, 2 * w.steps + 1))
+        half = 0.5 * w.step * np.arange(2 * w.steps + 1)
+        for number, log in enumerate(w.logs):
+            mine = w.log == number
+            if not mine.any():
+                continue
+            spline = make_interp_spline(log.time, log.z, k=3)
+            when = np.clip(w.time[mine, :1] + half - skew, log.time[0], log.time[-1])
+            found[mine] = spline(when, 1)
+            if compliance:
+                found[mine] += compliance * spline(when, 3)
+        return found
+
+
+def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
+    """Return what the sensor reads at some angles [rad].
+
+    Parameters
+    ----------
+    values
+        Of the parameters.
+    angles, turns
+        Angles [rad], and the whole turns of them.
+    """
+    v = {**NONE, **values}
+    read: Array = (angles - 2.0 * np.pi * turns - v["angle_offset"]) / v["angle_scale"]
+    return read + linearity(v, angles)
+
+
+def at_rows(windows: Windows, values: Array, rates: Array, late: float) -> Array:
+    """Return what a simulation passes through at the rows of the windows, shape (B, n).
+
+    Parameters
+    ----------
+    values, rates
+        On the steps of the windows, and their derivatives, shape (B, steps + 1).
+    late
+        How much later than their rows [s].
+    """
+    w = windows
+    place = (w.time - w.time[:, :1] + late) / w.step
+    i = np.clip(np.floor(place + 1e-9).astype(int), 0, w.steps - 1)
+    s, h = place - i, w.step
+    b = np.arange(w.count)[:, None]
+    y0, y1, d0, d1 = values[b, i], values[b, i + 1], h * rates[b, i], h * rates[b, i + 1]
+    a3, a2 = 2.0 * (y0 - y1) + d0 + d1, 3.0 * (y1 - y0) - 2.0 * d0 - d1
+    found: Array = y0 + s * (d0 + s * (a2 + s * a3))
+    return found
+
+
+@kernel
+def _rates(phi, p, drive, w2, c, d):
+    """Return (phi', p') for the drive ``(k w2 / g) z'``."""
+    rate = p + drive * math.cos(phi)
+    sine = math.sin(phi)
+    return rate, w2 * sine + drive * rate * sine - c * rate - d * math.tanh(rate / SLOW)
+
+
+@kernel
+def pole_motion(starts, drives, step, w2, c, d):
+    """Return (phi, phi') on the steps of each window, by RK4, shape (B, steps + 1, 2).
+
+    Parameters
+    ----------
+    starts
+        (phi, phi_dot), shape (B, 2).
+    drives
+        ``(k w2 / g) z'`` on the half steps [rad/s], shape (B, 2 steps + 1).
+    step
+        In s.
+    w2, c, d
+        Gravity term [1/s^2], viscous [1/s] and dry friction [rad/s^2].
+    """
+    steps = (drives.shape[1] - 1) // 2
+    track = np.empty((len(starts), steps + 1, 2))
+    h = step
+    for b in range(len(starts)):
+        phi = starts[b, 0]
+        p = starts[b, 1] - drives[b, 0] * math.cos(phi)
+        track[b, 0, 0], track[b, 0, 1] = phi, starts[b, 1]
+        for j in range(steps):
+            v0, v1, v2 = drives[b, 2 * j], drives[b, 2 * j + 1], drives[b, 2 * j + 2]
+            f1, q1 = _rates(phi, p, v0, w2, c, d)
+            f2, q2 = _rates(phi + 0.5 * h * f1, p + 0.5 * h * q1, v1, w2, c, d)
+            f3, q3 = _rates(phi + 0.5 * h * f2, p + 0.5 * h * q2, v1, w2, c, d)
+            f4, q4 = _rates(phi + h * f3, p + h * q3, v2, w2, c, d)
+            phi += h / 6.0 * (f1 + 2.0 * f2 + 2.0 * f3 + f4)
+            p += h / 6.0 * (q1 + 2.0 * q2 + 2.0 * q3 + q4)
+            track[b, j + 1, 0] = phi
+            track[b, j + 1, 1] = p + v2 * math.cos(phi)
+    return track

@@ -1,0 +1,276 @@
+"""Predictions of recordings: the state fitted to the readings before, the error some time after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.identification import pole, rig
+from afl_mujoco.identification.description import Description
+from afl_mujoco.identification.least_squares import fitted_starts
+from afl_mujoco.identification.log import Log
+from afl_mujoco.identification.windows import Windows, cut
+
+Array = NDArray[np.float64]
+
+AWAY = 0.5
+"""Angle from upright beyond which a small error does not grow by itself [rad]."""
+
+SEEN = 5
+"""Readings of the angle that a fitted state needs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Starts:
+    """Instants from which recordings are predicted.
+
+    Attributes
+    ----------
+    windows
+        Of what is fitted and what is predicted, one for each start.
+    past
+        Rows to which the state is fitted; the last of them is the start.
+    """
+
+    windows: Windows
+    past: int
+
+    @property
+    def before(self) -> Array:
+        """1 where a reading of the angle is fitted, shape (B, n)."""
+        w = self.windows
+        return w.valid * (np.arange(w.valid.shape[1]) < self.past)
+
+    def rows(self, horizon: float) -> NDArray[np.int64]:
+        """Return the row nearest to so long after the start [s], shape (B,)."""
+        t = self.windows.time
+        distance = np.abs(t - t[:, self.past - 1 : self.past] - horizon)
+        return np.argmin(distance, axis=1)
+
+
+def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Starts:
+    """Return the starts of logs.
+
+    Parameters
+    ----------
+    past
+        Length of what is fitted [s].
+    longest
+        Longest horizon [s].
+    every
+        Between two starts [s].
+    """
+    period = float(np.median([log.period for log in logs]))
+    rows = round(past / period) + 1
+    windows = cut(logs, (rows - 1) * period + longest, every, seen=SEEN, head=rows)
+    return Starts(windows=windows, past=rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errors:
+    """What is left of a prediction after some time.
+
+    Attributes
+    ----------
+    horizon
+        After the start [s].
+    rms_phi, rms_z
+        Root of the mean squared error [rad, m]; None of what was not predicted.
+    counts_phi, counts_z
+        The same in counts of the sensors [1]; None without a resolution.
+    explained_phi, explained_z
+        Share of variance explained, of the angle without its turns [1].
+    away_phi
+        `counts_phi` where start and end are `AWAY` from upright.
+    starts, away
+        How many there are, in all and away from upright.
+    """
+
+    horizon: float
+    rms_phi: float
+    rms_z: float | None
+    counts_phi: float | None
+    counts_z: float | None
+    explained_phi: float
+    explained_z: float | None
+    away_phi: float | None
+    starts: int
+    away: int
+
+
+def errors_of(
+    starts: Starts,
+    predicted: Array,
+    horizons: Sequence[float],
+    values: Mapping[str, float],
+    description: Description,
+    *,
+    position: bool = True,
+) -> tuple[Errors, ...]:
+    """Return the errors of what was predicted, by horizon.
+
+    Parameters
+    ----------
+    predicted
+        Readings of position and angle, shape (B, 2, n).
+    horizons
+        In s.
+    values
+        Scale and offset of the angle, by which readings are angles.
+    position
+        Whether the position was predicted at all.
+    """
+    w, d, v = starts.windows, description, {**pole.NONE, **values}
+    there, first = np.arange(w.count), starts.past - 1
+    angle = _within_turn(v["angle_scale"] * w.phi + v["angle_offset"])
+    found = []
+    for horizon in horizons:
+        rows = starts.rows(horizon)
+        good = w.valid[there, rows] > 0.0
+        off = (predicted[there, 1, rows] - w.phi[there, rows])[good]
+        away = (np.abs(angle[there, rows]) > AWAY) & (np.abs(angle[:, first]) > AWAY)
+        away = away[good]
+        z_off = predicted[there, 0, rows] - w.z[there, rows]
+        found.append(
+            Errors(
+                horizon=horizon,
+                rms_phi=v["angle_scale"] * _rms(off),
+                rms_z=_rms(z_off) if position else None,
+                counts_phi=_counts(off, d.angle_count),
+                counts_z=_counts(z_off, d.position_count) if position else None,
+                explained_phi=_explained(v["angle_scale"] * off, angle[there, rows][good]),
+                explained_z=_explained(z_off, w.z[there, rows]) if position else None,
+                away_phi=_counts(off[away], d.angle_count) if away.any() else None,
+                starts=int(good.sum()),
+                away=int(away.sum()),
+            )
+        )
+    return tuple(found)
+
+
+def predicted_by_pole(
+    starts: Starts, values: Mapping[str, float], description: Description
+) -> Array:
+    """Return what the angle's sensor will read, the motion of the cart known, shape (B, n).
+
+    Parameters
+    ----------
+    values
+        Of the parameters of the pole.
+    """
+    w = starts.windows
+    driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
+
+    def read(own: Array) -> Array:
+        return pole.readings(values, driven.angles(values, own), w.turns)
+
+    scale = _count(description.angle_count)
+    own = fitted_starts(
+        lambda x: starts.before * (read(x) - w.phi) / (1e3 * scale), w.starts[:, [1, 3]],
+        pole.START_SCALE,
+    )  # fmt: skip
+    return read(own)
+
+
+def predicted_by_rig(
+    starts: Starts,
+    values: Mapping[str, float],
+    description: Description,
+    scatter: tuple[float, float],
+    *,
+    workers: int = 1,
+) -> tuple[Array, Array]:
+    """Return what the sensors will read, the commands known, and the states at the starts.
+
+    Parameters
+    ----------
+    values
+        Of the parameters of pole and rig.
+    scatter
+        Of position and angle, by which their readings are weighed [m, rad].
+    workers
+        Threads; the numbers do not depend on it.
+
+    Returns
+    -------
+    readings, states
+        Shapes (B, 2, n) and (B, 4).
+    """
+    w = starts.windows
+    whole = rig.Rig(windows=w, description=description, workers=workers)
+    past = rig.Rig(windows=_first_rows(w, starts.past), description=description, workers=workers)
+    measured = np.stack([w.z, w.phi], axis=1)[..., : starts.past]
+    before = starts.before[:, : starts.past]
+    weights = np.stack([np.ones_like(before), before], axis=1) / np.array(scatter)[:, None]
+    guess = w.starts.copy()
+
+    def errors(own: Array) -> Array:
+        rest: Array = weights * (past.readings(values, own) - measured)
+        return rest.reshape(w.count, -1)
+
+    own = fitted_starts(lambda x: errors(x) / 1e3, guess, rig.START_SCALE, rounds=3)
+    own = fitted_starts(errors, own, rig.START_SCALE, rounds=2)
+    track = whole.motion(values, own)
+    states = np.stack(
+        [
+            pole.at_rows(w, track[..., i], np.gradient(track[..., i], w.step, axis=1), 0.0)[
+                :, starts.past - 1
+            ]
+            for i in range(4)
+        ],
+        axis=1,
+    )
+    return whole.read(values, track), states
+
+
+def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> Array:
+    """Return what the sensors will read if nothing accelerates, shape (B, 2, n).
+
+    Parameters
+    ----------
+    states
+        (z, phi, z_dot, phi_dot) at the starts, shape (B, 4).
+    values
+        Scales and offsets of the sensors.
+    """
+    w = starts.windows
+    after = w.time - w.time[:, starts.past - 1 : starts.past]
+    z, phi, z_dot, phi_dot = (states[:, i : i + 1] for i in range(4))
+    position = (z + z_dot * (after + values["skew"])) / values["coupling"]
+    angle = pole.readings(values, phi + phi_dot * after, w.turns)
+    return np.stack([position, angle], axis=1)
+
+
+def _first_rows(windows: Windows, rows: int) -> Windows:
+    """Return windows cut off after some rows."""
+    names = ("time", "phi", "turns", "z", "valid")
+    return replace(windows, **{name: getattr(windows, name)[:, :rows] for name in names})
+
+
+def _within_turn(angle: Array) -> Array:
+    """Return angles without whole turns, in -pi to pi [rad]."""
+    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+
+
+def _count(resolution: float) -> float:
+    """Return a resolution, a small one where there is none."""
+    return resolution if resolution > 0.0 else 1e-6
+
+
+def _rms(errors: Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
+
+
+def _counts(errors: Array, resolution: float) -> float | None:
+    """Return the root of the mean square in counts; None without a resolution."""
+    return _rms(errors) / resolution if resolution > 0.0 else None
+
+
+def _explained(errors: Array, readings: Array) -> float:
+    """Return the share of variance that a prediction explains."""
+    total = float(np.sum((readings - readings.mean()) ** 2))
+    return 1.0 - float(np.sum(errors**2)) / total if total > 0.0 else 0.0

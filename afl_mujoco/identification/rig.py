@@ -1,0 +1,237 @@
+"""The whole cart-pole in MuJoCo, driven by the recorded commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.identification import pole
+from afl_mujoco.identification.description import Description
+from afl_mujoco.identification.least_squares import Parameter
+from afl_mujoco.identification.windows import Windows
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+
+import mujoco  # isort: skip  (after the model, which chooses how MuJoCo draws)
+from mujoco import rollout  # isort: skip
+
+Array = NDArray[np.float64]
+
+START_SCALE = np.array([0.001, 0.01, 0.05, 0.1])
+"""Of changes of a start (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s]."""
+
+
+def parameters_of(description: Description) -> list[Parameter]:
+    """Return what is estimated of the cart and its drive."""
+    n, period, limit = description.nominal, description.period, description.command.limit
+    whole = n.cart_mass + n.pole_mass
+    gain, decay = n.force / whole, max(n.rail_damping / whole, 1.0)
+    return [
+        Parameter(name="mass_ratio", unit="1", title="m / (M + m): the reaction of the pole",
+                  start=n.pole_mass / whole, low=1e-4, high=0.9, scale=0.1),
+        Parameter(name="gain", unit="m/s²", title="acceleration of one of the command",
+                  start=gain, low=0.01 * gain, high=100.0 * gain, scale=gain),
+        Parameter(name="decay", unit="1/s", title="decay of the speed", start=decay, low=0.0,
+                  high=100.0 * decay, scale=decay),
+        Parameter(name="dry_deceleration", unit="m/s²", title="deceleration by dry friction",
+                  start=0.02 * gain * limit, low=0.0, high=2.0 * gain * limit,
+                  scale=0.1 * gain * limit),
+        Parameter(name="delay", unit="s", title="delay of the command", start=0.2 * period,
+                  low=0.0, high=5.0 * period, scale=1e-2),
+        Parameter(name="lag", unit="s", title="lag of the drive", start=0.2 * period, low=0.0,
+                  high=5.0 * period, scale=1e-2),
+        Parameter(name="bias", unit="1", title="command at which the drive does not pull",
+                  start=0.0, low=-0.5 * limit, high=0.5 * limit, scale=0.01 * limit),
+    ]  # fmt: skip
+
+
+def physical(values: Mapping[str, float], description: Description) -> dict[str, float]:
+    """Return what ratios of motion are for a pole of the given mass: masses, forces, frictions.
+
+    Parameters
+    ----------
+    values
+        Of the parameters of pole and rig.
+
+    Returns
+    -------
+    physical
+        ``half_length`` [m], ``cart_mass`` [kg], ``force`` [N] of one of the command,
+        ``rail_damping`` [N s/m], ``rail_friction`` [N], ``hinge_damping`` [N m s/rad],
+        ``hinge_friction`` [N m].
+    """
+    v, n = values, description.nominal
+    half_length = 0.75 * n.gravity / v["gravity_term"]
+    inertia = 4.0 / 3.0 * n.pole_mass * half_length**2
+    whole = n.pole_mass / v["mass_ratio"]
+    return {
+        "half_length": half_length,
+        "cart_mass": whole - n.pole_mass,
+        "force": whole * v["gain"],
+        "rail_damping": whole * v["decay"],
+        "rail_friction": whole * v["dry_deceleration"],
+        "hinge_damping": inertia * v["damping"],
+        "hinge_friction": inertia * v["friction"],
+    }
+
+
+FRICTIONS = ("rail_damping", "rail_friction", "hinge_damping", "hinge_friction")
+"""What MuJoCo has of it; one that is estimated below nought, within its error, is none."""
+
+
+def model_of(
+    values: Mapping[str, float], description: Description
+) -> tuple[CartPoleParameters, Imperfections]:
+    """Return an identified cart-pole as a cart with a uniform rod, and its friction.
+
+    Parameters
+    ----------
+    values
+        Of the parameters of pole and rig.
+    """
+    n, found = description.nominal, physical(values, description)
+    plant = CartPoleParameters(
+        cart_mass=found["cart_mass"],
+        pole_mass=n.pole_mass,
+        half_length=found["half_length"],
+        gravity=n.gravity,
+    )
+    return plant, Imperfections(**{name: max(0.0, found[name]) for name in FRICTIONS})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rig:
+    """The cart-poles of some windows.
+
+    Attributes
+    ----------
+    windows
+        Of the logs.
+    description
+        Of the cart-pole.
+    workers
+        Threads; the numbers do not depend on it.
+    """
+
+    windows: Windows
+    description: Description
+    workers: int = 1
+
+    def readings(self, values: Mapping[str, float], starts: Array) -> Array:
+        """Return what the sensors read at the rows of the windows, shape (B, 2, n).
+
+        Parameters
+        ----------
+        values
+            Of the parameters of pole and rig.
+        starts
+            (z, phi, z_dot, phi_dot) at the first rows, shape (B, 4).
+
+        Returns
+        -------
+        readings
+            Of the position [m] and the angle [rad].
+        """
+        return self.read(values, self.motion(values, starts))
+
+    def read(self, values: Mapping[str, float], track: Array) -> Array:
+        """Return what the sensors read along a motion, shape (B, 2, n).
+
+        Parameters
+        ----------
+        values
+            Of the parameters of pole and rig.
+        track
+            Of `motion`.
+        """
+        w, v = self.windows, values
+        z, phi, z_dot, phi_dot = np.moveaxis(track, -1, 0)
+        angle = pole.at_rows(w, phi, phi_dot, 0.0)
+        read, rate = z, z_dot
+        if v["compliance"]:
+            acceleration = np.gradient(z_dot, w.step, axis=1)
+            read = z - v["compliance"] * acceleration
+            rate = z_dot - v["compliance"] * np.gradient(acceleration, w.step, axis=1)
+        position = pole.at_rows(w, read, rate, v["skew"]) / v["coupling"]
+        return np.stack([position, pole.readings(v, angle, w.turns)], axis=1)
+
+    def motion(self, values: Mapping[str, float], starts: Array) -> Array:
+        """Return the states on the steps of the windows, shape (B, steps + 1, 4).
+
+        Parameters
+        ----------
+        values, starts
+            As of `readings`.
+        """
+        forces = self.forces(values)
+        plant, imperfections = model_of(values, self.description)
+        model = CartPoleModel(plant, timestep=self.windows.step, imperfections=imperfections)
+        model.compute_only(imperfections)
+        full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        initial = np.zeros((len(starts), mujoco.mj_stateSize(model.mj_model, full)))
+        initial[:, 1:5] = starts
+        threads = min(self.workers, len(starts))
+        data = [mujoco.MjData(model.mj_model) for _ in range(threads)]
+        found, _ = rollout.rollout(model.mj_model, data, initial, forces[..., None])
+        return np.concatenate([starts[:, None], found[..., 1:5]], axis=1)
+
+    def forces(self, values: Mapping[str, float]) -> Array:
+        """Return the mean force of the drive over each step [N], shape (B, steps)."""
+        w, v = self.windows, values
+        force = physical(v, self.description)["force"]
+        forces = np.empty((w.count, w.steps))
+        edges = w.step * np.arange(w.steps + 1)
+        for number, log in enumerate(w.logs):
+            mine = w.log == number
+            if not mine.any():
+                continue
+            when = w.time[mine, :1] + edges - v["delay"]
+            impulse = _impulses(log.time, log.command - v["bias"], v["lag"], when)
+            forces[mine] = force * np.diff(impulse, axis=1) / w.step
+        return forces
+
+
+@kernel
+def _impulses(times, commands, lag, when):
+    """Return the integral of a held command behind a first-order lag, shape of `when`.
+
+    Parameters
+    ----------
+    times, commands
+        From each time on its command, shape (N,); the first before it too, and settled.
+    lag
+        Time constant [s].
+    when
+        Shape (B, K), ascending in each row.
+    """
+    count = len(times)
+    behind, whole = np.empty(count), np.zeros(count)  # of the lag, and the integral, at each time
+    behind[0] = commands[0]
+    for i in range(count - 1):
+        length = times[i + 1] - times[i]
+        left = math.exp(-length / lag) if lag > 0.0 else 0.0
+        behind[i + 1] = commands[i] + (behind[i] - commands[i]) * left
+        whole[i + 1] = whole[i] + commands[i] * length + (behind[i] - commands[i]) * lag * (
+            1.0 - left
+        )
+    found = np.empty(when.shape)
+    for b in range(when.shape[0]):
+        i = 0
+        for k in range(when.shape[1]):
+            t = when[b, k]
+            while i < count - 1 and times[i + 1] <= t:
+                i += 1
+            length = t - times[i]
+            if length < 0.0:
+                found[b, k] = commands[0] * length
+            else:
+                left = math.exp(-length / lag) if lag > 0.0 else 0.0
+                excess = (behind[i] - commands[i]) * lag * (1.0 - left)
+                found[b, k] = whole[i] + commands[i] * length + excess
+    return found

@@ -1,0 +1,126 @@
+"""Logs cut into windows of equal numbers of rows, each of which starts anew: multiple shooting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.identification.log import Log
+
+SEEN = 6
+"""Readings of the angle that a window must have among its first rows, for a state to start from."""
+
+FINE = 0.01
+"""Readings closer together [s] are left out: one of several is read, all commands count."""
+
+STEPS = 4
+"""Steps of a simulation from a reading to the next."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Windows:
+    """Windows of logs.
+
+    Attributes
+    ----------
+    logs
+        All of them.
+    log, first
+        Which log a window is of, and its first row, shape (B,).
+    time, phi, turns, z
+        As of `Log`, shape (B, n).
+    valid
+        1 where the angle's reading says something, shape (B, n).
+    starts
+        A first guess of the states (z, phi, z_dot, phi_dot), shape (B, 4).
+    step
+        Of a simulation [s].
+    """
+
+    logs: Sequence[Log]
+    log: NDArray[np.int64]
+    first: NDArray[np.int64]
+    time: NDArray[np.float64]
+    phi: NDArray[np.float64]
+    turns: NDArray[np.float64]
+    z: NDArray[np.float64]
+    valid: NDArray[np.float64]
+    starts: NDArray[np.float64]
+    step: float
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.log)
+
+    def some(self, every: int) -> Windows:
+        """Return one of so many windows."""
+        names = ("log", "first", "time", "phi", "turns", "z", "valid", "starts")
+        return replace(self, **{name: getattr(self, name)[::every] for name in names})
+
+    @property
+    def steps(self) -> int:
+        """Steps of a simulation that reaches the last row of each, and a period beyond it."""
+        longest = float((self.time[:, -1] - self.time[:, 0]).max())
+        return int(np.ceil(longest / self.step - 1e-6)) + STEPS
+
+
+def cut(
+    logs: Sequence[Log], length: float, every: float, *, seen: int = SEEN, head: int = 2 * SEEN
+) -> Windows:
+    """Cut logs into windows.
+
+    Parameters
+    ----------
+    length
+        Of a window [s].
+    every
+        Between the starts of two [s].
+    seen, head
+        Readings of the angle that a window must have among so many of its first rows; one with
+        fewer is left out.
+    """
+    period = min(log.period for log in logs)
+    stride = max(1, round(FINE / period))
+    rows = max(2, round(length / (stride * period))) + 1
+    reach, apart = stride * (rows - 1) + 1, stride * max(1, round(every / (stride * period)))
+    head = min(rows, head)
+    places = [
+        (number, first)
+        for number, log in enumerate(logs)
+        for first in range(0, len(log.time) - reach + 1, apart)
+        if log.valid[first : first + reach : stride][:head].sum() >= min(head, seen)
+    ]
+    if not places:
+        raise InvalidValueError("logs", f"must have a stretch of {length:g} s without a gap", None)
+    parts = [slice(first, first + reach, stride) for _, first in places]
+
+    def taken(name: str) -> NDArray[np.float64]:
+        arrays = [getattr(logs[n], name)[part] for (n, _), part in zip(places, parts, strict=True)]
+        return np.array(arrays, dtype=np.float64).reshape(len(places), rows)
+
+    starts = [_start(logs[n], part) for (n, _), part in zip(places, parts, strict=True)]
+    return Windows(
+        logs=logs,
+        log=np.array([n for n, _ in places], dtype=np.int64),
+        first=np.array([first for _, first in places], dtype=np.int64),
+        time=taken("time"),
+        phi=taken("phi"),
+        turns=taken("turns"),
+        z=taken("z"),
+        valid=taken("valid"),
+        starts=np.array(starts).reshape(len(places), 4),
+        step=stride * period / STEPS,
+    )
+
+
+def _start(log: Log, part: slice) -> list[float]:
+    """Return a state near that of the first row: parabolas through the rows that follow."""
+    near = slice(part.start, min(part.start + SEEN * part.step, part.stop), part.step)
+    time = log.time[near] - log.time[part.start]
+    phi, z = (np.polyfit(time, values[near], 2) for values in (log.angle, log.z))
+    return [float(z[2]), float(phi[2]), float(z[1]), float(phi[1])]
