@@ -1,0 +1,139 @@
+"""An identified cart-pole as a scenario, and as many as its estimates allow."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.identification.identify import Estimate, Identified, Step
+from afl_mujoco.identification.rig import model_of, physical
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import constant
+
+DURATION = 10.0
+"""Of the scenario [s]."""
+
+TILT = 0.1
+"""Of the pole at its start, and how far it varies to either side [rad]."""
+
+NORMAL = 1.959964
+"""Half an interval of 95 % in standard errors."""
+
+
+def scenario_of(identified: Identified) -> Scenario:
+    """Return the scenario of an identified cart-pole, the pole leaning a little at its start.
+
+    Its imperfections are what was found, its ranges the intervals of that; M and l are what they
+    are, and what a controller assumes of them is off by up to the interval.
+
+    Parameters
+    ----------
+    identified
+        With a drive.
+    """
+    base = with_values(identified, identified.values)
+    found = {one.name: one for one in identified.physical}
+    varied: dict[str, tuple[float, float]] = {"phi": (-TILT, TILT)}
+    for name in ("rail_damping", "rail_friction", "hinge_damping", "hinge_friction"):
+        _add(varied, name, found[name])
+    _add(varied, "delay", identified.find("delay"))
+    _add(varied, "actuator_lag", identified.find("lag"))
+    for name, of in (("mass_error", "cart_mass"), ("length_error", "half_length")):
+        share = (found[of].high - found[of].value) / found[of].value
+        varied[name] = (-min(share, 0.9), share)
+
+    return replace(base, ranges=Ranges(varied=varied))
+
+
+def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
+    """Return the scenario of a cart-pole whose parameters have some values.
+
+    Parameters
+    ----------
+    identified
+        With a drive; its description says what its sensors and its rail are.
+    values
+        Of the parameters of pole and rig.
+    """
+    if identified.drive is None:
+        raise InvalidValueError("drive", "must be identified: the command of every log is constant")
+    d = identified.description
+    plant, friction = model_of(values, d)
+    rail = d.nominal.rail_half_length
+    return Scenario(
+        name=re.sub(r"[^a-z0-9]+", "-", d.name.lower()).strip("-") or "identified",
+        duration=DURATION,
+        initial_state=(0.0, TILT, 0.0, 0.0),
+        cart_mass=constant(plant.cart_mass),
+        half_length=constant(plant.half_length),
+        pole_mass=plant.pole_mass,
+        gravity=plant.gravity,
+        imperfections=Imperfections(
+            control_period=d.period,
+            delay=max(0.0, values["delay"]),
+            actuator_lag=max(0.0, values["lag"]),
+            force_limit=physical(values, d)["force"] * d.command.limit,
+            encoder_step_z=d.position_count,
+            encoder_step_phi=values.get("angle_scale", 1.0) * d.angle_count,
+            differentiated=d.position_count > 0.0 and d.angle_count > 0.0,
+            rail_damping=friction.rail_damping,
+            rail_friction=friction.rail_friction,
+            hinge_damping=friction.hinge_damping,
+            hinge_friction=friction.hinge_friction,
+            rail_half_length=rail,
+        ),
+        requirements=Requirements(max_position=rail),
+    )
+
+
+def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
+    """Return cart-poles as the estimates allow: normal, correlated as they are.
+
+    What cannot be less than nought is none where it is drawn so. The pole leans by up to `TILT`.
+
+    Parameters
+    ----------
+    count
+        How many.
+    seed
+        Of the numbers.
+    """
+
+    generator = np.random.default_rng(seed)
+    tilts = generator.uniform(-TILT, TILT, count)
+    drawn: list[dict[str, float]] = [{} for _ in range(count)]
+    for step in (identified.pole, identified.drive):
+        if step is None:
+            continue
+        names = [one.name for one in step.estimates]
+        mean = np.array([one.value for one in step.estimates])
+        for values, row in zip(
+            drawn, generator.multivariate_normal(mean, _covariance(step), count), strict=True
+        ):
+            values.update(zip(names, row.tolist(), strict=True))
+    return [
+        replace(
+            with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)}),
+            name=f"draw-{i:04d}",
+            initial_state=(0.0, float(tilt), 0.0, 0.0),
+        )
+        for i, (values, tilt) in enumerate(zip(drawn, tilts, strict=True))
+    ]
+
+
+def _covariance(step: Step) -> np.ndarray:
+    """Return the covariance of the estimates of a step, shape (p, p)."""
+    errors = np.array([(one.high - one.low) / (2.0 * NORMAL) for one in step.estimates])
+    return np.array(step.correlations) * np.outer(errors, errors)
+
+
+def _add(varied: dict[str, tuple[float, float]], name: str, estimate: Estimate) -> None:
+    """Let something vary over its interval, where there is one."""
+    if not estimate.on_bound:
+        varied[name] = (max(0.0, estimate.low), max(0.0, estimate.high))

@@ -1,0 +1,326 @@
+"""A validation against recordings in words: verdicts, errors, terms, what controllers would do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+from afl_mujoco.document.blocks import (
+    Block,
+    Cell,
+    Column,
+    Figure,
+    Finding,
+    Section,
+    Table,
+    Text,
+    Verdict,
+    good_or_bad,
+)
+from afl_mujoco.document.numbers import MISSING, listed, percent, short
+from afl_mujoco.identification.export import TILT
+from afl_mujoco.identification.prediction import AWAY, Errors
+from afl_mujoco.studies.hardware.figures import (
+    NAMES,
+    draw_horizons,
+    draw_recording,
+    draw_residuals,
+)
+from afl_mujoco.studies.hardware.outlook import AS_IT_IS
+from afl_mujoco.studies.hardware.protocol import load_protocol
+from afl_mujoco.studies.hardware.result import Judged, Result
+from afl_mujoco.studies.identified_parts import (
+    indistinct,
+    linearity_text,
+    nominal_table,
+)
+
+
+def verdict(result: Result) -> Verdict:
+    """Return whether every statement of the protocol holds."""
+    missed = [one for one in result.statements if not one.holds]
+    total = len(result.statements)
+    if not missed:
+        text = f"all {total} statements of the protocol hold"
+    else:
+        text = (
+            f"{len(missed)} of {total} statements of the protocol "
+            f"{'does' if len(missed) == 1 else 'do'} not hold: "
+            f"{listed([one.id for one in missed], 'and')}"
+        )
+    return Verdict(
+        result.passed,
+        f"{text}, on {len(result.logs)} recordings",
+        f"Validated against measurements of {result.identified.description.name}, in the range of "
+        "states and commands of the recordings; not beyond it, and not for another cart-pole.",
+    )
+
+
+def sections(result: Result) -> list[Section]:
+    """Return what a report says of a validation."""
+    blocks: list[Block] = [
+        Finding("Measured hardware", _finding(result)),
+        Text(_range(result)),
+        *_warnings(result),
+        _statements(result),
+        _errors("Whole cart-pole in MuJoCo, from the command alone", result.held_out),
+        _pole(result),
+        _baselines(result),
+        _terms(result),
+        Figure(
+            name="hardware-recording",
+            title=f"{result.recorded.name}, measured and predicted",
+            caption="Dots: measured; none in the dead zone of the angle. Lines: MuJoCo under the "
+            "recorded command, half a second from each fitted state; bands: twice the rms error "
+            "of all recordings after that time.",
+            alt=f"{len(result.recorded.starts)} predictions of half a second over the readings",
+            draw=partial(draw_recording, result),
+        ),
+        Figure(
+            name="hardware-residuals",
+            title="What these predictions are off",
+            caption="Predicted less measured; dots: where a prediction starts.",
+            alt="Errors of the predictions of the recording above over time",
+            draw=partial(draw_residuals, result),
+        ),
+        Figure(
+            name="hardware-horizons",
+            title="Error against horizon",
+            caption="All recordings. Near upright an error of the angle grows by e every "
+            f"{short(1.0 / math.sqrt(result.terms['gravity'].value), 2)} s.",
+            alt=_finding(result),
+            draw=partial(draw_horizons, result),
+        ),
+        _parameters(result),
+    ]
+    if result.survival:
+        blocks.append(_outlook(result))
+    return [Section("Measured hardware", "hardware", blocks)]
+
+
+def _finding(result: Result) -> str:
+    """Say the main thing in a sentence."""
+    at = next(one for one in result.held_out if one.horizon == 0.5)
+    return (
+        f"From the command alone MuJoCo predicts {short(at.horizon)} s of "
+        f"{len(result.logs)} recordings of {result.identified.description.name} to "
+        f"{short(1e3 * (at.rms_z or 0.0), 2)} mm and {short(1e3 * at.rms_phi, 2)} mrad rms: "
+        f"{percent(at.explained_z, 3)} and {percent(at.explained_phi, 3)} of the variance."
+    )
+
+
+def _range(result: Result) -> str:
+    """Say what the recordings cover, and how they were predicted."""
+    p = load_protocol().prediction
+    v, w = result.speeds
+    return (
+        f"Recordings of {result.source}: |z| up to {short(result.reach, 2)} m, speeds up to "
+        f"{short(v, 2)} m/s and {short(w, 2)} rad/s, whole turns of the pole. States are fitted to "
+        f"the {short(p.past)} s before each start, one every {short(p.every)} s. The protocol, "
+        "statements and limits, was fixed before any of these was predicted."
+    )
+
+
+def _warnings(result: Result) -> list[Block]:
+    """Warn where the recordings were fitted."""
+    if not result.fitted:
+        return []
+    return [
+        Text(
+            f"{len(result.fitted)} of these recordings have names of recordings that the estimates "
+            "were fitted to: what follows is no proof where they are the same."
+        )
+    ]
+
+
+def _shown(judged: Judged, value: float) -> str:
+    """Return a value or a limit of a statement."""
+    if "share" in judged.measure or "relative" in judged.measure:
+        return percent(value, 3)
+    return short(value, 3)
+
+
+def _statements(result: Result) -> Table:
+    """Return the statements with their verdicts."""
+    return Table(
+        caption="Statements of the protocol",
+        columns=(
+            Column("Statement"),
+            Column("Measure"),
+            Column("Measured", number=True),
+            Column("Limit", number=True),
+            Column("Verdict"),
+        ),
+        rows=[
+            (
+                Cell(one.statement, note=one.suspected and f"suspected: {one.suspected}"),
+                one.measure,
+                _shown(one, one.value),
+                f"{'≥' if one.at_least else '≤'} {_shown(one, one.limit)}",
+                Cell("validated" if one.holds else "not validated", good_or_bad(one.holds)),
+            )
+            for one in result.statements
+        ],
+        stacked=True,
+    )
+
+
+def _errors(caption: str, errors: Sequence[Errors]) -> Table:
+    """Return errors by horizon."""
+    return Table(
+        caption=caption,
+        columns=(
+            Column("Horizon", "s", number=True),
+            Column("φ", "mrad", number=True),
+            Column("φ", "counts", number=True),
+            Column("explained", "%", number=True),
+            Column("z", "mm", number=True),
+            Column("z", "counts", number=True),
+            Column("explained", "%", number=True),
+            Column("Starts", number=True),
+        ),
+        rows=[
+            (
+                short(one.horizon),
+                short(1e3 * one.rms_phi, 3),
+                short(one.counts_phi, 3),
+                _share(one.explained_phi),
+                short(None if one.rms_z is None else 1e3 * one.rms_z, 3),
+                short(one.counts_z, 3),
+                _share(one.explained_z),
+                str(one.starts),
+            )
+            for one in errors
+        ],
+    )
+
+
+def _share(value: float | None) -> str:
+    """Return a share of variance in percent; one below nought explains nothing."""
+    return MISSING if value is None else "< 0" if value < 0.0 else short(100.0 * value, 4)
+
+
+def _pole(result: Result) -> Table:
+    """Return the errors of the pole alone."""
+    return Table(
+        caption="The pole alone, the motion of the cart known",
+        columns=(
+            Column("Horizon", "s", number=True),
+            Column("φ", "mrad", number=True),
+            Column("φ", "counts", number=True),
+            Column(f"φ beyond {short(AWAY)} rad from upright", "counts", number=True),
+            Column("explained", "%", number=True),
+            Column("Starts", number=True),
+        ),
+        rows=[
+            (
+                short(one.horizon),
+                short(1e3 * one.rms_phi, 3),
+                short(one.counts_phi, 3),
+                short(one.away_phi, 3),
+                _share(one.explained_phi),
+                str(one.starts),
+            )
+            for one in result.pole
+        ],
+    )
+
+
+def _baselines(result: Result) -> Table:
+    """Return the errors of models that know less beside those of the model."""
+    names = {"": "identified, in MuJoCo", **NAMES}
+    found = {"": result.held_out, **result.baselines}
+    horizons = [one.horizon for one in result.held_out]
+    return Table(
+        caption="rms error of φ [mrad] and z [mm], from the command alone",
+        columns=(Column("Model"), *(Column(f"{short(h)} s", number=True) for h in horizons)),
+        rows=[
+            (
+                names[key],
+                *(
+                    f"{short(1e3 * one.rms_phi, 3)}, {short(1e3 * (one.rms_z or 0.0), 3)}"
+                    for one in errors
+                ),
+            )
+            for key, errors in found.items()
+        ],
+    )
+
+
+def _terms(result: Result) -> Table:
+    """Return the terms of the pole's equation."""
+    return Table(
+        caption="Term by term, estimated anew from these recordings alone",
+        columns=(
+            Column("Term"),
+            Column("Unit"),
+            Column("Estimate", number=True),
+            Column("95 % interval", number=True),
+            Column("Demanded", number=True),
+            Column("Off by", "%", number=True),
+        ),
+        rows=[
+            (
+                one.title,
+                one.unit,
+                short(one.value),
+                f"{short(one.low)} to {short(one.high)}",
+                short(one.expected),
+                short(None if one.expected is None else 100.0 * (one.value / one.expected - 1), 2),
+            )
+            for one in result.terms.values()
+        ],
+    )
+
+
+def _parameters(result: Result) -> Section:
+    """Return the cart-pole in kilograms and newtons."""
+    one = result.identified
+    texts = [*indistinct(one), *filter(None, [linearity_text(one)])]
+    return Section(
+        "The cart-pole in MuJoCo",
+        "hardware-parameters",
+        [nominal_table(one), *(Text(text) for text in texts)],
+    )
+
+
+def _outlook(result: Result) -> Section:
+    """Return what controllers would do on that cart-pole."""
+    found = result.survival
+    table = Table(
+        caption="Largest start from which a controller, as deployed on this cart-pole, ends upright "
+        "and never meets the end of its rail [deg]",
+        columns=(Column("What is changed"), *(Column(s.controller, number=True) for s in found)),
+        rows=[
+            (what, *(f"{math.degrees(s.angles[what]):.0f}" for s in found))
+            for what in found[0].angles
+        ],
+    )
+    said = [
+        f"`{s.controller}` survives {s.survived} of {s.runs}" for s in found
+    ]
+    text = (
+        f"On cart-poles drawn from the distribution of the estimates, the pole within "
+        f"{math.degrees(TILT):.1f}° of "
+        f"upright: {listed(said, 'and')}."
+    )
+    return Section(
+        "What controllers would do on it",
+        "hardware-outlook",
+        [Finding("On this cart-pole", _outlook_finding(result)), Text(text), table],
+    )
+
+
+def _outlook_finding(result: Result) -> str:
+    """Say which controllers would balance it, from where, and what would help the others."""
+    parts = []
+    for s in result.survival:
+        now = math.degrees(s.angles[AS_IT_IS])
+        best = max(s.angles, key=lambda what: s.angles[what])
+        then = math.degrees(s.angles[best])
+        said = f"`{s.controller}` holds from {now:.0f}°" if now else f"`{s.controller}` falls"
+        if then > now:
+            said += f" ({then:.0f}° if: {best})"
+        parts.append(said)
+    return f"As deployed, {listed(parts, 'and')}."

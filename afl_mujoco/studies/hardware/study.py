@@ -1,0 +1,101 @@
+"""The configuration of a validation against recordings, and its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.studies.contract import Progress, Study, silent
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from afl_mujoco.identification.identify import Identified
+    from afl_mujoco.identification.log import Log
+    from afl_mujoco.studies.hardware.result import Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hardware:
+    """Judge the identified model by recordings of a real cart-pole that it was not fitted to.
+
+    Example: afl-mujoco hardware --logs my-logs --estimates renders/my-rig/estimates.json
+
+    Errors by horizon, each term of the equations, verdicts by a protocol that was fixed before; and
+    what controllers would do on that very cart-pole. Exit code 0 if every statement holds, 1 if one
+    does not.
+    """
+
+    logs: str = ""
+    """Folder of recordings; by default those that come with the package and were not fitted."""
+    estimates: str = ""
+    """What `afl-mujoco identify` found; by default of the cart-pole that comes with the package."""
+    draws: int = 200
+    """Cart-poles drawn from the distribution of the estimates, on which controllers run."""
+    seed: int = 1
+    """Of the draws."""
+    film: bool = False
+    """Film a recording as MuJoCo sees it, the measurement beside it."""
+
+
+def check(configuration: Hardware) -> None:
+    """Raise at what breaks a rule."""
+    c = configuration
+    if not 0 <= c.draws <= MOST_DRAWS:
+        raise InvalidValueError("draws", f"must lie in 0 to {MOST_DRAWS}", c.draws)
+    if not 0 <= c.seed < 2**63:
+        raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", c.seed)
+    if c.film:
+        from afl_mujoco.graphics import require_backend
+
+        require_backend()
+    _asked(c)
+
+
+def run(configuration: Hardware, *, progress: Progress = silent, workers: int = 1) -> Result:
+    """Judge."""
+    from afl_mujoco.studies.hardware.validation import validate
+
+    c = configuration
+    logs, identified, source = _asked(c)
+    return validate(
+        logs, identified, source,
+        draws=c.draws, seed=c.seed, film=c.film, workers=workers, progress=progress,
+    )  # fmt: skip
+
+
+def _asked(configuration: Hardware) -> tuple[list[Log], Identified, str]:
+    """Return the recordings, the estimates and where the recordings are, or raise."""
+    from pathlib import Path
+
+    from afl_mujoco.identification.log import read_logs
+    from afl_mujoco.identification.shipped import CHOOSE, ESTIMATES, load_estimates
+
+    c = configuration
+    identified = load_estimates(Path(c.estimates) if c.estimates else ESTIMATES)
+    if c.estimates and not c.logs:
+        raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
+    if identified.drive is None:
+        raise InvalidValueError("estimates", "must be of cart and drive too: vary the command")
+    folder = Path(c.logs) if c.logs else CHOOSE
+    logs = read_logs([folder], identified.description)
+    return logs, identified, c.logs or _name(folder)
+
+
+def _name(folder: Path) -> str:
+    """Return the name of a folder that comes with the package."""
+    return f"{folder.name}/, which comes with the package"
+
+
+MOST_DRAWS = 100_000
+
+STUDY = Study(
+    name="hardware",
+    title="Measured hardware",
+    order=81,
+    schema=1,
+    configuration=Hardware,
+    check=check,
+    run=run,
+)

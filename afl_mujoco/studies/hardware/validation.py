@@ -1,0 +1,270 @@
+"""The identified model against recordings, by the protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.identification import pole, rig
+from afl_mujoco.identification.identify import (
+    WINDOW,
+    Identified,
+    identify_pole,
+    require_radians,
+)
+from afl_mujoco.identification.log import Log
+from afl_mujoco.identification.prediction import (
+    Errors,
+    Starts,
+    errors_of,
+    predicted_by_pole,
+    predicted_by_rig,
+    starts_of,
+    straight_on,
+)
+from afl_mujoco.identification.windows import cut
+from afl_mujoco.studies.contract import Progress, silent
+from afl_mujoco.studies.hardware.outlook import outlook
+from afl_mujoco.studies.hardware.protocol import Prediction, load_protocol
+from afl_mujoco.studies.hardware.result import Judged, Recorded, Result, Term
+
+Array = NDArray[np.float64]
+
+BAND = 26
+"""Horizons up to half a second at which the band of a prediction is measured."""
+
+NO_REACTION = 1e-6
+"""Mass ratio at which the cart does not feel the pole."""
+
+
+def validate(
+    logs: Sequence[Log],
+    identified: Identified,
+    source: str,
+    *,
+    draws: int,
+    seed: int,
+    film: bool = False,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> Result:
+    """Judge an identified model by recordings.
+
+    Parameters
+    ----------
+    logs
+        The recordings.
+    identified
+        With a drive.
+    source
+        Where the recordings are.
+    draws, seed
+        Of cart-poles from the distribution of the estimates.
+    workers
+        Threads; the numbers do not depend on it.
+    """
+    d, values, protocol = identified.description, identified.values, load_protocol()
+    require_radians(logs, d)
+    progress("judging", 0, 6)
+    terms = _terms(logs, identified)
+    progress("judging", 1, 6)
+    p = protocol.prediction
+    starts = starts_of(logs, p.past, max(p.horizons), p.every)
+    by_pole = _with_position(predicted_by_pole(starts, values, d))
+    pole_errors = errors_of(starts, by_pole, p.horizons, values, d, position=False)
+    progress("judging", 2, 6)
+    drive = identified.drive
+    if drive is None or drive.scatter_z is None:
+        raise InvalidValueError("estimates", "must be of cart and drive too")
+    scatter = (drive.scatter_z, drive.scatter_phi)
+    read, states = predicted_by_rig(starts, values, d, scatter, workers=workers)
+    held_out = errors_of(starts, read, p.horizons, values, d)
+    progress("judging", 3, 6)
+    baselines = _baselines(starts, identified, scatter, states, p, workers)
+    progress("judging", 4, 6)
+    judged = _judge(identified, terms, pole_errors, held_out)
+    horizons = np.linspace(0.0, 0.5, BAND)
+    spread = errors_of(starts, read, horizons.tolist(), values, d)
+    band = np.array([horizons, [e.rms_z or 0.0 for e in spread], [e.rms_phi for e in spread]])
+    longest = int(np.argmax([log.duration for log in logs]))
+    recorded = _recorded(logs[longest], longest, starts, read, identified)
+    survival = outlook(identified, draws, seed, workers) if draws else ()
+    progress("judging", 6, 6)
+    return Result(
+        source=source,
+        logs=tuple(log.name for log in logs),
+        fitted=tuple(log.name for log in logs if log.name in identified.logs),
+        identified=identified,
+        terms=terms,
+        held_out=held_out,
+        pole=pole_errors,
+        baselines=baselines,
+        statements=judged,
+        speeds=(
+            max(float(np.abs(np.gradient(log.z, log.time)).max()) for log in logs),
+            max(float(np.abs(np.gradient(log.angle, log.time)).max()) for log in logs),
+        ),
+        reach=max(float(np.abs(log.z).max()) for log in logs),
+        band=band,
+        recorded=recorded,
+        survival=survival,
+        drawn=identified.physical if draws else (),
+        film=film,
+    )
+
+
+def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
+    """Return the terms of the pole's equation, estimated anew from the recordings alone."""
+    found, _ = identify_pole(cut(logs, WINDOW, WINDOW), identified.description)
+    expected = {
+        "gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0,
+    }  # fmt: skip
+    names = {"gravity_term": "gravity"}
+    return {
+        names.get(one.name, one.name): Term(
+            value=float(value), low=float(value - half), high=float(value + half),
+            expected=expected.get(one.name), unit=one.unit, title=one.title,
+        )
+        for one, value, half in zip(
+            found.parameters, found.values, found.half_widths, strict=True
+        )
+        if one.name in ("gravity_term", "coupling", "damping", "friction")
+    }  # fmt: skip
+
+
+def nominal_values(identified: Identified) -> dict[str, float]:
+    """Return the parameters of pole and rig as the owners give them, with ideal sensors."""
+    d = identified.description
+    n = d.nominal
+    whole, inertia = n.cart_mass + n.pole_mass, 4.0 / 3.0 * n.pole_mass * n.half_length**2
+    ideal = dict.fromkeys((one.name for one in pole.parameters_of(d)), 0.0)
+    drive = dict.fromkeys((one.name for one in rig.parameters_of(d)), 0.0)
+    return {
+        **ideal,
+        **drive,
+        "angle_scale": 1.0,
+        "gravity_term": n.gravity_term,
+        "coupling": 1.0,
+        "damping": n.hinge_damping / inertia,
+        "mass_ratio": n.pole_mass / whole,
+        "gain": n.force / whole,
+        "decay": n.rail_damping / whole,
+    }
+
+
+def _baselines(
+    starts: Starts,
+    identified: Identified,
+    scatter: tuple[float, float],
+    states: Array,
+    protocol: Prediction,
+    workers: int,
+) -> dict[str, tuple[Errors, ...]]:
+    """Return the errors of models that know less, as the protocol has them."""
+    d, values = identified.description, identified.values
+    nominal = nominal_values(identified)
+    owners, _ = predicted_by_rig(starts, nominal, d, scatter, workers=workers)
+    alone = {**values, "mass_ratio": NO_REACTION}
+    cart, _ = predicted_by_rig(starts, alone, d, scatter, workers=workers)
+    angle = predicted_by_pole(starts, {**values, "coupling": 0.0}, d)
+    found: dict[str, tuple[Array, Mapping[str, float]]] = {
+        "nominal": (owners, nominal),
+        "uncoupled": (np.stack([cart[:, 0], angle], axis=1), values),
+        "constant_velocity": (straight_on(starts, states, values), values),
+    }
+    return {
+        name: errors_of(starts, read, protocol.horizons, of, d)
+        for name, (read, of) in found.items()
+    }
+
+
+def _with_position(angle: Array) -> Array:
+    """Return predicted angles beside positions that are not predicted, shape (B, 2, n)."""
+    return np.stack([np.zeros_like(angle), angle], axis=1)
+
+
+def _judge(
+    identified: Identified,
+    terms: Mapping[str, Term],
+    pole_errors: Sequence[Errors],
+    held_out: Sequence[Errors],
+) -> tuple[Judged, ...]:
+    """Judge every statement of the protocol."""
+    gravity, coupling = terms["gravity"], terms["coupling"]
+    driven, whole = _after(pole_errors, 0.2), _after(held_out, 0.5)
+    away = driven.away_phi
+    measured = {
+        "gravity": (
+            abs(gravity.value / (gravity.expected or np.nan) - 1.0), False,
+            "the length of the rod, or where its hinge is",
+        ),
+        "coupling": (abs(coupling.value - 1.0), False, "the scale of the position"),
+        "pole-0.2": (
+            np.nan if away is None else away, False,
+            "the state at the start: the same readings, fitted in windows of half a second, are "
+            f"met within {identified.pole.scatter_phi / _count(identified):.1f} counts",
+        ),
+        "rig-0.5-phi": (whole.explained_phi, True, "the drive: commands that arrive late"),
+        "rig-0.5-z": (
+            np.nan if whole.explained_z is None else whole.explained_z, True,
+            "the drive: commands that arrive late",
+        ),
+    }  # fmt: skip
+    judged = []
+    for one in load_protocol().statements:
+        value, at_least, suspected = measured[one.id]
+        value = float(value) if np.isfinite(value) else (0.0 if at_least else 1e9)
+        found = Judged(
+            id=one.id, statement=one.statement, measure=one.measure, limit=one.limit,
+            value=value, at_least=at_least,
+        )  # fmt: skip
+        judged.append(found if found.holds else _because(found, suspected))
+    return tuple(judged)
+
+
+def _because(judged: Judged, suspected: str) -> Judged:
+    """Return a statement that does not hold with what is suspected."""
+    return replace(judged, suspected=suspected)
+
+
+def _count(identified: Identified) -> float:
+    """Return a count of the angle [rad]; a milliradian without a resolution."""
+    return identified.description.angle_count or 1e-3
+
+
+def _after(errors: Sequence[Errors], horizon: float) -> Errors:
+    """Return the errors after a horizon [s]."""
+    return next(one for one in errors if one.horizon == horizon)
+
+
+def _recorded(
+    log: Log, number: int, starts: Starts, read: Array, identified: Identified
+) -> Recorded:
+    """Return a recording beside the predictions of half a second, one after the other."""
+    values, w = identified.values, starts.windows
+    scale, offset = values.get("angle_scale", 1.0), values["angle_offset"]
+    turn, first = 2.0 * np.pi, starts.past - 1
+    mine = np.flatnonzero(w.log == number)
+    chosen, free_from = [], -np.inf
+    for b in mine:
+        if w.time[b, first] >= free_from:
+            chosen.append(b)
+            free_from = w.time[b, first] + 0.5
+    rows = slice(first, first + round(0.5 / log.period) + 1)
+    part = np.array(chosen, dtype=np.int64)
+    angle = scale * read[part, 1, rows] + offset + turn * w.turns[part, rows]
+    return Recorded(
+        name=log.name,
+        time=log.time,
+        z=log.z,
+        phi=np.where(log.valid, scale * log.phi + offset + turn * log.turns, np.nan),
+        command=log.command,
+        starts=w.time[part, first],
+        predicted_time=w.time[part, rows],
+        predicted_z=read[part, 0, rows],
+        predicted_phi=angle,
+    )

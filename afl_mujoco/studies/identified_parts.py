@@ -1,0 +1,157 @@
+"""What studies of measured cart-poles show alike: estimates in tables, a log beside the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure as Drawing
+from numpy.typing import NDArray
+
+from afl_mujoco.document.blocks import Cell, Column, Table
+from afl_mujoco.document.numbers import listed, short
+from afl_mujoco.document.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
+from afl_mujoco.identification.identify import Estimate, Identified, Step
+from afl_mujoco.identification.pole import linearity
+
+Array = NDArray[np.float64]
+
+
+def estimates_table(caption: str, estimates: Sequence[Estimate]) -> Table:
+    """Return estimates with their intervals; the harmonics of the linearity are left out."""
+    return Table(
+        caption=caption,
+        columns=(
+            Column("Parameter"),
+            Column("Unit"),
+            Column("Estimate", number=True),
+            Column("95 % interval", number=True),
+        ),
+        rows=[
+            (
+                one.title,
+                one.unit,
+                short(one.value),
+                Cell("on its bound")
+                if one.on_bound
+                else f"{short(one.low)} to {short(one.high)}",
+            )
+            for one in estimates
+            if not one.name.startswith(("sin_", "cos_"))
+        ],
+    )
+
+
+def nominal_table(identified: Identified) -> Table:
+    """Return masses, forces and frictions beside what the owners say."""
+    n = identified.description.nominal
+    given = {
+        "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,
+        "rail_damping": n.rail_damping, "hinge_damping": n.hinge_damping,
+    }  # fmt: skip
+    return Table(
+        caption=f"For a pole of {short(n.pole_mass)} kg, which motion alone cannot tell",
+        columns=(
+            Column("Quantity"),
+            Column("Unit"),
+            Column("Given", number=True),
+            Column("Identified", number=True),
+            Column("95 % interval", number=True),
+        ),
+        rows=[
+            (
+                one.title,
+                one.unit,
+                short(given.get(one.name)),
+                short(one.value),
+                "on its bound" if one.on_bound else f"{short(one.low)} to {short(one.high)}",
+            )
+            for one in identified.physical
+        ],
+    )
+
+
+def indistinct(identified: Identified) -> list[str]:
+    """Say what the logs cannot tell apart, a sentence each."""
+    steps: list[Step] = [identified.pole, *([identified.drive] if identified.drive else [])]
+    told = [
+        "Motion alone tells ratios of masses and forces: all of them are in proportion to the "
+        "mass of the pole that is given.",
+        "The back-EMF of a motor and viscous friction of the rail act alike and count as one; so "
+        "do the mass of the cart and the inertia of its drive.",
+        "A wrong scale of the position and a wrong coupling look the same: k is 1 for any rigid "
+        "pole, so that what it is off by is the scale of the position.",
+    ]
+    titles = {one.name: one.title for step in steps for one in step.estimates}
+    pairs = [pair for step in steps for pair in step.alike if not _is_linearity(pair)]
+    if pairs:
+        named = [f"{titles[a]} and {titles[b]} ({r:.2f})" for a, b, r in pairs]
+        told.append(f"Highly correlated, so known together better than apart: {listed(named, 'and')}.")
+    bound = [one.title for step in steps for one in step.estimates if one.on_bound]
+    if bound:
+        are = "is" if len(bound) == 1 else "are"
+        told.append(f"Not seen in these logs, on the bound of what it may be: {listed(bound, 'and')} {are} nought.")
+    if identified.drive is None:
+        told.append("The command is constant in every log: nothing is known of cart and drive.")
+    return told
+
+
+def linearity_text(identified: Identified) -> str:
+    """Say how far the angle's sensor is off a straight line; nothing where it is taken as one."""
+    values = identified.values
+    if "sin_1" not in values:
+        return ""
+    off = linearity(values, np.linspace(-np.pi, np.pi, 1000))
+    off = off - off.mean()
+    count = identified.description.angle_count
+    size = f"{short(1e3 * float(np.abs(off).max()), 2)} mrad"
+    counts = f", {short(float(np.abs(off).max()) / count, 2)} counts" if count else ""
+    return f"The readings of the angle are off a straight line by up to {size}{counts}."
+
+
+def _is_linearity(pair: tuple[str, str, float]) -> bool:
+    """Return whether one of a pair is of the sensor's linearity, where such pairs are no news."""
+    return any(name.startswith(("sin_", "cos_")) for name in pair[:2])
+
+
+def draw_log(
+    time: Array,
+    z: Array,
+    phi: Array,
+    command: Array,
+    simulated: Sequence[tuple[Array, Array, Array]] = (),
+    bands: tuple[Array, Array, Array] | None = None,
+) -> Drawing:
+    """Draw a log, and simulations that start from its readings.
+
+    Parameters
+    ----------
+    time, z, phi, command
+        The log, shape (N,) [s, m, rad].
+    simulated
+        Time, position and angle of each simulation.
+    bands
+        Time since a start [s], and the half-widths of a band about position and angle.
+    """
+    figure = new_figure(9.0, 7.0)
+    axes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1.4))
+    labels = ("cart position z [m]", "pole angle φ [rad]")
+    for axis, values, label in zip(axes, (z, phi), labels, strict=False):
+        axis.plot(time, values, ".", color=BLACK, markersize=3.0, label="measured")
+        axis.set_ylabel(label)
+    for i, (when, position, angle) in enumerate(simulated):
+        name = "simulated from a fitted state" if i == 0 else None
+        for k, (axis, values) in enumerate(zip(axes, (position, angle), strict=False)):
+            colour = (VERMILION, BLUE)[i % 2]
+            axis.plot(when, values, color=colour, linewidth=1.2, label=name)
+            if bands is not None:
+                width = np.interp(when - when[0], bands[0], bands[1 + k])
+                axis.fill_between(
+                    when, values - width, values + width, color=colour, alpha=0.2, linewidth=0.0
+                )
+    axes[2].step(time, command, where="post", color=GREY, linewidth=1.0)
+    axes[2].set_ylabel("command")
+    axes[2].set_xlabel(TIME)
+    axes[2].set_xlim(float(time[0]), float(time[-1]))
+    axes[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return figure

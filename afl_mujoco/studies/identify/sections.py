@@ -1,0 +1,102 @@
+"""An identification in words: estimates, what they are in kilograms and newtons, what is unknown."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import PurePath
+
+from afl_mujoco.document.blocks import Block, Command, Figure, Finding, Section, Text
+from afl_mujoco.document.numbers import short
+from afl_mujoco.identification.identify import WINDOW
+from afl_mujoco.identification.least_squares import FEW_CLUSTERS
+from afl_mujoco.studies.identified_parts import (
+    draw_log,
+    estimates_table,
+    indistinct,
+    linearity_text,
+    nominal_table,
+)
+from afl_mujoco.studies.identify.files import ESTIMATES, SCENARIO
+from afl_mujoco.studies.identify.result import Result, Shown
+
+
+def sections(result: Result) -> list[Section]:
+    """Return what a report says of an identification."""
+    one = result.identified
+    blocks: list[Block] = [
+        Finding(one.description.name, _finding(result)),
+        Text(_what(result)),
+        estimates_table("The pole and the sensors", one.pole.estimates),
+    ]
+    if text := linearity_text(one):
+        blocks.append(Text(text))
+    if one.drive is not None:
+        blocks += [
+            estimates_table("Cart and drive", one.drive.estimates),
+            nominal_table(one),
+        ]
+    blocks += [Text(sentence) for sentence in indistinct(one)]
+    if result.shown is not None:
+        blocks.append(_figure(result.shown))
+    if one.drive is not None:
+        blocks.append(
+            Command(
+                "Controllers on this cart-pole",
+                ("afl-mujoco", "compare", PurePath(SCENARIO), "--controllers", "lqr", "adaptive"),
+            )
+        )
+        blocks.append(Text(f"`{ESTIMATES}` is what `afl-mujoco hardware --estimates` takes."))
+    return [Section("A cart-pole identified", "identify", blocks)]
+
+
+def _finding(result: Result) -> str:
+    """Say the main thing in a sentence."""
+    one = result.identified
+    w2, k = one.find("gravity_term"), one.find("coupling")
+    off = 100.0 * (w2.value / one.description.nominal.gravity_term - 1.0)
+    return (
+        f"Gravity acts on the pole as on its rod within {short(abs(off), 2)} % "
+        f"(w2 = {short(w2.value)} 1/s²), the cart on the pole as on any rigid body within "
+        f"{short(100.0 * abs(k.value - 1.0), 2)} % (k = {short(k.value)})."
+    )
+
+
+def _what(result: Result) -> str:
+    """Say what was fitted to what, and how well."""
+    one = result.identified
+    d = one.description
+    left = f"{short(1e3 * one.pole.scatter_phi, 3)} mrad"
+    left += f" ({short(one.pole.scatter_phi / d.angle_count, 2)} counts)" if d.angle_count else ""
+    text = (
+        f"{len(one.logs)} logs, {short(one.seconds, 3)} s in all, a row every "
+        f"{short(1e3 * one.period)} ms. Windows of {short(WINDOW)} s, each from a state of its "
+        f"own: the pole alone, driven by the recorded motion of the cart, leaves {left} over"
+    )
+    if one.drive is not None:
+        z = one.drive.scatter_z
+        text += (
+            f"; the whole in MuJoCo, driven by the command, {short(1e3 * one.drive.scatter_phi, 3)} "
+            f"mrad and {short(1e3 * (z or 0.0), 2)} mm"
+        )
+    few = len(one.logs) < FEW_CLUSTERS
+    independent = (
+        f"windows as independent, since there are fewer than {FEW_CLUSTERS} logs: too narrow"
+        if few
+        else "logs, not readings, as independent"
+    )
+    return f"{text}. Intervals take {independent}."
+
+
+def _figure(shown: Shown) -> Figure:
+    """Return a log beside the model."""
+    starts = list(zip(shown.simulated_time, shown.simulated_z, shown.simulated_phi, strict=True))
+    return Figure(
+        name="identify-log",
+        title=f"{shown.name}, measured and simulated",
+        caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a state that "
+        "was fitted to the half second before it.",
+        alt=f"{len(starts)} simulations of half a second over the readings of {shown.name}",
+        draw=partial(
+            draw_log, shown.time, shown.z, shown.phi, shown.command, starts
+        ),
+    )
