@@ -104,7 +104,7 @@ def heading(replay: Replay, held: str, width: int, height: int) -> list[Text]:
     s = height / _DESIGN_HEIGHT
     legend = (
         ("solid: MuJoCo", POLE),
-        ("pale rim: ideal ODE", _rgb(GHOST)),
+        (f"pale rim: {replay.ghost}", _rgb(GHOST)),
         ("force F of the controller (length ~ √F)", _rgb(FORCE)),
         ("disturbance D", _rgb(PUSH)),
     )
@@ -120,14 +120,14 @@ def heading(replay: Replay, held: str, width: int, height: int) -> list[Text]:
 
 def readouts(replay: Replay, index: int) -> list[tuple[str, str]]:
     """Return the numbers of a frame with their labels."""
-    apart = replay.difference[index]
+    apart, other = replay.difference[index], replay.ghost.removeprefix("ideal ")
     return [
         ("t [s]", f"{replay.time[index]:.2f}"),
         ("M [kg]", f"{replay.cart_mass[index]:.2f}"),
         ("l [m]", f"{replay.half_length[index]:.2f}"),
         ("F [N]", f"{replay.force[index]:+.2f}"),
         ("D [N]", f"{replay.push[index]:+.0f}" if replay.push[index] else "0"),
-        ("MuJoCo-ODE: |Δz| [m]", f"{apart[0]:.0e}" if apart[0] else "0"),
+        (f"MuJoCo-{other}: |Δz| [m]", f"{apart[0]:.0e}" if apart[0] else "0"),
         ("|Δφ| [rad]", f"{apart[1]:.0e}" if apart[1] else "0"),
     ]
 

@@ -33,7 +33,7 @@ def add_overlays(
     drawn_mass
         Mass as which the cart is drawn [kg]; its own by default.
     """
-    mass = float(replay.cart_mass[index]) if drawn_mass is None else drawn_mass
+    mass = replay.drawn_mass(index) if drawn_mass is None else drawn_mass
     z = float(replay.state[index, 0])
     add_marks(scene, places)
     _add_ghost(scene, replay.ideal[index], mass, float(replay.half_length[index]))
@@ -56,7 +56,7 @@ def marks(path: CameraPath, index: int, spacing: float) -> list[float]:
 def add_shadow(scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
     """Draw the shadow that a light straight above casts on the track."""
     z, phi = replay.state[index, :2].tolist()
-    half = cart_size(float(replay.cart_mass[index]))
+    half = cart_size(replay.drawn_mass(index))
     box = mujoco.mjtGeom.mjGEOM_BOX
     add_geom(scene, box, (half[0], half[1], 0.001), (z, 0.0, BED_TOP + 0.002), SHADOW)
     lean = -2.0 * float(replay.half_length[index] * np.sin(phi))

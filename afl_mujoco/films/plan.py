@@ -10,7 +10,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.films.listing import Entry
-from afl_mujoco.films.replay import Deployment, frame_times
+from afl_mujoco.films.replay import Deployment, Replay, frame_times
 from afl_mujoco.films.scene import require_size
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
@@ -47,6 +47,8 @@ class Film:
         Frames a second.
     command
         What makes it, as typed into a shell.
+    replay
+        What it shows, where that is there already: a single run is not simulated again.
     """
 
     kind: str
@@ -57,6 +59,7 @@ class Film:
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
     command: str = ""
+    replay: Replay | None = None
 
     def __post_init__(self) -> None:
         """Validate size and frame rate."""
@@ -96,6 +99,13 @@ class Film:
         return self.running + sum(self.title_frames)
 
     @property
+    def controllers(self) -> tuple[str, ...]:
+        """Names of what drives the carts in it."""
+        if self.replay is not None:
+            return (self.replay.controller,)
+        return tuple(dict.fromkeys(controller.name for _, controller in self.runs))
+
+    @property
     def entry(self) -> Entry:
         """Its entry in the list of films."""
         scenarios = {scenario.name for scenario, _ in self.runs}
@@ -105,7 +115,7 @@ class Film:
             kind=self.kind,
             title=self.title,
             scenario=scenarios.pop() if len(scenarios) == 1 else None,
-            controllers=tuple(dict.fromkeys(c.name for _, c in self.runs)),
+            controllers=self.controllers,
             width=self.size[0],
             height=self.size[1],
             fps=self.fps,

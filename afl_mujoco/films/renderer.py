@@ -131,6 +131,8 @@ def _shoot_unit(unit: Unit) -> None:
 
 def _record(film: Film) -> list[Replay]:
     """Return the runs of a film."""
+    if film.replay is not None:
+        return [film.replay]
     return [record(s, c, film.deployment, film.fps) for s, c in film.runs]
 
 

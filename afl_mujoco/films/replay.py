@@ -69,6 +69,11 @@ class Replay:
         m [kg] and g [m/s^2].
     endings
         What to say of runs that did not complete, with the time [s] from which on it is true.
+    ghost
+        What `ideal` is of: the ideal ODE, or a measurement.
+    looks
+        Mass as which the cart is drawn [kg], where much of its mass is its drive's; its own by
+        default.
     """
 
     scenario: str
@@ -83,6 +88,12 @@ class Replay:
     pole_mass: float
     gravity: float
     endings: tuple[tuple[float, str], ...] = ()
+    ghost: str = "ideal ODE"
+    looks: float | None = None
+
+    def drawn_mass(self, index: int) -> float:
+        """Return the mass as which the cart of a frame is drawn [kg]."""
+        return float(self.cart_mass[index]) if self.looks is None else self.looks
 
     @property
     def difference(self) -> NDArray[np.float64]:

@@ -53,7 +53,7 @@ class Scene:
         scene = self.renderer.scene
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX):
             scene.flags[flag] = False
-        show_mass(scene, self.model.mj_model.geom("cart").id, float(replay.cart_mass[index]))
+        show_mass(scene, self.model.mj_model.geom("cart").id, replay.drawn_mass(index))
         add_shadow(scene, replay, index)
         add_overlays(scene, replay, index, marks(path, index, BAR))
 

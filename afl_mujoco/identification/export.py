@@ -104,7 +104,6 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
     seed
         Of the numbers.
     """
-
     generator = np.random.default_rng(seed)
     tilts = generator.uniform(-TILT, TILT, count)
     drawn: list[dict[str, float]] = [{} for _ in range(count)]

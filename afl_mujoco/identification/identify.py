@@ -230,9 +230,7 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     return found, whole
 
 
-def pole_starts(
-    errors: Callable[[Array, Array], Array], shared: Array, guess: Array
-) -> Array:
+def pole_starts(errors: Callable[[Array, Array], Array], shared: Array, guess: Array) -> Array:
     """Return states of the pole at the first rows that fit the readings of their windows.
 
     Parameters
@@ -370,9 +368,14 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
         title, unit = _PHYSICAL[name]
         found.append(
             Estimate(
-                name=name, title=title, unit=unit, value=value, low=value - half,
-                high=value + half, on_bound=name == "rail_friction" and bool(friction),
-            )  # fmt: skip
+                name=name,
+                title=title,
+                unit=unit,
+                value=value,
+                low=value - half,
+                high=value + half,
+                on_bound=name == "rail_friction" and bool(friction),
+            )
         )
     return tuple(found)
 
@@ -383,7 +386,9 @@ def require_radians(logs: Sequence[Log], description: Description) -> None:
     The curvature of the angle is compared with the sine of the angle, taken in radians and in
     degrees: where the readings swing far, only one of the two fits.
     """
-    fits = {factor: _share_explained(logs, factor) for factor in (1.0, np.pi / 180.0, 180.0 / np.pi)}
+    fits = {
+        factor: _share_explained(logs, factor) for factor in (1.0, np.pi / 180.0, 180.0 / np.pi)
+    }
     best = max(fits, key=lambda factor: fits[factor])
     if best != 1.0 and fits[best] > fits[1.0] + 0.2:
         unit = description.phi.unit
@@ -403,9 +408,7 @@ def _share_explained(logs: Sequence[Log], factor: float) -> float:
         angle, t = factor * log.angle, log.time
         inner = np.flatnonzero(log.valid[:-2] & log.valid[1:-1] & log.valid[2:]) + 1
         h = 0.5 * (t[inner + 1] - t[inner - 1])
-        bent = [
-            (x[inner + 1] - 2.0 * x[inner] + x[inner - 1]) / h**2 for x in (angle, log.z)
-        ]
+        bent = [(x[inner + 1] - 2.0 * x[inner] + x[inner - 1]) / h**2 for x in (angle, log.z)]
         curvature.append(bent[0])
         left.append(np.stack([np.sin(angle[inner]), bent[1] * np.cos(angle[inner])], axis=1))
     y, x = np.concatenate(curvature), np.concatenate(left)

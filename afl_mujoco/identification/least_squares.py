@@ -1,7 +1,8 @@
 """Least squares for parameters that all windows share and a start that each has for itself.
 
-A start acts on its own window alone, so that starts are eliminated window by window, exactly; SciPy's
-trust region on the sparse whole, which solves it by iterations, took four times as many Jacobians.
+A start acts on its own window alone, so that starts are eliminated window by window, exactly:
+SciPy's trust region on the sparse whole, which solves it by iterations, took four times as many
+Jacobians.
 The covariance is that of clustered observations: readings of one log are not independent.
 """
 
@@ -126,12 +127,14 @@ class Fit:
     def correlations(self) -> Array:
         """Of the estimates, shape (p, p); zero with one that lies on a bound."""
         errors = np.where(self.errors > 0.0, self.errors, np.inf)
-        return self.covariance / np.outer(errors, errors) + np.diag(1.0 * (errors == np.inf))
+        found: Array = self.covariance / np.outer(errors, errors)
+        return found + np.diag(1.0 * (errors == np.inf))
 
 
 def half_widths(errors: Array, degrees: int) -> Array:
     """Return the half-widths of the intervals of `CONFIDENCE` of standard errors, shape (p,)."""
-    return errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees))
+    found: Array = errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees))
+    return found
 
 
 def fit_to_scatter(
@@ -167,20 +170,15 @@ def fit_to_scatter(
         def scaled(shared: Array, own: Array, scatter: Array = scatter) -> Array:
             return (mask * errors(shared, own) / scatter[:, None]).reshape(count, -1)
 
-        found = fit(
-            scaled, now, starts, clusters, start_scale=start_scale, evaluations=evaluations
-        )
+        found = fit(scaled, now, starts, clusters, start_scale=start_scale, evaluations=evaluations)
         starts, done = found.starts, done + found.evaluations
         now = [
-            replace(one, start=float(value))
-            for one, value in zip(now, found.values, strict=True)
+            replace(one, start=float(value)) for one, value in zip(now, found.values, strict=True)
         ]
         if (np.abs(scatter / before - 1.0) <= SETTLED).all():
             break
     final = found.residuals.reshape(mask.shape) * scatter[:, None]
-    return replace(
-        found, parameters=parameters, evaluations=done, scatter=_scatter(final, mask)
-    )
+    return replace(found, parameters=parameters, evaluations=done, scatter=_scatter(final, mask))
 
 
 def _scatter(rest: Array, mask: Array) -> Array:
@@ -292,8 +290,8 @@ class _Reduced:
         """Return the step of the starts that goes with one of the shared parameters, (B, L)."""
         rest = self.rest + self.shared @ step
         right = np.swapaxes(self.q, 1, 2) @ rest[..., None]
-        found: Array = -np.linalg.solve(self.r, right)[..., 0]
-        return found
+        found: Array = np.linalg.solve(self.r, right)[..., 0].astype(np.float64)
+        return -found
 
 
 def _reduced(
@@ -328,7 +326,8 @@ def fitted_starts(
         weights = _weights(rest)
         q, r = np.linalg.qr(np.sqrt(weights)[..., None] * slopes)
         right = np.swapaxes(q, 1, 2) @ (np.sqrt(weights) * rest)[..., None]
-        starts = starts - np.linalg.solve(r, right)[..., 0]
+        step: Array = np.linalg.solve(r, right)[..., 0]
+        starts = starts - step
     return starts
 
 

@@ -63,11 +63,18 @@ def parameters_of(description: Description) -> list[Parameter]:
     ]  # fmt: skip
     if description.phi.dead_zone is not None:
         found.append(
-            Parameter(name="angle_scale", unit="1", title="scale of the angle", start=0.97,
-                      low=0.7, high=1.3, scale=0.1)  # fmt: skip
+            Parameter(
+                name="angle_scale",
+                unit="1",
+                title="scale of the angle",
+                start=0.97,
+                low=0.7,
+                high=1.3,
+                scale=0.1,
+            )
         )
         found += [
-            Parameter(name=f"{wave}_{k}", unit="rad", title=f"linearity of the angle: {wave} {k} phi",
+            Parameter(name=f"{wave}_{k}", unit="rad", title=f"linearity: {wave} {k} phi",
                       start=0.0, low=-0.1, high=0.1, scale=2e-3)
             for k in range(1, HARMONICS + 1)
             for wave in ("sin", "cos")

@@ -48,7 +48,8 @@ class Starts:
         """Return the row nearest to so long after the start [s], shape (B,)."""
         t = self.windows.time
         distance = np.abs(t - t[:, self.past - 1 : self.past] - horizon)
-        return np.argmin(distance, axis=1)
+        found: NDArray[np.int64] = np.argmin(distance, axis=1)
+        return found
 
 
 def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Starts:
@@ -85,6 +86,8 @@ class Errors:
         Share of variance explained, of the angle without its turns [1].
     away_phi
         `counts_phi` where start and end are `AWAY` from upright.
+    clear_phi
+        The same, of starts before which no reading of the angle is missing.
     starts, away
         How many there are, in all and away from upright.
     """
@@ -97,6 +100,7 @@ class Errors:
     explained_phi: float
     explained_z: float | None
     away_phi: float | None
+    clear_phi: float | None
     starts: int
     away: int
 
@@ -132,6 +136,7 @@ def errors_of(
         good = w.valid[there, rows] > 0.0
         off = (predicted[there, 1, rows] - w.phi[there, rows])[good]
         away = (np.abs(angle[there, rows]) > AWAY) & (np.abs(angle[:, first]) > AWAY)
+        clear = (away & (w.valid[:, : starts.past] > 0.0).all(axis=1))[good]
         away = away[good]
         z_off = predicted[there, 0, rows] - w.z[there, rows]
         found.append(
@@ -144,6 +149,7 @@ def errors_of(
                 explained_phi=_explained(v["angle_scale"] * off, angle[there, rows][good]),
                 explained_z=_explained(z_off, w.z[there, rows]) if position else None,
                 away_phi=_counts(off[away], d.angle_count) if away.any() else None,
+                clear_phi=_counts(off[clear], d.angle_count) if clear.any() else None,
                 starts=int(good.sum()),
                 away=int(away.sum()),
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,8 @@ def model_of(
         half_length=found["half_length"],
         gravity=n.gravity,
     )
-    return plant, Imperfections(**{name: max(0.0, found[name]) for name in FRICTIONS})
+    frictions: dict[str, Any] = {name: max(0.0, found[name]) for name in FRICTIONS}
+    return plant, Imperfections(**frictions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -217,8 +219,8 @@ def _impulses(times, commands, lag, when):
         length = times[i + 1] - times[i]
         left = math.exp(-length / lag) if lag > 0.0 else 0.0
         behind[i + 1] = commands[i] + (behind[i] - commands[i]) * left
-        whole[i + 1] = whole[i] + commands[i] * length + (behind[i] - commands[i]) * lag * (
-            1.0 - left
+        whole[i + 1] = (
+            whole[i] + commands[i] * length + (behind[i] - commands[i]) * lag * (1.0 - left)
         )
     found = np.empty(when.shape)
     for b in range(when.shape[0]):

@@ -32,9 +32,7 @@ def estimates_table(caption: str, estimates: Sequence[Estimate]) -> Table:
                 one.title,
                 one.unit,
                 short(one.value),
-                Cell("on its bound")
-                if one.on_bound
-                else f"{short(one.low)} to {short(one.high)}",
+                Cell("on its bound") if one.on_bound else f"{short(one.low)} to {short(one.high)}",
             )
             for one in estimates
             if not one.name.startswith(("sin_", "cos_"))
@@ -86,11 +84,16 @@ def indistinct(identified: Identified) -> list[str]:
     pairs = [pair for step in steps for pair in step.alike if not _is_linearity(pair)]
     if pairs:
         named = [f"{titles[a]} and {titles[b]} ({r:.2f})" for a, b, r in pairs]
-        told.append(f"Highly correlated, so known together better than apart: {listed(named, 'and')}.")
+        told.append(
+            f"Highly correlated, so known together better than apart: {listed(named, 'and')}."
+        )
     bound = [one.title for step in steps for one in step.estimates if one.on_bound]
     if bound:
         are = "is" if len(bound) == 1 else "are"
-        told.append(f"Not seen in these logs, on the bound of what it may be: {listed(bound, 'and')} {are} nought.")
+        told.append(
+            f"Not seen in these logs, on the bound of what it may be: {listed(bound, 'and')} "
+            f"{are} nought."
+        )
     if identified.drive is None:
         told.append("The command is constant in every log: nothing is known of cart and drive.")
     return told

@@ -289,17 +289,15 @@ def _outlook(result: Result) -> Section:
     """Return what controllers would do on that cart-pole."""
     found = result.survival
     table = Table(
-        caption="Largest start from which a controller, as deployed on this cart-pole, ends upright "
-        "and never meets the end of its rail [deg]",
+        caption="Largest start from which a controller, as deployed on this cart-pole, ends "
+        "upright and never meets the end of its rail [deg]",
         columns=(Column("What is changed"), *(Column(s.controller, number=True) for s in found)),
         rows=[
             (what, *(f"{math.degrees(s.angles[what]):.0f}" for s in found))
             for what in found[0].angles
         ],
     )
-    said = [
-        f"`{s.controller}` survives {s.survived} of {s.runs}" for s in found
-    ]
+    said = [f"`{s.controller}` survives {s.survived} of {s.runs}" for s in found]
     text = (
         f"On cart-poles drawn from the distribution of the estimates, the pole within "
         f"{math.degrees(TILT):.1f}° of "

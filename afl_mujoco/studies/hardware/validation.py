@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.document.numbers import short
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.identify import (
@@ -205,8 +206,8 @@ def _judge(
         "coupling": (abs(coupling.value - 1.0), False, "the scale of the position"),
         "pole-0.2": (
             np.nan if away is None else away, False,
-            "the state at the start: the same readings, fitted in windows of half a second, are "
-            f"met within {identified.pole.scatter_phi / _count(identified):.1f} counts",
+            f"readings missing before the start, across the dead zone: without such starts it is "
+            f"{short(driven.clear_phi, 3)}",
         ),
         "rig-0.5-phi": (whole.explained_phi, True, "the drive: commands that arrive late"),
         "rig-0.5-z": (
@@ -229,11 +230,6 @@ def _judge(
 def _because(judged: Judged, suspected: str) -> Judged:
     """Return a statement that does not hold with what is suspected."""
     return replace(judged, suspected=suspected)
-
-
-def _count(identified: Identified) -> float:
-    """Return a count of the angle [rad]; a milliradian without a resolution."""
-    return identified.description.angle_count or 1e-3
 
 
 def _after(errors: Sequence[Errors], horizon: float) -> Errors:

@@ -1,4 +1,4 @@
-"""An identification in words: estimates, what they are in kilograms and newtons, what is unknown."""
+"""An identification in words: estimates, also in kilograms and newtons, and what is unknown."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def _what(result: Result) -> str:
     if one.drive is not None:
         z = one.drive.scatter_z
         text += (
-            f"; the whole in MuJoCo, driven by the command, {short(1e3 * one.drive.scatter_phi, 3)} "
-            f"mrad and {short(1e3 * (z or 0.0), 2)} mm"
+            "; the whole in MuJoCo, driven by the command, "
+            f"{short(1e3 * one.drive.scatter_phi, 3)} mrad and {short(1e3 * (z or 0.0), 2)} mm"
         )
     few = len(one.logs) < FEW_CLUSTERS
     independent = (
@@ -96,7 +96,5 @@ def _figure(shown: Shown) -> Figure:
         caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a state that "
         "was fitted to the half second before it.",
         alt=f"{len(starts)} simulations of half a second over the readings of {shown.name}",
-        draw=partial(
-            draw_log, shown.time, shown.z, shown.phi, shown.command, starts
-        ),
+        draw=partial(draw_log, shown.time, shown.z, shown.phi, shown.command, starts),
     )

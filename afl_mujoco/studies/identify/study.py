@@ -26,9 +26,7 @@ class Identify:
     for every other command: identified.toml. Two minutes for 40 logs of 5 s.
     """
 
-    logs: Annotated[
-        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")
-    ] = ()
+    logs: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()
     """Logs, CSV files or folders of them; by default the recordings that come with the package."""
     description: str = ""
     """What their columns mean and what is known of the cart-pole, a TOML file; needed for own
