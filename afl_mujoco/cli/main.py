@@ -14,6 +14,7 @@ from typing import Any, Union, get_args
 
 import tyro
 
+from afl_mujoco.cli.log import Log
 from afl_mujoco.cli.regression import Regression
 from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
@@ -34,7 +35,7 @@ from afl_mujoco.studies.registry import studies
 
 PROGRAM = "afl-mujoco"
 
-OTHERS: tuple[type, ...] = (Report, Simulate, Render, View, Tune, Regression)
+OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
 """Commands behind those of the studies."""
 
 

@@ -50,6 +50,8 @@ class Simulate:
     integrator: str | None = None
     """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; that of the file's
     [replay], else RK4, by default."""
+    log: bool = False
+    """Write the run as the log that its hardware would write, for `afl-mujoco identify`."""
     out: Path = Path("renders/simulate")
     """Folder for the files."""
 
@@ -66,6 +68,10 @@ class Simulate:
         name = self.controller or replay.controller or SUBJECT
         integrator = self.integrator or replay.integrator or "RK4"
         controller = find_controller(name, self.gain_labels)
+        if self.log:
+            from afl_mujoco.identification.simulated import require_loggable, write_run
+
+            require_loggable(scenario, controller, self.simulator)
 
         from afl_mujoco.document.blocks import Section, Verdict
         from afl_mujoco.document.style import save_figure
@@ -100,7 +106,10 @@ class Simulate:
             print_sections([requirements], folder)
         for remark in controller.remarks(scenario.assumed_plants):
             print(f"{controller.name}: {remark}")
-        print(f"wrote {folder / stem}.npz, {stem}.png, {scenario.name}.toml")
+        others = [f"{stem}.png", f"{scenario.name}.toml"]
+        if self.log:
+            others += [f.name for f in write_run(scenario, controller, runs[0], folder, stem)]
+        print(f"wrote {folder / stem}.npz, {', '.join(others)}")
         print_verdict(Verdict(not run.missed, tally([run])))
         return CHECK_FAILED if run.missed else SUCCESS
 

@@ -10,7 +10,13 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 
-from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, reading
+from afl_mujoco.errors import (
+    AflMujocoError,
+    FileError,
+    InvalidValueError,
+    UnknownNameError,
+    reading,
+)
 from afl_mujoco.files import parse_json
 from afl_mujoco.scenario.parameters import require_finite, require_positive
 
@@ -258,6 +264,8 @@ def load_description(path: str | Path) -> Description:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     try:
         return parse_json(json.dumps(table, default=str), Description)
+    except AflMujocoError as error:  # of a class of its own, which pydantic lets pass
+        raise error.within(f"{path}: ") from None
     except ValueError as error:
         raise FileError(f"{path}:", str(error)) from None
 

@@ -306,6 +306,43 @@ def _reduced(
     return _Reduced(slopes=slopes, rest=root * rest, shared=shared, q=q, r=r)
 
 
+def with_uncertainty_of(
+    errors: Callable[[Array, Array, Array], Array],
+    mask: Array,
+    fit: Fit,
+    known: Fit,
+    *,
+    start_scale: Array,
+) -> Fit:
+    """Return a fit whose covariance has that of what it took as known.
+
+    Parameters
+    ----------
+    errors
+        ``errors(shared, known, starts)``: as of `fit_to_scatter`, with the estimates of `known`.
+    mask
+        As of `fit_to_scatter`.
+    known
+        Of other data, or other signals: their errors are taken to be independent.
+    start_scale
+        As of `fit`.
+    """
+    p = len(fit.values)
+    scales = np.array([one.scale for one in (*fit.parameters, *known.parameters)])
+
+    def scaled(shared: Array, own: Array) -> Array:
+        rest = mask * errors(shared[:p], shared[p:], own) / fit.scatter[:, None]
+        return rest.reshape(len(own), -1)
+
+    values = np.concatenate([fit.values, known.values])
+    rest = scaled(values, fit.starts)
+    system = _reduced(scaled, values, fit.starts, rest, STEP * scales, STEP * start_scale)
+    matrix, free = system.matrix, np.flatnonzero(~fit.on_bound)
+    shift = np.zeros((p, len(known.values)))
+    shift[free] = -np.linalg.pinv(matrix[np.ix_(free, free)]) @ matrix[free, p:]
+    return replace(fit, covariance=fit.covariance + shift @ known.covariance @ shift.T)
+
+
 def fitted_starts(
     residuals: Callable[[Array], Array], starts: Array, start_scale: Array, *, rounds: int = 6
 ) -> Array:

@@ -201,7 +201,7 @@ def _clock(
         raise InvalidValueError(d.time.column, "must grow from row to row", f"{how} in row {row}")
     period = float(np.median(steps))
     if abs(period / d.period - 1.0) > PERIOD_DIFFERENCE:
-        rule = f"must be near the period of the description, {d.period:g} s,"
+        rule = f"must be near the period of the description, {d.period:g} s"
         raise InvalidValueError(f"time between rows ({d.time.column})", rule, f"{period:g} s")
     counts = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(steps / period)))])
     gaps = int(counts[-1]) - (len(time) - 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import Parameter
 from afl_mujoco.identification.windows import Windows
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
 import mujoco  # isort: skip  (after the model, which chooses how MuJoCo draws)
@@ -124,6 +124,12 @@ class Rig:
     windows: Windows
     description: Description
     workers: int = 1
+    _model: CartPoleModel = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Compile the model; its parameters are written for every motion."""
+        model = CartPoleModel(NOMINAL, timestep=self.windows.step)
+        object.__setattr__(self, "_model", model)
 
     def readings(self, values: Mapping[str, float], starts: Array) -> Array:
         """Return what the sensors read at the rows of the windows, shape (B, 2, n).
@@ -173,7 +179,8 @@ class Rig:
         """
         forces = self.forces(values)
         plant, imperfections = model_of(values, self.description)
-        model = CartPoleModel(plant, timestep=self.windows.step, imperfections=imperfections)
+        model = self._model
+        model.set_imperfections(imperfections, plant)
         model.compute_only(imperfections)
         full = mujoco.mjtState.mjSTATE_FULLPHYSICS
         initial = np.zeros((len(starts), mujoco.mj_stateSize(model.mj_model, full)))

@@ -17,8 +17,8 @@ SEEN = 6
 FINE = 0.01
 """Readings closer together [s] are left out: one of several is read, all commands count."""
 
-STEPS = 4
-"""Steps of a simulation from a reading to the next."""
+STEP = 5e-3
+"""Of a simulation, about [s]: a whole part of the time from a reading to the next."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,11 +62,16 @@ class Windows:
         names = ("log", "first", "time", "phi", "turns", "z", "valid", "starts")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
+    def finer(self, times: int) -> Windows:
+        """Return the windows with a step that is so many times smaller."""
+        return replace(self, step=self.step / times)
+
     @property
     def steps(self) -> int:
         """Steps of a simulation that reaches the last row of each, and a period beyond it."""
         longest = float((self.time[:, -1] - self.time[:, 0]).max())
-        return int(np.ceil(longest / self.step - 1e-6)) + STEPS
+        spare = float(np.diff(self.time, axis=1).max())
+        return int(np.ceil((longest + spare) / self.step - 1e-6))
 
 
 def cut(
@@ -114,7 +119,7 @@ def cut(
         z=taken("z"),
         valid=taken("valid"),
         starts=np.array(starts).reshape(len(places), 4),
-        step=stride * period / STEPS,
+        step=stride * period / max(1, round(stride * period / STEP)),
     )
 
 

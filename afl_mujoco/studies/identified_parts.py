@@ -16,6 +16,9 @@ from afl_mujoco.identification.pole import linearity
 
 Array = NDArray[np.float64]
 
+MOST_PAIRS = 4
+"""Of correlated estimates that are named."""
+
 
 def estimates_table(caption: str, estimates: Sequence[Estimate]) -> Table:
     """Return estimates with their intervals; the harmonics of the linearity are left out."""
@@ -77,13 +80,16 @@ def indistinct(identified: Identified) -> list[str]:
         "mass of the pole that is given.",
         "The back-EMF of a motor and viscous friction of the rail act alike and count as one; so "
         "do the mass of the cart and the inertia of its drive.",
+        "A short lag of the drive acts like a delay: it is estimated only where it shows.",
         "A wrong scale of the position and a wrong coupling look the same: k is 1 for any rigid "
         "pole, so that what it is off by is the scale of the position.",
     ]
     titles = {one.name: one.title for step in steps for one in step.estimates}
     pairs = [pair for step in steps for pair in step.alike if not _is_linearity(pair)]
     if pairs:
-        named = [f"{titles[a]} and {titles[b]} ({r:.2f})" for a, b, r in pairs]
+        strongest = sorted(pairs, key=lambda pair: -abs(pair[2]))[:MOST_PAIRS]
+        named = [f"{titles[a]} and {titles[b]} ({r:.2f})" for a, b, r in strongest]
+        named += [f"{len(pairs) - MOST_PAIRS} more pairs"] if len(pairs) > MOST_PAIRS else []
         told.append(
             f"Highly correlated, so known together better than apart: {listed(named, 'and')}."
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from afl_mujoco.identification.export import with_values
 from afl_mujoco.identification.rig import physical
+from afl_mujoco.identification.windows import STEP
 from afl_mujoco.studies.hardware.result import Result
 
 if TYPE_CHECKING:
@@ -60,7 +61,10 @@ def films(result: Result, command: str) -> list[Film]:
             name=f"hardware-{r.name.lower()}",
             title=f"{r.name} as MuJoCo predicts it, half a second at a time, and as measured",
             runs=((scenario, find_controller("lqr")),),
-            deployment=Deployment(control_period=one.description.period),
+            deployment=Deployment(
+                timestep=round(one.period / round(one.period / STEP), 5),
+                control_period=round(one.period, 5),
+            ),
             fps=FPS,
             command=command,
             replay=replay,

@@ -68,9 +68,9 @@ def _what(result: Result) -> str:
     left = f"{short(1e3 * one.pole.scatter_phi, 3)} mrad"
     left += f" ({short(one.pole.scatter_phi / d.angle_count, 2)} counts)" if d.angle_count else ""
     text = (
-        f"{len(one.logs)} logs, {short(one.seconds, 3)} s in all, a row every "
-        f"{short(1e3 * one.period)} ms. Windows of {short(WINDOW)} s, each from a state of its "
-        f"own: the pole alone, driven by the recorded motion of the cart, leaves {left} over"
+        f"{len(one.logs)} log{'s' * (len(one.logs) > 1)}, {short(one.seconds, 3)} s in all, a row "
+        f"every {short(1e3 * one.period)} ms. Windows of {short(WINDOW)} s, each from a state of "
+        f"its own: the pole alone, driven by the recorded motion of the cart, leaves {left} over"
     )
     if one.drive is not None:
         z = one.drive.scatter_z

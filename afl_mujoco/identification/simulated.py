@@ -1,0 +1,114 @@
+"""A simulated run as the log that its hardware would write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from afl_mujoco.control.compiled_controller import force_from_inputs
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.files import write_text
+from afl_mujoco.identification.description import (
+    AngleColumn,
+    CommandColumn,
+    Description,
+    Nominal,
+    PositionColumn,
+    to_table,
+)
+from afl_mujoco.identification.log import write_log
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
+from afl_mujoco.simulation.sampled.hardware import new_run, sense, within_reach
+from afl_mujoco.simulation.sampled.runs import prepare
+from afl_mujoco.simulation.trajectory import Trajectory
+
+
+def require_loggable(scenario: Scenario, controller: Controller, simulator: str) -> None:
+    """Raise unless a run can be written as a log: of sampled mode, M and l kept, none estimated."""
+    if simulator != "sampled":
+        raise InvalidValueError("simulator", "must be sampled for a log", repr(simulator))
+    if controller.estimates:
+        raise InvalidValueError("controller of a log", "must not estimate", controller.name)
+    if len({*scenario.cart_mass.values}) > 1 or len({*scenario.half_length.values}) > 1:
+        raise InvalidValueError("scenario of a log", "must keep M and l", scenario.name)
+
+
+def write_run(
+    scenario: Scenario, controller: Controller, run: Trajectory, folder: Path, stem: str
+) -> list[Path]:
+    """Write a sampled run as a log and its description; return the two files.
+
+    Readings are those that the controller got, of its sensors with their noise and resolution, and
+    commands those that it gave, before any limit, delay or lag of the drive.
+
+    Parameters
+    ----------
+    run
+        Of the scenario under the controller, as `require_loggable` allows.
+    stem
+        How the names of the files begin.
+    """
+    settings = run.provenance["settings"]
+    prepared = prepare(
+        scenario, controller,
+        timestep=settings["timestep"], control_period=settings["control_period"],
+    )  # fmt: skip
+    hold = prepared.plan.hold
+    ticks = range((len(run.time) - 1) // hold)
+    model = CartPoleModel(scenario.parameters_at(0.0))
+    memory, own, rows = new_run(), controller.start(), []
+    for tick in ticks:
+        write_state(model.addresses, *run.state[tick * hold].tolist())
+        seen, time = sense(model.addresses, prepared.sensors, memory, tick), run.time[tick * hold]
+        given = prepared.inputs[min(tick, len(prepared.inputs) - 1)]
+        if controller.interpreted:
+            command = own.command(float(time), seen, given)
+        else:
+            command = force_from_inputs(controller.kind, seen, given)
+        rows.append((time, seen[1], seen[0], within_reach(prepared.actuator, command)))
+    columns = np.array(rows).reshape(len(rows), 4).T
+    files = [folder / f"{stem}-log.csv", folder / f"{stem}-log.toml"]
+    limit = scenario.imperfections.force_limit
+    described = description_of(scenario, prepared.sensors.period, limit or _above(columns[3]))
+    write_log(files[0], *columns)
+    write_text(files[1], tomli_w.dumps(to_table(described)))
+    return files
+
+
+def description_of(scenario: Scenario, period: float, limit: float) -> Description:
+    """Return what the columns of a log of a scenario mean, and what is known of its cart-pole.
+
+    Parameters
+    ----------
+    period
+        Of its rows [s].
+    limit
+        Largest command [N].
+    """
+    r, plant = scenario.imperfections, scenario.parameters_at(0.0)
+    return Description(
+        name=scenario.name,
+        period=period,
+        phi=AngleColumn(resolution=r.encoder_step_phi),
+        z=PositionColumn(resolution=r.encoder_step_z),
+        command=CommandColumn(limit=limit),
+        nominal=Nominal(
+            pole_mass=plant.pole_mass,
+            half_length=plant.half_length,
+            cart_mass=plant.cart_mass,
+            force=1.0,
+            hinge_damping=r.hinge_damping,
+            rail_damping=r.rail_damping,
+            rail_half_length=r.rail_half_length,
+            gravity=plant.gravity,
+        ),
+    )
+
+
+def _above(commands: np.ndarray) -> float:
+    """Return a limit that no command exceeds."""
+    return float(np.abs(commands).max(initial=0.0)) or 1.0

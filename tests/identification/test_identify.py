@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.files import read_json, write_json
+from afl_mujoco.identification.description import load_description
+from afl_mujoco.identification.identify import Identified, identify, identify_pole, require_radians
+from afl_mujoco.identification.log import log_of, read_logs
+from afl_mujoco.identification.shipped import DESCRIPTION, FIT, load_estimates
+from afl_mujoco.identification.windows import cut
+from tests.synthetic_logs import Truth, swing
+
+TRUTH = Truth()
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return [log_of(f"log-{i}", swing(TRUTH, i, 3.0), TRUTH.description) for i in range(8)]
+
+
+@pytest.fixture(scope="module")
+def found(logs):
+    return identify(logs, TRUTH.description, workers=2)
+
+
+def test_known_parameters_are_found_within_their_intervals(found) -> None:
+    held = {n: found.find(n).low <= x <= found.find(n).high for n, x in TRUTH.expected.items()}
+    assert sum(held.values()) >= len(held) - 1, held
+    for name in ("gravity_term", "coupling", "gain", "decay", "mass_ratio"):
+        assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+    for name in ("half_length", "cart_mass", "force", "rail_damping"):
+        one = found.find(name)
+        assert one.value == pytest.approx(getattr(TRUTH, name), rel=0.02)
+        assert one.low < one.value < one.high
+    assert found.find("lag").on_bound
+
+
+def test_any_number_of_workers_finds_the_same() -> None:
+    some = [log_of("short", swing(TRUTH, 9, 1.6), TRUTH.description)]
+    one, two = (identify(some, TRUTH.description, workers=n) for n in (1, 2))
+    assert one == two
+
+
+def test_estimates_come_back_from_their_file(found, tmp_path) -> None:
+    write_json(tmp_path / "estimates.json", found)
+    assert read_json(tmp_path / "estimates.json", Identified, "are none") == found
+
+
+def test_a_constant_command_says_nothing_of_the_drive(logs) -> None:
+    still = [replace(log, command=np.zeros_like(log.command)) for log in logs[:3]]
+    found = identify(still, TRUTH.description)
+    assert found.drive is None and found.physical == ()
+    assert found.find("gravity_term").value == pytest.approx(
+        TRUTH.expected["gravity_term"], rel=0.01
+    )
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("rad", 180.0 / np.pi), ("deg", np.pi / 180.0)])
+def test_gravity_tells_degrees_from_radians(unit: str, factor: float) -> None:
+    d = TRUTH.description
+    wrong = replace(d, phi=replace(d.phi, unit=unit, resolution=0.0))
+    columns = [swing(TRUTH, i) for i in range(3)]
+    logs = []
+    for i, one in enumerate(columns):
+        turned = {**one, "phi": factor * one["phi"] if unit == "rad" else one["phi"]}
+        logs.append(log_of(f"log-{i}", turned, wrong))
+    with pytest.raises(AflMujocoError) as error:
+        require_radians(logs, wrong)
+    other = "deg" if unit == "rad" else "rad"
+    assert f"unit of phi must be '{other}' by its gravity term" in str(error.value)
+
+
+def test_a_position_in_the_wrong_unit_is_named(logs) -> None:
+    wrong = [replace(log, z=1e-3 * log.z) for log in logs[:3]]
+    with pytest.raises(AflMujocoError) as error:
+        identify(wrong, TRUTH.description)
+    assert "coupling k cannot be so far from what a pole must have; check the units" in str(
+        error.value
+    )
+
+
+def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
+    description = load_description(DESCRIPTION)
+    windows = cut(read_logs([FIT], description)[::4], 0.5, 0.5)
+    found, _ = identify_pole(windows, description)
+    assert found.by_name["gravity_term"] == pytest.approx(37.25, rel=0.015)
+    assert found.by_name["coupling"] == pytest.approx(1.0, abs=0.03)
+    assert found.by_name["angle_scale"] == pytest.approx(4096.0 / 4271.34, rel=0.005)
+    shipped = load_estimates()
+    for name in ("gravity_term", "coupling", "angle_scale"):
+        i = [one.name for one in found.parameters].index(name)
+        half = found.half_widths[i]
+        assert abs(found.values[i] - shipped.find(name).value) < 3.0 * half

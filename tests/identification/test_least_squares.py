@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from afl_mujoco.identification.least_squares import (
+    Parameter,
+    fit,
+    fit_to_scatter,
+    fitted_starts,
+    with_uncertainty_of,
+)
+
+T = np.linspace(0.0, 1.0, 9)
+
+
+def parameter(name: str, start: float, low: float = -10.0, high: float = 10.0) -> Parameter:
+    return Parameter(name=name, unit="1", title=name, start=start, low=low, high=high, scale=1.0)
+
+
+def decays(rng: np.random.Generator, windows: int, rate: float = 2.0, noise: float = 0.01):
+    """Windows of exp(-rate t), each from an amplitude of its own."""
+    amplitudes = rng.uniform(0.5, 1.5, (windows, 1))
+    return amplitudes * np.exp(-rate * T) + noise * rng.normal(size=(windows, len(T)))
+
+
+def test_a_shared_rate_and_the_windows_own_amplitudes() -> None:
+    data = decays(np.random.default_rng(0), 60)
+
+    def residuals(shared, starts):
+        return (starts * np.exp(-shared[0] * T) - data) / 0.01
+
+    found = fit(
+        residuals, [parameter("rate", 1.0)], np.ones((60, 1)), np.repeat(np.arange(12), 5),
+        start_scale=np.ones(1),
+    )  # fmt: skip
+    assert found.by_name["rate"] == pytest.approx(2.0, abs=3.0 * found.errors[0])
+    assert found.degrees == 11
+
+
+def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    held = []
+    for seed in range(120):
+        data = decays(np.random.default_rng(seed), 24)
+
+        def residuals(shared, starts, data=data):
+            return (starts * np.exp(-shared[0] * T) - data) / 0.01
+
+        found = fit(
+            residuals, [parameter("rate", 1.8)], np.ones((24, 1)), np.repeat(np.arange(12), 2),
+            start_scale=np.ones(1),
+        )  # fmt: skip
+        held.append(abs(found.values[0] - 2.0) <= found.half_widths[0])
+    assert 0.88 <= np.mean(held) <= 0.99
+
+
+def test_a_few_wild_readings_do_not_move_the_estimate() -> None:
+    data = decays(np.random.default_rng(1), 60)
+    data[::7, 3] += 5.0
+
+    def errors(shared, starts):
+        return (starts * np.exp(-shared[0] * T) - data)[:, None]
+
+    found = fit_to_scatter(
+        errors, np.ones((60, 1, len(T))), [parameter("rate", 1.0)], np.ones((60, 1)),
+        np.arange(60), start_scale=np.ones(1),
+    )  # fmt: skip
+    assert found.by_name["rate"] == pytest.approx(2.0, abs=0.05)
+    assert found.scatter == pytest.approx([0.01], rel=0.25)
+
+
+def test_masked_readings_say_nothing() -> None:
+    data = decays(np.random.default_rng(2), 40)
+    mask = np.ones((40, 1, len(T)))
+    mask[:, 0, 4:] = 0.0
+    data[:, 4:] = 1e6
+
+    def errors(shared, starts):
+        return (starts * np.exp(-shared[0] * T) - data)[:, None]
+
+    found = fit_to_scatter(
+        errors, mask, [parameter("rate", 1.0)], np.ones((40, 1)), np.arange(40),
+        start_scale=np.ones(1),
+    )  # fmt: skip
+    assert found.by_name["rate"] == pytest.approx(2.0, abs=4.0 * found.errors[0])
+
+
+def test_a_bound_is_met_exactly_and_has_no_interval() -> None:
+    data = decays(np.random.default_rng(3), 30)
+
+    def residuals(shared, starts):
+        return (starts * np.exp(-shared[0] * T) - data) / 0.01
+
+    found = fit(
+        residuals, [parameter("rate", 1.0, high=1.5)], np.ones((30, 1)), np.arange(30),
+        start_scale=np.ones(1),
+    )  # fmt: skip
+    assert found.values[0] == 1.5 and found.on_bound[0] and found.errors[0] == 0.0
+
+
+def test_two_that_only_act_together_are_correlated() -> None:
+    data = decays(np.random.default_rng(4), 30)
+
+    def residuals(shared, starts):
+        return (starts * np.exp(-(shared[0] + 1.001 * shared[1]) * T) - data) / 0.01
+
+    found = fit(
+        residuals, [parameter("a", 1.0), parameter("b", 1.2)], np.ones((30, 1)), np.arange(30),
+        start_scale=np.ones(1),
+    )  # fmt: skip
+    assert abs(found.correlations[0, 1]) > 0.9 or found.errors.max() > 1.0
+    assert found.values.sum() == pytest.approx(2.0, abs=0.1)
+
+
+def test_what_was_taken_as_known_widens_the_interval() -> None:
+    data = decays(np.random.default_rng(5), 40)
+    first = fit(
+        lambda shared, own: (own * np.exp(-shared[0] * T) - data) / 0.01,
+        [parameter("rate", 1.0)], np.ones((40, 1)), np.arange(40), start_scale=np.ones(1),
+    )  # fmt: skip
+
+    def errors(shared, known, own):
+        return (own * np.exp(-(shared[0] + known[0]) * T) - data)[:, None]
+
+    second = fit_to_scatter(
+        lambda shared, own: errors(shared, first.values, own), np.ones((40, 1, len(T))),
+        [parameter("rest", 0.1)], np.ones((40, 1)), np.arange(40), start_scale=np.ones(1),
+    )  # fmt: skip
+    whole = with_uncertainty_of(
+        errors, np.ones((40, 1, len(T))), second, first, start_scale=np.ones(1)
+    )
+    assert whole.covariance[0, 0] == pytest.approx(
+        second.covariance[0, 0] + first.covariance[0, 0], rel=1e-3
+    )
+
+
+def test_starts_alone() -> None:
+    data = decays(np.random.default_rng(6), 5, noise=0.0)
+    found = fitted_starts(lambda x: x * np.exp(-2.0 * T) - data, np.ones((5, 1)), np.ones(1))
+    assert found[:, 0] == pytest.approx(data[:, 0])

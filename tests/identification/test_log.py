@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.identification import log as logs
+from afl_mujoco.identification.description import AngleColumn, PositionColumn, load_description
+from afl_mujoco.identification.log import log_of, read_log, read_logs, write_log
+from afl_mujoco.identification.shipped import CHOOSE, DESCRIPTION, FIT
+from tests.synthetic_logs import Truth, swing
+
+TRUTH = Truth()
+PLAIN = TRUTH.description
+
+
+@pytest.fixture(scope="module")
+def columns() -> dict[str, np.ndarray]:
+    return swing(TRUTH, 1, 2.0)
+
+
+def written(folder: Path, columns: dict[str, np.ndarray], header: str = "") -> Path:
+    path = folder / "mine.csv"
+    c = columns
+    write_log(path, c["time"], c["phi"], c["z"], c["command"])
+    if header:
+        path.write_text(path.read_text().replace("time,phi,z,command", header))
+    return path
+
+
+def test_a_log_reads_as_it_was_written(tmp_path: Path, columns) -> None:
+    log = read_log(written(tmp_path, columns), PLAIN)
+    assert log.name == "mine" and log.gaps == 0 and log.valid.all()
+    assert log.z == pytest.approx(columns["z"], abs=1e-8)
+    assert log.command == pytest.approx(columns["command"], abs=1e-8)
+    assert np.abs(np.diff(log.angle)).max() < 1.0  # turns are counted
+
+
+def test_stamps_that_scatter_are_those_of_a_regular_device(columns) -> None:
+    log = log_of("mine", columns, PLAIN)
+    assert log.jitter == pytest.approx(1e-4, rel=0.3)
+    assert log.period == pytest.approx(0.02, rel=1e-4)
+    assert np.ptp(np.diff(log.time)) < 1e-12
+
+
+def test_missing_rows_are_counted_and_time_goes_on(columns) -> None:
+    kept = np.delete(np.arange(len(columns["time"])), [30, 31, 60])
+    log = log_of("mine", {name: values[kept] for name, values in columns.items()}, PLAIN)
+    assert log.gaps == 3
+    assert log.time[30] - log.time[29] == pytest.approx(3.0 * log.period)
+
+
+def test_uneven_stamps_are_kept(columns) -> None:
+    time = columns["time"] + 0.008 * np.sin(np.arange(len(columns["time"])))
+    log = log_of("mine", {**columns, "time": time}, PLAIN)
+    assert log.time == pytest.approx(time - time[0], abs=1e-9)
+
+
+def test_units_and_signs(columns) -> None:
+    other = replace(
+        PLAIN,
+        phi=AngleColumn(unit="deg", sign=-1, zero=2.0),
+        z=PositionColumn(unit="mm", sign=-1),
+    )
+    turned = {
+        **columns, "phi": 2.0 - np.degrees(columns["phi"]), "z": -1e3 * columns["z"],
+    }  # fmt: skip
+    here, there = log_of("a", columns, PLAIN), log_of("a", turned, other)
+    assert there.angle == pytest.approx(here.angle, abs=1e-9)
+    assert there.z == pytest.approx(here.z, abs=1e-12)
+
+
+def test_readings_grow_through_a_dead_zone_and_those_in_it_are_left_out() -> None:
+    description = load_description(DESCRIPTION)
+    (path,) = FIT.glob("Experiment-1008.csv")
+    log = read_log(path, description)
+    assert 0.9 < log.valid.mean() < 1.0
+    assert log.phi[log.valid].max() <= 0.95 and log.phi.min() >= 1.15 - 2.0 * np.pi - 1e-9
+    jumps = np.abs(np.diff(log.angle))
+    assert jumps.max() < 0.5  # 13 rad/s and a count
+
+
+def test_the_shipped_recordings_are_all_there() -> None:
+    description = load_description(DESCRIPTION)
+    assert [len(read_logs([folder], description)) for folder in (FIT, CHOOSE)] == [40, 20]
+    assert sum(path.stat().st_size for path in FIT.parent.rglob("*.csv")) < 1e6
+
+
+def change(columns, name: str, row: int, value: float) -> dict[str, np.ndarray]:
+    values = columns[name].copy()
+    values[row] = value
+    return {**columns, name: values}
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "value", "message"),
+    [
+        ("phi", 7, np.nan, "phi must be numbers, got nan in row 8"),
+        ("time", 5, 0.0, "time must grow from row to row, got runs back in row 6"),
+        ("command", 3, 1.5, "command must be within 1, got 1.5"),
+    ],
+)
+def test_a_value_that_breaks_a_rule(columns, name: str, row: int, value: float, message) -> None:
+    with pytest.raises(AflMujocoError) as error:
+        log_of("mine", change(columns, name, row, value), PLAIN)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"phi": 0.3}, "phi must move: the angle is constant in this log"),
+        ({"z": 0.0}, "z must move: the position is constant in this log"),
+    ],
+)
+def test_a_signal_that_does_not_move(columns, changed: dict[str, float], message: str) -> None:
+    flat = {name: np.full(len(columns[name]), value) for name, value in changed.items()}
+    with pytest.raises(AflMujocoError) as error:
+        log_of("mine", {**columns, **flat}, PLAIN)
+    assert message in str(error.value)
+
+
+def test_time_that_stands_still(columns) -> None:
+    time = columns["time"].copy()
+    time[9] = time[8]
+    with pytest.raises(AflMujocoError, match=r"time must grow .* stands still in row 10"):
+        log_of("mine", {**columns, "time": time}, PLAIN)
+
+
+def test_another_sampling_rate_than_described(columns) -> None:
+    with pytest.raises(AflMujocoError, match=r"near the period .*0\.005 s, got 0\.0[12]"):
+        log_of("mine", columns, replace(PLAIN, period=0.005))
+
+
+def test_a_log_of_a_few_rows(columns) -> None:
+    with pytest.raises(AflMujocoError, match="rows must be at least 50, got 20"):
+        log_of("mine", {name: values[:20] for name, values in columns.items()}, PLAIN)
+
+
+def test_a_column_that_is_missing_with_what_was_meant(tmp_path: Path, columns) -> None:
+    path = written(tmp_path, columns, "time,phi,z,comand")
+    with pytest.raises(AflMujocoError) as error:
+        read_log(path, PLAIN)
+    said = str(error.value)
+    assert "column 'command' is missing; there are time, phi, z, comand; did you mean" in said
+
+
+@pytest.mark.parametrize("text", ["", "time,phi,z,command\n1,2,three,4\n", "\x00\xff"])
+def test_a_file_that_is_no_log(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(AflMujocoError, match=r"bad\.csv"):
+        read_log(path, PLAIN)
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, columns, monkeypatch) -> None:
+    monkeypatch.setattr(logs, "MOST_BYTES", 1000)
+    with pytest.raises(AflMujocoError, match="must be at most 0 MB"):
+        read_log(written(tmp_path, columns), PLAIN)
+
+
+def test_folders_without_logs_and_names_that_come_twice(tmp_path: Path, columns) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(AflMujocoError, match=r"empty must hold logs, \*\.csv"):
+        read_logs([tmp_path / "empty"], PLAIN)
+    path = written(tmp_path, columns)
+    with pytest.raises(AflMujocoError, match="log must be given once, by one name, got mine"):
+        read_logs([path, path], PLAIN)
+    with pytest.raises(AflMujocoError, match=r"none\.csv cannot be read: no such file"):
+        read_logs([tmp_path / "none.csv"], PLAIN)

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from afl_mujoco.control.catalogue import as_controller, find_controller
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.identification.description import load_description
+from afl_mujoco.identification.identify import identify
+from afl_mujoco.identification.log import read_log
+from afl_mujoco.identification.simulated import require_loggable, write_run
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import constant
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+
+RIG = Scenario(
+    name="rig",
+    duration=6.0,
+    initial_state=(0.0, 0.4, 0.0, 0.0),
+    cart_mass=constant(1.0),
+    half_length=constant(0.3),
+    pole_mass=0.1,
+    imperfections=Imperfections(
+        control_period=0.01, delay=0.004, encoder_step_phi=1.5e-3, encoder_step_z=1e-4,
+        noise_phi=5e-4, rail_damping=2.0, hinge_damping=3e-4,
+    ),
+)  # fmt: skip
+
+
+class Lead:
+    """A controller with memory, in Python."""
+
+    def __init__(self) -> None:
+        self.before = 0.0
+
+    def __call__(self, time, state, belief):
+        lean, self.before = state[1] - self.before, state[1]
+        return 0.7 * state[0] + 1.8 * state[2] - 38.0 * state[1] - 7.0 * state[3] - 20.0 * lean
+
+
+def logged(folder: Path, scenario: Scenario, controller):
+    run = simulate_mujoco(scenario, controller, "sampled")
+    files = write_run(scenario, controller, run, folder, "rig")
+    description = load_description(files[1])
+    return run, read_log(files[0], description), description
+
+
+def test_commands_are_those_of_the_run_before_the_drive(tmp_path: Path) -> None:
+    scenario = replace(RIG, imperfections=replace(RIG.imperfections, delay=0.0))
+    run, log, _ = logged(tmp_path, scenario, find_controller("lqr"))
+    assert log.command == pytest.approx(run.force[: len(log.command) * 10 : 10], rel=1e-8)
+
+
+def test_a_controller_with_memory_too(tmp_path: Path) -> None:
+    scenario = replace(RIG, imperfections=replace(RIG.imperfections, delay=0.0), duration=2.0)
+    run, log, _ = logged(tmp_path, scenario, as_controller(Lead))
+    assert log.command == pytest.approx(run.force[: len(log.command) * 10 : 10], rel=1e-8)
+
+
+def test_readings_are_those_of_the_sensors(tmp_path: Path) -> None:
+    run, log, _ = logged(tmp_path, RIG, find_controller("lqr"))
+    states = run.state[: len(log.z) * 10 : 10]
+    assert np.abs(log.z - states[:, 0]).max() <= 0.5001e-4
+    off = log.phi - states[:, 1]
+    assert 4e-4 < off.std() < 1e-3
+    assert np.abs(log.phi / 1.5e-3 - np.rint(log.phi / 1.5e-3)).max() < 1e-4
+
+
+def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> None:
+    _, log, description = logged(tmp_path, RIG, find_controller("lqr"))
+    found = identify([log], description)
+    assert found.find("coupling").value == pytest.approx(1.0, abs=0.03)
+    assert found.find("decay").value == pytest.approx(2.0 / 1.1, rel=0.01)
+    assert found.find("delay").value == pytest.approx(0.004, abs=5e-4)
+    assert found.find("gravity_term").low <= 0.75 * 9.81 / 0.3 <= found.find("gravity_term").high
+
+
+def test_what_cannot_be_a_log_is_refused() -> None:
+    lqr = find_controller("lqr")
+    with pytest.raises(AflMujocoError, match="simulator must be sampled for a log, got 'exact'"):
+        require_loggable(RIG, lqr, "exact")
+    with pytest.raises(AflMujocoError, match="scenario of a log must keep M and l"):
+        require_loggable(SCENARIOS["step-step"], lqr, "sampled")
+    with pytest.raises(AflMujocoError, match="controller of a log must not estimate"):
+        require_loggable(RIG, find_controller("adaptive-estimated"), "sampled")

@@ -1,0 +1,124 @@
+"""Logs of cart-poles whose parameters are known: MuJoCo stepped by itself, sensors as real ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from afl_mujoco.identification.description import (
+    AngleColumn,
+    CommandColumn,
+    Description,
+    Nominal,
+    PositionColumn,
+)
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+
+PERIOD, STEP = 0.02, 1e-3
+COUNT = 2.0 * np.pi / 4096.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """A cart-pole as it is; in SI units; the delay is a multiple of `STEP`."""
+
+    cart_mass: float = 0.8
+    half_length: float = 0.2
+    pole_mass: float = 0.1
+    force: float = 9.0
+    rail_damping: float = 5.0
+    hinge_damping: float = 3e-4
+    delay: float = 0.006
+    skew: float = 0.004
+    offset: float = 0.01
+    angle_scale: float = 1.0
+    count: float = COUNT
+    position_count: float = 1e-4
+
+    @property
+    def expected(self) -> dict[str, float]:
+        """What is to be found, by the names of the estimates."""
+        inertia = 4.0 / 3.0 * self.pole_mass * self.half_length**2
+        whole = self.cart_mass + self.pole_mass
+        return {
+            "gravity_term": 0.75 * 9.81 / self.half_length,
+            "coupling": 1.0,
+            "damping": self.hinge_damping / inertia,
+            "skew": self.skew,
+            "angle_offset": self.offset,
+            "mass_ratio": self.pole_mass / whole,
+            "gain": self.force / whole,
+            "decay": self.rail_damping / whole,
+            "delay": self.delay,
+        }
+
+    @property
+    def description(self) -> Description:
+        """What its owner would say: the length is a little off, the rest a guess."""
+        return Description(
+            name="made up",
+            period=PERIOD,
+            phi=AngleColumn(resolution=self.count),
+            z=PositionColumn(resolution=self.position_count),
+            command=CommandColumn(limit=1.0),
+            nominal=Nominal(
+                pole_mass=self.pole_mass, half_length=1.03 * self.half_length,
+                cart_mass=0.5, force=5.0, rail_damping=2.0,
+            ),
+        )  # fmt: skip
+
+
+def random_truth(seed: int) -> Truth:
+    """A cart-pole drawn at random."""
+    u = np.random.default_rng(seed).uniform
+    return Truth(
+        cart_mass=u(0.3, 1.5), half_length=u(0.12, 0.35), pole_mass=u(0.05, 0.2),
+        force=u(6.0, 14.0), rail_damping=u(2.0, 8.0), hinge_damping=u(1e-4, 6e-4),
+        delay=STEP * round(u(2.0, 15.0)), skew=u(-0.005, 0.005), offset=u(-0.02, 0.02),
+    )  # fmt: skip
+
+
+def swing(truth: Truth, seed: int, seconds: float = 4.0) -> dict[str, np.ndarray]:
+    """A log as columns of its description: a pumped pole, the cart kept near the middle."""
+    rng = np.random.default_rng(seed)
+    model = CartPoleModel(
+        CartPoleParameters(
+            cart_mass=truth.cart_mass, pole_mass=truth.pole_mass, half_length=truth.half_length
+        ),
+        timestep=STEP,
+        imperfections=Imperfections(
+            rail_damping=truth.rail_damping, hinge_damping=truth.hinge_damping
+        ),
+    )
+    m, d = model.mj_model, model.mj_data
+    d.qpos[:] = 0.0, np.pi + rng.uniform(-1.0, 1.0)
+    ticks, hold = round(seconds / PERIOD), round(PERIOD / STEP)
+    late = round(truth.delay / STEP)
+    commands, noise = [0.0], 0.0
+    states = []
+    for k in range(ticks * hold + 40):
+        if k % hold == 0:
+            noise = 0.8 * noise + rng.normal(0.0, 0.35)
+            pump = 0.7 * np.sign(d.qvel[1] * np.cos(d.qpos[1]))
+            commands.append(float(np.clip(pump + noise - 6.0 * d.qpos[0], -1.0, 1.0)))
+        states.append((d.qpos[0], d.qpos[1]))
+        d.ctrl[0] = truth.force * commands[max(0, (k - late) // hold + 1)]
+        mujoco.mj_step(m, d)
+    track = np.array(states)
+    time = np.arange(ticks) * PERIOD
+    instants = np.arange(len(track)) * STEP
+    z = np.interp(time + truth.skew, instants, track[:, 0])
+    angle = np.interp(time, instants, track[:, 1])
+    phi = (angle - truth.offset) / truth.angle_scale + rng.normal(0.0, 0.5 * truth.count, ticks)
+    phi = (phi + np.pi) % (2.0 * np.pi) - np.pi
+    stamps = 1e4 + time + rng.normal(0.0, 1e-4, ticks)
+    return {
+        "time": stamps,
+        "phi": np.round(phi / truth.count) * truth.count,
+        "z": np.round(z / truth.position_count) * truth.position_count,
+        "command": np.array(commands[1 : ticks + 1]),
+    }
