@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.document.blocks import Section
+from afl_mujoco.identification.prediction import Errors
+from afl_mujoco.identification.shipped import load_estimates
 from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
@@ -23,6 +25,8 @@ from afl_mujoco.studies.delay_margin import LeastMargin
 from afl_mujoco.studies.estimation import result as estimation_result
 from afl_mujoco.studies.estimation.loops import ESTIMATED, TRUE, Loop
 from afl_mujoco.studies.estimation.tracking import Ramp, Step, Tracking
+from afl_mujoco.studies.hardware import result as hardware_result
+from afl_mujoco.studies.identify import result as identify_result
 from afl_mujoco.studies.margins import result as margins_result
 from afl_mujoco.studies.margins.measured_delay import DelayComparison
 from afl_mujoco.studies.monte_carlo import result as monte_carlo_result
@@ -330,10 +334,75 @@ def compare() -> compare_result.Result:
     )
 
 
+def identified() -> identify_result.Result:
+    """Return the shipped estimates beside a made-up log."""
+    time = np.linspace(0.0, 2.0, 100)
+    z, phi = 0.1 * np.sin(3.0 * time), np.cos(4.0 * time)
+    phi[40:44] = np.nan
+    part = np.arange(20).reshape(2, 10)
+    shown = identify_result.Shown(
+        name=NASTY, time=time, z=z, phi=phi, command=np.sign(z),
+        simulated_time=time[part], simulated_z=z[part] + 1e-3, simulated_phi=phi[part],
+    )  # fmt: skip
+    return identify_result.Result(identified=load_estimates(), shown=shown)
+
+
+def hardware() -> hardware_result.Result:
+    """Return a validation in which one statement does not hold."""
+    errors = tuple(
+        Errors(
+            horizon=h, rms_phi=0.02 * h, rms_z=0.01 * h, counts_phi=13.0 * h, counts_z=118.0 * h,
+            explained_phi=1.0 - 0.1 * h, explained_z=0.99 - h, away_phi=12.0 * h,
+            clear_phi=9.0 * h, starts=200, away=110,
+        )
+        for h in (0.1, 0.2, 0.5, 1.0)
+    )  # fmt: skip
+    blind = tuple(
+        replace(e, rms_z=None, counts_z=None, explained_z=None, away_phi=None) for e in errors
+    )
+    made = identified().shown
+    assert made is not None
+    term = hardware_result.Term(
+        value=37.4, low=37.3, high=37.5, expected=37.25, unit="1/s²", title="gravity term w2"
+    )
+    judged = hardware_result.Judged(
+        id="rig-0.5-z", statement="The position is predicted.", measure="share of variance",
+        limit=0.9, value=0.49, at_least=True, suspected="the drive",
+    )  # fmt: skip
+    return hardware_result.Result(
+        source="logs",
+        logs=(NASTY, "two"),
+        fitted=("two",),
+        identified=load_estimates(),
+        terms={"gravity": term, "friction": replace(term, expected=None, title="friction")},
+        held_out=errors,
+        pole=blind,
+        baselines={name: errors for name in ("nominal", "uncoupled", "constant_velocity")},
+        statements=(judged, replace(judged, id="rig-0.5-phi", value=0.95, suspected="")),
+        speeds=(0.5, 12.0),
+        reach=0.2,
+        band=np.array([[0.0, 0.5], [0.001, 0.01], [0.001, 0.1]]),
+        recorded=hardware_result.Recorded(
+            name=made.name, time=made.time, z=made.z, phi=made.phi, command=made.command,
+            starts=made.simulated_time[:, 0], predicted_time=made.simulated_time,
+            predicted_z=made.simulated_z, predicted_phi=made.simulated_phi,
+        ),
+        survival=(
+            hardware_result.Survival(
+                controller="lqr", angles={"as it is": 0.0, "rail x4": 0.5}, runs=20, survived=3
+            ),
+            hardware_result.Survival(
+                controller="adaptive", angles={"as it is": 0.2, "rail x4": 0.2}, runs=20,
+                survived=20,
+            ),
+        ),
+    )  # fmt: skip
+
+
 RESULTS = {
     "validate": make_result, "compare": compare,
     "thresholds": thresholds, "montecarlo": monte_carlo, "attraction": attraction,
-    "margins": margins, "estimation": estimation,
+    "margins": margins, "estimation": estimation, "identify": identified, "hardware": hardware,
 }  # fmt: skip
 
 

@@ -16,7 +16,23 @@ from afl_mujoco.identification.description import (
 )
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
+
+RIG = Scenario(
+    name="rig",
+    duration=6.0,
+    initial_state=(0.0, 0.4, 0.0, 0.0),
+    cart_mass=constant(1.0),
+    half_length=constant(0.3),
+    pole_mass=0.1,
+    imperfections=Imperfections(
+        control_period=0.01, delay=0.004, encoder_step_phi=1.5e-3, encoder_step_z=1e-4,
+        noise_phi=5e-4, rail_damping=2.0, hinge_damping=3e-4,
+    ),
+)  # fmt: skip
+"""A cart-pole whose closed loop is logged."""
 
 PERIOD, STEP = 0.02, 1e-3
 COUNT = 2.0 * np.pi / 4096.0

@@ -13,23 +13,9 @@ from afl_mujoco.identification.identify import identify
 from afl_mujoco.identification.log import read_log
 from afl_mujoco.identification.simulated import require_loggable, write_run
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-
-RIG = Scenario(
-    name="rig",
-    duration=6.0,
-    initial_state=(0.0, 0.4, 0.0, 0.0),
-    cart_mass=constant(1.0),
-    half_length=constant(0.3),
-    pole_mass=0.1,
-    imperfections=Imperfections(
-        control_period=0.01, delay=0.004, encoder_step_phi=1.5e-3, encoder_step_z=1e-4,
-        noise_phi=5e-4, rail_damping=2.0, hinge_damping=3e-4,
-    ),
-)  # fmt: skip
+from tests.synthetic_logs import RIG
 
 
 class Lead:

@@ -28,7 +28,7 @@ def names(folder: Path) -> set[str]:
 def same(one: Any, other: Any) -> bool:
     """Whether two values are equal, arrays in them included."""
     if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other)
+        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=True)
     if is_dataclass(one):
         parts = (field.name for field in fields(one))
         return type(one) is type(other) and all(

@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+from afl_mujoco.scenario.files import save_scenario
+from tests.synthetic_logs import RIG
+
+
+def test_a_recording_of_the_package_is_plotted(command_line, tmp_path: Path) -> None:
+    code, output, errors = command_line("log", "--out", "out")
+    assert (code, errors) == (0, "")
+    assert "Experiment-1008" in output and "20.28" in output and "5 %" in output
+    assert (tmp_path / "out" / "Experiment-1008.png").is_file()
+
+
+def test_a_simulated_run_is_written_as_a_log_and_plotted(command_line, tmp_path: Path) -> None:
+    save_scenario(RIG, tmp_path / "rig.toml")
+    code, output, _ = command_line(
+        "simulate", "rig.toml", "--controller", "lqr", "--log", "--out", "out"
+    )
+    assert code == 0 and "rig-lqr-sampled-log.csv, rig-lqr-sampled-log.toml" in output
+    stem = "out/rig-lqr-sampled-log"
+    code, output, _ = command_line("log", f"{stem}.csv", "--description", f"{stem}.toml")
+    assert code == 0 and "wrote renders/logs/rig-lqr-sampled-log.png" in output
+
+
+def test_what_cannot_be_is_refused_in_a_line_and_nothing_is_written(
+    command_line, tmp_path: Path
+) -> None:
+    for arguments, message in (
+        (("log", "one.csv"), "description must be given: logs and their description together"),
+        (("log", "--description", "x.toml"), "logs must be given: logs and their description"),
+        (("simulate", "step-step", "--log"), "scenario of a log must keep M and l, got step-step"),
+    ):
+        code, output, errors = command_line(*arguments, "--out", "out")
+        assert (code, output) == (2, "")
+        assert errors.startswith(f"afl-mujoco: {message}") and errors.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

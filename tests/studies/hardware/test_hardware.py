@@ -1,0 +1,124 @@
+"""The command on a few of the shipped recordings, and what its sections say."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.identification.export import with_values
+from afl_mujoco.identification.shipped import CHOOSE, FIT, load_estimates
+from afl_mujoco.studies.hardware.outlook import changes, outlook
+from afl_mujoco.studies.hardware.protocol import load_protocol
+from afl_mujoco.studies.hardware.sections import sections, verdict
+from tests.study_results import hardware
+
+
+def test_the_command_judges_recordings_in_a_folder(tmp_path: Path, command_line) -> None:
+    (tmp_path / "logs").mkdir()
+    for path in sorted(CHOOSE.glob("*.csv"))[:3]:
+        shutil.copy(path, tmp_path / "logs")
+    code, output, _ = command_line(
+        "hardware", "--logs", "logs", "--draws", "0", "--out", "out", "--workers", "2"
+    )
+    said = " ".join(output.split())
+    data = json.loads((tmp_path / "out" / "hardware.json").read_text())
+    gravity, coupling = data["terms"]["gravity"], data["terms"]["coupling"]
+    assert gravity["expected"] == pytest.approx(0.75 * 9.81 / 0.1975)
+    assert gravity["value"] == pytest.approx(gravity["expected"], rel=0.015)
+    assert gravity["low"] < gravity["value"] < gravity["high"]
+    assert coupling["expected"] == 1.0 and coupling["value"] == pytest.approx(1.0, abs=0.03)
+    by_horizon = {one["horizon"]: one for one in data["held_out"]}
+    assert list(by_horizon) == [0.1, 0.2, 0.5, 1.0]
+    assert by_horizon[0.5]["explained_phi"] > 0.95 and by_horizon[0.5]["explained_z"] > 0.9
+    assert by_horizon[0.1]["rms_phi"] < by_horizon[0.5]["rms_phi"]
+    for name, errors in data["baselines"].items():  # each knows less
+        assert errors[1]["rms_phi"] > 3.0 * by_horizon[0.2]["rms_phi"], name
+    held = {one["id"]: one["value"] for one in data["statements"]}
+    assert set(held) == {one.id for one in load_protocol().statements}
+    assert code == (0 if "PASS" in said else 1)
+    assert "on 3 recordings" in said
+    assert data["fitted"] == []
+
+
+def test_recordings_that_were_fitted_are_named(tmp_path: Path, command_line) -> None:
+    (tmp_path / "logs").mkdir()
+    shutil.copy(min(FIT.glob("*.csv")), tmp_path / "logs")
+    _, output, _ = command_line(
+        "hardware", "--logs", "logs", "--draws", "0", "--out", "out", "--no-page"
+    )
+    assert "1 of these recordings have names of recordings that the estimates were fitted to" in (
+        " ".join(output.split())
+    )
+
+
+def test_a_model_of_another_pole_does_not_hold(tmp_path: Path, command_line) -> None:
+    # the estimates with the coupling turned round, as by a wrong sign of a column
+    (tmp_path / "logs").mkdir()
+    shutil.copy(min(CHOOSE.glob("*.csv")), tmp_path / "logs")
+    data = json.loads((FIT.parent / "estimates.json").read_text())
+    for one in data["drive"]["estimates"]:
+        if one["name"] == "gain":
+            one["value"] *= -1.0
+    (tmp_path / "wrong.json").write_text(json.dumps(data))
+    code, output, _ = command_line(
+        "hardware", "--logs", "logs", "--estimates", "wrong.json", "--draws", "0", "--out", "out",
+        "--no-page",
+    )  # fmt: skip
+    assert code == 1
+    assert "rig-0.5-phi" in output.splitlines()[-1] and "FAIL" in output
+
+
+def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
+    result = hardware()
+    judged = verdict(result)
+    assert not judged.passed
+    assert "1 of 2 statements of the protocol does not hold: rig-0.5-z" in judged.text
+    text = to_markdown(sections(result))
+    assert "suspected: the drive" in text and "not validated" in text
+    assert "1 of these recordings have names" in text
+    whole = replace(result, statements=result.statements[1:])
+    assert verdict(whole).passed
+
+
+def test_the_outlook_says_who_survives_and_what_would_help() -> None:
+    text = to_markdown(sections(hardware()))
+    assert "`lqr` falls (29° if: rail x4) and `adaptive` holds from 11°" in text
+    assert "`lqr` survives 3 of 20" in text
+    assert "What controllers would do" not in to_markdown(
+        sections(replace(hardware(), survival=()))
+    )
+
+
+def test_what_is_changed_is_that_alone() -> None:
+    one = load_estimates()
+    base = with_values(one, one.values)
+    touched = {
+        "as it is": set(),
+        "rail x4": {"rail_half_length"},
+        "force x4": {"force_limit"},
+        "rail and force x4": {"rail_half_length", "force_limit"},
+        "exact sensors": {"encoder_step_z", "encoder_step_phi", "differentiated"},
+        "drive makes up for rail damping": {"rail_damping"},
+    }
+    found = changes(base)
+    for name, expected in touched.items():
+        before, after = base.imperfections, found[name].imperfections
+        apart = {k for k in type(before).__slots__ if getattr(before, k) != getattr(after, k)}
+        assert apart == expected, name
+
+
+@pytest.mark.slow
+def test_the_outlook_is_the_same_for_any_number_of_workers() -> None:
+    one = load_estimates()
+    here, there = outlook(one, 6, 2, 1), outlook(one, 6, 2, 2)
+    assert here == there
+    retuned = next(s for s in here if s.controller == "adaptive-retuned")
+    assert retuned.survived == 6 and retuned.angles["as it is"] >= math.radians(5.0)
+    assert np.all([s.angles["as it is"] == 0.0 for s in here if s is not retuned])

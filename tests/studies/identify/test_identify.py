@@ -1,0 +1,64 @@
+"""The command on one made-up log, and what its sections say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.identification.description import to_table
+from afl_mujoco.identification.log import write_log
+from afl_mujoco.identification.shipped import load_estimates
+from afl_mujoco.scenario.files import load_scenario
+from afl_mujoco.studies.identify.sections import sections
+from tests.study_results import identified
+from tests.synthetic_logs import Truth, swing
+
+TRUTH = Truth()
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    """A folder with a log and its description."""
+    (tmp_path / "logs").mkdir()
+    c = swing(TRUTH, 4, 1.6)
+    write_log(tmp_path / "logs" / "one.csv", c["time"], c["phi"], c["z"], c["command"])
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps(to_table(TRUTH.description)))
+    return tmp_path
+
+
+def test_the_command_writes_estimates_a_scenario_and_a_figure(rig: Path, command_line) -> None:
+    code, output, _ = command_line(
+        "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1"
+    )
+    assert code == 0
+    assert "made up: Gravity acts on the pole as on its rod within" in output
+    assert "1 log, 1.58 s in all, a row every 20 ms" in output
+    assert "fewer than 8 logs: too narrow" in " ".join(output.split())
+    data = json.loads((rig / "out" / "identify.json").read_text())
+    found = {one["name"]: one for one in data["identified"]["drive"]["estimates"]}
+    assert found["gain"]["value"] == pytest.approx(TRUTH.expected["gain"], rel=0.05)
+    scenario = load_scenario(rig / "out" / "identified.toml")
+    assert scenario.imperfections.delay == found["delay"]["value"]
+    assert (rig / "out" / "identify-log.png").is_file()
+    assert 'id="identify"' in (rig / "out" / "report.html").read_text()
+
+
+def test_every_part_of_a_result_is_said() -> None:
+    text = to_markdown(sections(identified()))
+    assert "scale of the angle" in text and "sin_1" not in text
+    assert "off a straight line by up to" in text
+    assert "all of them are in proportion to the mass of the pole" in text
+    assert "Not seen in these logs" in text and "dry friction" in text
+    assert "compare identified.toml" in text
+
+
+def test_without_a_drive_nothing_is_said_of_one() -> None:
+    one = replace(load_estimates(), drive=None, physical=())
+    text = to_markdown(sections(replace(identified(), identified=one, shown=None)))
+    assert "The command is constant in every log: nothing is known of cart and drive." in text
+    assert "Cart and drive" not in text and "identified.toml" not in text
