@@ -2,7 +2,8 @@
 
 They are the criteria, the fields of a scenario's ``[imperfections]`` and ``[requirements]``, the
 imperfections whose thresholds are searched, the space of random hardware and the keys of every
-result file; and, given a report.json, the claims.
+result file; what was identified of the measured cart-pole and how the model was judged by its
+recordings; and, given a report.json, the claims.
 """
 
 from __future__ import annotations
@@ -10,18 +11,22 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby, pairwise
 from pathlib import Path
+from typing import Any
 
 from afl_mujoco.document.markdown import cells_as_table, rewrite
 from afl_mujoco.errors import FileError
+from afl_mujoco.identification.shipped import load_estimates
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.laboratory import LABORATORY, REASONS
 from afl_mujoco.scenario.requirements import BANDS, UNITS, Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
+from afl_mujoco.studies.identified_parts import estimates_table, nominal_table
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.thresholds.classes import level_text
@@ -40,6 +45,16 @@ def tables() -> dict[tuple[str, str], str]:
         ("robustness.md", "reference hardware"): thresholds_table(),
         ("montecarlo.md", "space"): space_table(),
         ("results.md", "results"): results_table(),
+        ("hardware.md", "identified"): identified_tables(),
+    }
+
+
+def measured_tables(docs: Path) -> dict[tuple[str, str], str]:
+    """Return the tables that a result file of a folder of documentation holds."""
+    found = json.loads((docs / "results" / "hardware.json").read_text(encoding="utf-8"))
+    return {
+        ("hardware.md", "judged"): judged_tables(found),
+        ("hardware.md", "outlook"): outlook_table(found["survival"]),
     }
 
 
@@ -131,6 +146,65 @@ def thresholds_table() -> str:
     return cells_as_table(("imperfection", "sets", "reference hardware", "searched", "why"), rows)
 
 
+def identified_tables() -> str:
+    """Return what was identified of the shipped cart-pole: its estimates, then what they are."""
+    one = load_estimates()
+    steps = [one.pole, *([one.drive] if one.drive else [])]
+    shown = [*(estimates_table("", step.estimates) for step in steps), nominal_table(one)]
+    found = []
+    for table in shown:
+        rows = [tuple(cell.text for _, cell in row) for row in table.cells]
+        found.append(cells_as_table([column.title for column in table.columns], rows))
+    return "\n".join(found)
+
+
+def judged_tables(found: Mapping[str, Any]) -> str:
+    """Return how the model was judged by the shipped recordings."""
+    statements = [
+        (
+            one["statement"],
+            one["measure"],
+            f"{one['value']:.3g}",
+            f"{'≥' if one['at_least'] else '≤'} {one['limit']:g}",
+            "validated" if not one["suspected"] else f"not validated; {one['suspected']}",
+        )
+        for one in found["statements"]
+    ]
+    errors = [
+        (
+            f"{one['horizon']:g}",
+            f"{1e3 * alone['rms_phi']:.3g}",
+            f"{alone['counts_phi']:.3g}",
+            f"{1e3 * one['rms_phi']:.3g}",
+            f"{100.0 * one['explained_phi']:.4g}",
+            f"{1e3 * one['rms_z']:.3g}",
+            f"{100.0 * one['explained_z']:.4g}",
+        )
+        for one, alone in zip(found["held_out"], found["pole"], strict=True)
+    ]
+    header = (
+        "horizon [s]", "φ, cart known [mrad]", "[counts]", "φ, command known [mrad]",
+        "explained [%]", "z, command known [mm]", "explained [%]",
+    )  # fmt: skip
+    tables = (
+        cells_as_table(("statement", "measure", "measured", "limit", "verdict"), statements),
+        cells_as_table(header, errors),
+    )
+    return "\n".join(tables)
+
+
+def outlook_table(found: Sequence[Mapping[str, Any]]) -> str:
+    """Return what controllers would do on the shipped cart-pole."""
+    rows = [
+        ("drawn cart-poles survived", *(f"{one['survived']} of {one['runs']}" for one in found)),
+        *(
+            (f"from [deg], {what}", *(f"{math.degrees(one['angles'][what]):.0f}" for one in found))
+            for what in found[0]["angles"]
+        ),
+    ]
+    return cells_as_table(("", *(f"`{one['controller']}`" for one in found)), rows)
+
+
 def _factor(factor: float) -> str:
     """Return what a level is multiplied by, nothing for 1."""
     return "" if factor == 1.0 else f" × {factor:g}"
@@ -162,7 +236,7 @@ def _docstrings(kind: type) -> Mapping[str, str]:
 
 def main(docs: Path, report: Path | None = None) -> None:
     """Write every table of a folder of documentation, the claims too if there is a report."""
-    for (page, name), table in tables().items():
+    for (page, name), table in {**tables(), **measured_tables(docs)}.items():
         rewrite(docs / page, name, table)
     if report is not None:
         rewrite(docs / "tuning.md", "claims", claims_table(report))

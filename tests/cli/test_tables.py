@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from afl_mujoco.cli.tables import claims_table, tables
+from afl_mujoco.cli.tables import claims_table, measured_tables, tables
 from afl_mujoco.document.markdown import rewrite
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import save_record
@@ -15,7 +15,7 @@ from tests.study_results import record
 from tests.verification_result import make_result
 
 DOCS = Path(__file__).parents[2] / "docs"
-TABLES = tables()
+TABLES = {**tables(), **measured_tables(DOCS)}
 
 
 @pytest.mark.parametrize(("page", "name"), TABLES)

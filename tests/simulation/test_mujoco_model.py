@@ -183,6 +183,7 @@ def test_bad_settings_are_refused(odd_parameters):
         (Imperfections(), False),
         (Imperfections(rail_damping=1.0), False),
         (Imperfections(rail_friction=0.5), True),
+        (Imperfections(hinge_friction=0.001), True),
         (Imperfections(rail_half_length=1.0), True),
     ],
     ids=str,

@@ -23,9 +23,11 @@ FULL = Imperfections(
     hinge_armature=0.00051,
     rail_half_length=1.9,
     tip_mass_share=0.23,
+    hinge_friction=0.0007,
 )
 PASSIVE = {
     "friction": Imperfections(rail_friction=0.31),
+    "friction of the hinge": Imperfections(hinge_friction=0.0007),
     "stops": Imperfections(rail_half_length=1.9),
     "everything": FULL,
 }
@@ -53,9 +55,9 @@ def _by_hand(p, r):
     com = (1 - s) * length + s * 2 * length
     about_com = (1 - s) * m * (length**2 / 3 + (com - length) ** 2)
     about_com += s * m * (2 * length - com) ** 2
-    friction = (
-        f'frictionloss="{r.rail_friction!r}" solimpfriction=".99 .9999 .001 .5 2" '
-        'solreffriction=".004 1"'
+    friction, hinge_friction = (
+        f'frictionloss="{loss!r}" solimpfriction=".99 .9999 .001 .5 2" solreffriction=".004 1"'
+        for loss in (r.rail_friction, r.hinge_friction)
     )
     stops = f'range="{-r.rail_half_length!r} {r.rail_half_length!r}" solreflimit=".005 1"'
     return f"""
@@ -69,7 +71,7 @@ def _by_hand(p, r):
           <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
           <body name="pole">
             <joint name="hinge" type="hinge" axis="0 -1 0" damping="{r.hinge_damping!r}"
-                   armature="{r.hinge_armature!r}"/>
+                   armature="{r.hinge_armature!r}" {hinge_friction}/>
             <inertial pos="0 0 {com!r}" mass="{m!r}"
                       diaginertia="{about_com!r} {about_com!r} {0.01 * about_com!r}"/>
           </body>
