@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from afl_mujoco.files import read_json, write_json
-from afl_mujoco.films.replay import Deployment
+from afl_mujoco.films.replay import IDEAL_ODE, Deployment
 
 LISTING = "films.json"
 """File beside the films that says what they show."""
@@ -35,6 +35,8 @@ class Entry:
         How the controller is deployed.
     command
         What makes it, as typed into a shell.
+    ghost
+        What the pale cart-pole in it is.
     """
 
     file: str
@@ -49,6 +51,7 @@ class Entry:
     frames: int
     deployment: Deployment
     command: str
+    ghost: str = IDEAL_ODE
 
     def __post_init__(self) -> None:
         """Raise unless the files lie beside the list and the sizes can be."""

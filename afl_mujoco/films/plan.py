@@ -10,7 +10,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.films.listing import Entry
-from afl_mujoco.films.replay import Deployment, Replay, frame_times
+from afl_mujoco.films.replay import IDEAL_ODE, Deployment, Replay, frame_times
 from afl_mujoco.films.scene import require_size
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
@@ -122,6 +122,7 @@ class Film:
             frames=self.frames,
             deployment=self.deployment,
             command=self.command,
+            ghost=IDEAL_ODE if self.replay is None else self.replay.ghost,
         )
 
 

@@ -17,6 +17,9 @@ from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
+IDEAL_ODE = "ideal ODE"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deployment:
     """How the controller is deployed in the run that is filmed.
@@ -88,7 +91,7 @@ class Replay:
     pole_mass: float
     gravity: float
     endings: tuple[tuple[float, str], ...] = ()
-    ghost: str = "ideal ODE"
+    ghost: str = IDEAL_ODE
     looks: float | None = None
 
     def drawn_mass(self, index: int) -> float:

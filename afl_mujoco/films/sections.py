@@ -9,6 +9,7 @@ from afl_mujoco.document.blocks import Block, Film, Section, Text
 from afl_mujoco.document.numbers import sentence
 from afl_mujoco.films.listing import Entry, load_listing
 from afl_mujoco.films.plan import SINGLE
+from afl_mujoco.films.replay import IDEAL_ODE
 
 
 def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[Section]:
@@ -19,8 +20,8 @@ def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[
     scenarios = dict.fromkeys(entry.scenario for entry in entries if entry.scenario)
     blocks: list[Block] = [
         Text(
-            "MuJoCo's cart-pole as deployed; its ghost is the ideal ODE, without imperfections. "
-            "Times are real times."
+            "MuJoCo's cart-pole as deployed; its ghost is the ideal ODE, without imperfections, where "
+            "a film does not say what else. Times are real times."
         )
     ]
     blocks += _films([entry for entry in entries if not entry.scenario], folder)
@@ -41,7 +42,7 @@ def _films(entries: Sequence[Entry], folder: Path) -> list[Film]:
     found = [
         Film(
             title=entry.title,
-            caption=f"{sentence(entry.deployment.describe())}.",
+            caption=f"{sentence(entry.deployment.describe())}{_ghost(entry)}.",
             file=folder / entry.file,
             poster=folder / entry.poster,
             width=entry.width,
@@ -52,3 +53,8 @@ def _films(entries: Sequence[Entry], folder: Path) -> list[Film]:
         for entry in entries
     ]
     return sorted(found, key=lambda film: not film.wide)
+
+
+def _ghost(entry: Entry) -> str:
+    """Say what the ghost of a film is, where it is not the ideal ODE."""
+    return "" if entry.ghost == IDEAL_ODE else f"; the ghost is {entry.ghost}"

@@ -52,8 +52,9 @@ def verdict(result: Result) -> Verdict:
     return Verdict(
         result.passed,
         f"{text}, on {len(result.logs)} recordings",
-        f"Validated against measurements of {result.identified.description.name}, in the range of "
-        "states and commands of the recordings; not beyond it, and not for another cart-pole.",
+        f"What holds is validated against measurements of {result.identified.description.name}, in "
+        "the range of states and commands of the recordings; not beyond it, and not for another "
+        "cart-pole.",
     )
 
 
