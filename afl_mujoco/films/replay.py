@@ -16,7 +16,6 @@ from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
-
 IDEAL_ODE = "ideal ODE"
 
 

@@ -20,8 +20,8 @@ def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[
     scenarios = dict.fromkeys(entry.scenario for entry in entries if entry.scenario)
     blocks: list[Block] = [
         Text(
-            "MuJoCo's cart-pole as deployed; its ghost is the ideal ODE, without imperfections, where "
-            "a film does not say what else. Times are real times."
+            "MuJoCo's cart-pole as deployed; its ghost is the ideal ODE, without imperfections, "
+            "where a film does not say what else. Times are real times."
         )
     ]
     blocks += _films([entry for entry in entries if not entry.scenario], folder)
