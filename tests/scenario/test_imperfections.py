@@ -46,6 +46,7 @@ REAL = Imperfections(
     parameter_delay=0.09,
     mass_error=-0.13,
     length_error=0.17,
+    hinge_friction=2e-4,
     seed=2**63 - 1,
 )
 """It differs from the ideal in every field."""

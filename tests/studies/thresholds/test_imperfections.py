@@ -50,8 +50,9 @@ def test_the_reference_lies_between_benign_and_harsh(name: str) -> None:
 
 def test_every_departure_that_a_scenario_can_have_is_an_imperfection() -> None:
     set_ = {field for one in IMPERFECTIONS for field in (*one.fields, *one.switches)}
-    there = {field.name for field in fields(Imperfections)} - {"seed", "velocity_filter"}
-    assert set_ == there
+    there = {field.name for field in fields(Imperfections)}
+    # a filter that does harm only with others, and a friction that is seen where it is identified
+    assert set_ == there - {"seed", "velocity_filter", "hinge_friction"}
 
 
 def test_all_combined_has_every_imperfection_at_once() -> None:
