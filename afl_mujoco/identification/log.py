@@ -232,7 +232,7 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
         if size > MOST_BYTES:
             rule = f"must be at most {MOST_BYTES // 10**6} MB: cut it into logs of minutes"
             raise InvalidValueError(str(path), rule, f"{size / 1e6:.0f} MB")
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             lines = csv.reader(line for line in file if not line.startswith("#"))
             first = [name.strip() for name in next(lines, [])]
             for header in headers:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from afl_mujoco.errors import FileError
 from afl_mujoco.files import read_json
-from afl_mujoco.identification.identify import Identified
+
+if TYPE_CHECKING:
+    from afl_mujoco.identification.identify import Identified
 
 FOLDER = Path(__file__).parent / "data" / "cartpole"
 """Recordings, their origin and licence, their description, and the estimates."""
@@ -18,5 +22,15 @@ DESCRIPTION, ESTIMATES = FOLDER / "description.toml", FOLDER / "estimates.json"
 
 def load_estimates(path: Path = ESTIMATES) -> Identified:
     """Return estimates that `afl-mujoco identify` wrote."""
-    again = "run afl-mujoco identify"
-    return read_json(path, Identified, "are no estimates of afl-mujoco identify", again)
+    from afl_mujoco.identification import pole, rig
+    from afl_mujoco.identification.identify import Identified
+
+    wrong, again = "are no estimates of afl-mujoco identify", "run afl-mujoco identify"
+    found = read_json(path, Identified, wrong, again)
+    expected = [one.name for one in pole.parameters_of(found.description)]
+    if found.drive is not None:
+        expected += [one.name for one in rig.parameters_of(found.description)]
+    if list(found.values) != expected:
+        named = ", ".join({*expected} ^ {*found.values}) or "their order"
+        raise FileError(f"{path} {wrong}: {named}", f"must be as it writes them: {again}")
+    return found

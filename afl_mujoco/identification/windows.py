@@ -101,7 +101,10 @@ def cut(
         if log.valid[first : first + reach : stride][:head].sum() >= min(head, seen)
     ]
     if not places:
-        raise InvalidValueError("logs", f"must have a stretch of {length:g} s without a gap", None)
+        rule = (
+            f"must be longer than {length:g} s, one of them at least, the angle known at its start"
+        )
+        raise InvalidValueError("logs", rule)
     parts = [slice(first, first + reach, stride) for _, first in places]
 
     def taken(name: str) -> NDArray[np.float64]:

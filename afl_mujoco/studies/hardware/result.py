@@ -40,7 +40,7 @@ class Judged:
     id, statement, measure, limit
         As of the protocol.
     value
-        What was measured.
+        What was measured; None where these recordings cannot tell.
     at_least
         Whether the value must reach the limit; else it must not exceed it.
     suspected
@@ -51,13 +51,15 @@ class Judged:
     statement: str
     measure: str
     limit: float
-    value: float
+    value: float | None
     at_least: bool
     suspected: str = ""
 
     @property
     def holds(self) -> bool:
-        """Whether the statement does; a value that is no number never does."""
+        """Whether the statement does; what cannot be told does not."""
+        if self.value is None:
+            return False
         return self.value >= self.limit if self.at_least else self.value <= self.limit
 
 

@@ -135,7 +135,7 @@ def _warnings(result: Result) -> list[Block]:
     ]
 
 
-def _shown(judged: Judged, value: float) -> str:
+def _shown(judged: Judged, value: float | None) -> str:
     """Return a value or a limit of a statement."""
     if "share" in judged.measure or "relative" in judged.measure:
         return percent(value, 3)

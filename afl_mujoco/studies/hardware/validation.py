@@ -91,8 +91,8 @@ def validate(
     horizons = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, horizons.tolist(), values, d)
     band = np.array([horizons, [e.rms_z or 0.0 for e in spread], [e.rms_phi for e in spread]])
-    longest = int(np.argmax([log.duration for log in logs]))
-    recorded = _recorded(logs[longest], longest, starts, read, identified)
+    most = int(np.bincount(starts.windows.log).argmax())
+    recorded = _recorded(logs[most], most, starts, read, identified)
     survival = outlook(identified, draws, seed, workers) if draws else ()
     progress("judging", 6, 6)
     return Result(
@@ -205,20 +205,21 @@ def _judge(
         ),
         "coupling": (abs(coupling.value - 1.0), False, "the scale of the position"),
         "pole-0.2": (
-            np.nan if away is None else away, False,
+            away, False,
             f"readings missing before the start, across the dead zone: without such starts it is "
             f"{short(driven.clear_phi, 3)}",
         ),
         "rig-0.5-phi": (whole.explained_phi, True, "the drive: commands that arrive late"),
         "rig-0.5-z": (
-            np.nan if whole.explained_z is None else whole.explained_z, True,
+            whole.explained_z, True,
             "the drive: commands that arrive late",
         ),
     }  # fmt: skip
     judged = []
     for one in load_protocol().statements:
         value, at_least, suspected = measured[one.id]
-        value = float(value) if np.isfinite(value) else (0.0 if at_least else 1e9)
+        if value is None:
+            suspected = "these recordings cannot tell: they never go there, or have no resolution"
         found = Judged(
             id=one.id, statement=one.statement, measure=one.measure, limit=one.limit,
             value=value, at_least=at_least,

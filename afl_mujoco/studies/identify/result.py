@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import predicted_by_rig, starts_of
@@ -49,7 +50,7 @@ class Result:
     identified
         What was found.
     shown
-        One log beside the model; None where no drive was identified.
+        One log beside the model; None where no drive was identified, or no log is long enough.
     """
 
     identified: Identified
@@ -72,7 +73,10 @@ def shown_of(identified: Identified, log: Log) -> Shown | None:
     if identified.drive is None:
         return None
     values, d = identified.values, identified.description
-    starts = starts_of([log], SHOWN, SHOWN, SHOWN)
+    try:
+        starts = starts_of([log], SHOWN, SHOWN, SHOWN)
+    except InvalidValueError:  # too short a log is no reason to lose what was identified
+        return None
     w, drive = starts.windows, identified.drive
     scatter = (drive.scatter_z or 1e-3, drive.scatter_phi)
     read, _ = predicted_by_rig(starts, values, d, scatter)

@@ -114,6 +114,23 @@ def test_what_is_changed_is_that_alone() -> None:
         assert apart == expected, name
 
 
+def test_what_recordings_cannot_tell_does_not_hold() -> None:
+    result = hardware()
+    unknown = replace(result.statements[1], value=None, suspected="these recordings cannot tell")
+    result = replace(result, statements=(unknown,))
+    assert not verdict(result).passed
+    assert "these recordings cannot tell" in to_markdown(sections(result))
+
+
+def test_estimates_that_were_changed_by_hand_are_refused(tmp_path: Path, command_line) -> None:
+    data = json.loads((FIT.parent / "estimates.json").read_text())
+    data["drive"]["estimates"] = data["drive"]["estimates"][1:]
+    (tmp_path / "cut.json").write_text(json.dumps(data))
+    code, output, errors = command_line("hardware", "--estimates", "cut.json", "--logs", ".")
+    assert (code, output) == (2, "") and errors.count("\n") == 1
+    assert "cut.json are no estimates of afl-mujoco identify: mass_ratio must be as" in errors
+
+
 @pytest.mark.slow
 def test_the_outlook_is_the_same_for_any_number_of_workers() -> None:
     one = load_estimates()
