@@ -98,7 +98,9 @@ def random_truth(seed: int) -> Truth:
     )  # fmt: skip
 
 
-def swing(truth: Truth, seed: int, seconds: float = 4.0) -> dict[str, np.ndarray]:
+def swing(
+    truth: Truth, seed: int, seconds: float = 4.0, period: float = PERIOD
+) -> dict[str, np.ndarray]:
     """A log as columns of its description: a pumped pole, the cart kept near the middle."""
     rng = np.random.default_rng(seed)
     model = CartPoleModel(
@@ -125,16 +127,17 @@ def swing(truth: Truth, seed: int, seconds: float = 4.0) -> dict[str, np.ndarray
         d.ctrl[0] = truth.force * commands[max(0, (k - late) // hold + 1)]
         mujoco.mj_step(m, d)
     track = np.array(states)
-    time = np.arange(ticks) * PERIOD
+    count = round(seconds / period)
+    time = np.arange(count) * period
     instants = np.arange(len(track)) * STEP
     z = np.interp(time + truth.skew, instants, track[:, 0])
     angle = np.interp(time, instants, track[:, 1])
-    phi = (angle - truth.offset) / truth.angle_scale + rng.normal(0.0, 0.5 * truth.count, ticks)
+    phi = (angle - truth.offset) / truth.angle_scale + rng.normal(0.0, 0.5 * truth.count, count)
     phi = (phi + np.pi) % (2.0 * np.pi) - np.pi
-    stamps = 1e4 + time + rng.normal(0.0, 1e-4, ticks)
+    stamps = 1e4 + time + rng.normal(0.0, 5e-3 * period, count)
     return {
         "time": stamps,
         "phi": np.round(phi / truth.count) * truth.count,
         "z": np.round(z / truth.position_count) * truth.position_count,
-        "command": np.array(commands[1 : ticks + 1]),
+        "command": np.array(commands)[1 + (time / PERIOD + 1e-6).astype(int)],
     }

@@ -59,7 +59,7 @@ class Log:
             rows.append(
                 (
                     log.name, str(len(log.time)), short(log.duration, 3),
-                    short(1e3 * log.period), short(1e3 * log.jitter, 2), str(log.gaps),
+                    short(1e3 * log.period), short(1e3 * log.jitter, 2), str(log.missing),
                     f"{short(float(log.z.min()), 2)} to {short(float(log.z.max()), 2)}",
                     f"{short(float(np.nanmin(angle)), 3)} to {short(float(np.nanmax(angle)), 3)}",
                     percent(1.0 - float(log.valid.mean()), 2),
@@ -70,7 +70,7 @@ class Log:
             columns=(
                 Column("Log"), Column("Rows", number=True), Column("Duration", "s", number=True),
                 Column("Period", "ms", number=True), Column("Jitter", "ms", number=True),
-                Column("Gaps", number=True), Column("z", "m", number=True),
+                Column("Missing", number=True), Column("z", "m", number=True),
                 Column("φ", "rad", number=True), Column("φ in the dead zone", number=True),
             ),
             rows=rows,

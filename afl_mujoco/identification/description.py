@@ -30,6 +30,10 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 """What one of a unit is in SI, by signal."""
 
 
+SMALLEST = 1e-4
+"""Of masses, lengths and forces in SI units; the largest is as many times 1."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeColumn:
     """Time of a reading, of any origin.
@@ -81,9 +85,9 @@ class AngleColumn:
     def __post_init__(self) -> None:
         """Validate every field."""
         _require_signal("phi", self)
-        require_finite("phi.zero", self.zero)
+        require_finite("zero", self.zero)
         if self.dead_zone is not None and not self.dead_zone[0] < self.dead_zone[1]:
-            raise InvalidValueError("phi.dead_zone", "must grow", list(self.dead_zone))
+            raise InvalidValueError("dead_zone", "must grow", list(self.dead_zone))
 
     @property
     def radians(self) -> float:
@@ -142,8 +146,8 @@ class CommandColumn:
 
     def __post_init__(self) -> None:
         """Validate every field."""
-        _require_sign("command", self.sign)
-        require_positive("command.limit", self.limit)
+        _require_sign(self.sign)
+        require_positive("limit", self.limit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,14 +183,16 @@ class Nominal:
     def __post_init__(self) -> None:
         """Validate every field."""
         for name in ("pole_mass", "half_length", "cart_mass", "force", "gravity"):
-            require_positive(f"nominal.{name}", getattr(self, name))
-        for name in ("hinge_damping", "rail_damping"):
-            if require_finite(f"nominal.{name}", getattr(self, name)) < 0.0:
+            value = require_positive(name, getattr(self, name))
+            if not SMALLEST <= value <= 1.0 / SMALLEST:
                 raise InvalidValueError(
-                    f"nominal.{name}", "must not be negative", getattr(self, name)
+                    name, f"must lie in {SMALLEST:g} to {1.0 / SMALLEST:g}", value
                 )
+        for name in ("hinge_damping", "rail_damping"):
+            if require_finite(name, getattr(self, name)) < 0.0:
+                raise InvalidValueError(name, "must not be negative", getattr(self, name))
         if self.rail_half_length is not None:
-            require_positive("nominal.rail_half_length", self.rail_half_length)
+            require_positive("rail_half_length", self.rail_half_length)
 
     @property
     def gravity_term(self) -> float:
@@ -290,15 +296,15 @@ def _require_unit(signal: str, unit: str) -> None:
         raise UnknownNameError.among(f"{signal}.unit", unit, UNITS[signal])
 
 
-def _require_sign(signal: str, sign: int) -> None:
+def _require_sign(sign: int) -> None:
     """Raise if a sign is none."""
     if sign not in (-1, 1):
-        raise InvalidValueError(f"{signal}.sign", "must be 1 or -1", sign)
+        raise InvalidValueError("sign", "must be 1 or -1", sign)
 
 
 def _require_signal(signal: str, column: AngleColumn | PositionColumn) -> None:
     """Raise if unit, sign or resolution break a rule."""
     _require_unit(signal, column.unit)
-    _require_sign(signal, column.sign)
-    if require_finite(f"{signal}.resolution", column.resolution) < 0.0:
-        raise InvalidValueError(f"{signal}.resolution", "must not be negative", column.resolution)
+    _require_sign(column.sign)
+    if require_finite("resolution", column.resolution) < 0.0:
+        raise InvalidValueError("resolution", "must not be negative", column.resolution)

@@ -22,8 +22,19 @@ DURATION = 10.0
 TILT = 0.1
 """Of the pole at its start, and how far it varies to either side [rad]."""
 
+UNCERTAIN = 0.5
+"""Half an interval, relative to its estimate, from which on nothing is drawn from it."""
+
 NORMAL = 1.959964
 """Half an interval of 95 % in standard errors."""
+
+
+def certain(identified: Identified) -> bool:
+    """Return whether masses and forces are known well enough for a cart-pole to be drawn."""
+    return all(
+        not one.on_bound and one.high - one.value < UNCERTAIN * abs(one.value)
+        for one in map(identified.find, ("mass_ratio", "gain", "gravity_term"))
+    )
 
 
 def scenario_of(identified: Identified) -> Scenario:
@@ -40,12 +51,16 @@ def scenario_of(identified: Identified) -> Scenario:
     base = with_values(identified, identified.values)
     found = {one.name: one for one in identified.physical}
     varied: dict[str, tuple[float, float]] = {"phi": (-TILT, TILT)}
-    for name in ("rail_damping", "rail_friction", "hinge_damping", "hinge_friction"):
+    for name in ("hinge_damping", "hinge_friction"):
         _add(varied, name, found[name])
+    whole = found["cart_mass"].value + identified.description.nominal.pole_mass
+    for name, ratio in (("rail_damping", "decay"), ("rail_friction", "dry_deceleration")):
+        of = identified.find(ratio)  # at the M that stands in the file: forces go with masses
+        _add(varied, name, replace(of, low=whole * of.low, high=whole * of.high))
     _add(varied, "delay", identified.find("delay"))
     _add(varied, "actuator_lag", identified.find("lag"))
-    for name, of in (("mass_error", "cart_mass"), ("length_error", "half_length")):
-        share = (found[of].high - found[of].value) / found[of].value
+    for name, known in (("mass_error", "cart_mass"), ("length_error", "half_length")):
+        share = (found[known].high - found[known].value) / found[known].value
         varied[name] = (-min(share, 0.9), share)
 
     return replace(base, ranges=Ranges(varied=varied))
@@ -93,9 +108,10 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
 
 
 def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
-    """Return cart-poles as the estimates allow: normal, correlated as they are.
+    """Return cart-poles as the estimates allow: normal, in each step correlated as they are.
 
-    What cannot be less than nought is none where it is drawn so. The pole leans by up to `TILT`.
+    A controller assumes the estimates of M and l, not what was drawn. What cannot be less than
+    nought is none where it is drawn so. The pole leans by up to `TILT`.
 
     Parameters
     ----------
@@ -116,14 +132,25 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
             drawn, generator.multivariate_normal(mean, _covariance(step), count), strict=True
         ):
             values.update(zip(names, row.tolist(), strict=True))
-    return [
-        replace(
-            with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)}),
-            name=f"draw-{i:04d}",
-            initial_state=(0.0, float(tilt), 0.0, 0.0),
+    assumed = with_values(identified, identified.values).parameters_at(0.0)
+    scenarios = []
+    for i, (values, tilt) in enumerate(zip(drawn, tilts, strict=True)):
+        one = with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)})
+        plant = one.parameters_at(0.0)
+        believed = replace(
+            one.imperfections,
+            mass_error=assumed.cart_mass / plant.cart_mass - 1.0,
+            length_error=assumed.half_length / plant.half_length - 1.0,
         )
-        for i, (values, tilt) in enumerate(zip(drawn, tilts, strict=True))
-    ]
+        scenarios.append(
+            replace(
+                one,
+                name=f"draw-{i:04d}",
+                initial_state=(0.0, float(tilt), 0.0, 0.0),
+                imperfections=believed,
+            )
+        )
+    return scenarios
 
 
 def _covariance(step: Step) -> np.ndarray:

@@ -91,6 +91,13 @@ class Step:
     windows: int
 
     @property
+    def is_sound(self) -> bool:
+        """Whether there is a correlation for each pair, and any scatter."""
+        count = len(self.estimates)
+        square = len(self.correlations) == count == max(map(len, self.correlations), default=0)
+        return square and self.scatter_phi > 0.0 and (self.scatter_z is None or self.scatter_z > 0)
+
+    @property
     def alike(self) -> list[tuple[str, str, float]]:
         """The pairs that are hard to tell apart, with their correlations."""
         names, found = [one.name for one in self.estimates], np.array(self.correlations)
@@ -168,6 +175,17 @@ def identify(
         If the logs say that a unit is wrong.
     """
     require_radians(logs, description)
+    try:
+        return _identify(logs, description, workers, progress)
+    except np.linalg.LinAlgError:
+        rule = "do not determine a cart-pole: check units, signs, and the figures that are given"
+        raise InvalidValueError("logs", rule) from None
+
+
+def _identify(
+    logs: Sequence[Log], description: Description, workers: int, progress: Progress
+) -> Identified:
+    """Identify a cart-pole from its logs, as `identify`."""
     windows = cut(logs, WINDOW, WINDOW)
     progress(0, 4)
     first, starts = identify_pole(windows, description)
@@ -175,6 +193,12 @@ def identify(
     drive, steps = None, [first]
     if any(np.ptp(log.command) > 0.0 for log in logs):
         drive = _identify_drive(windows, description, first, starts, workers, progress)
+        if not _shows(drive, "gain"):
+            raise InvalidValueError(
+                description.command.column,
+                "must drive the cart: check its sign, and that it is the command of its row",
+                f"{drive.by_name['gain']:.4g} m/s^2 of one of it, within the error of none",
+            )
         steps.append(drive)
     progress(4, 4)
     return Identified(
@@ -321,15 +345,16 @@ def _finished(
     return _with_bound(final, parameters, bound)
 
 
-def _without_dry_friction(known: Mapping[str, float], windows: Windows) -> dict[str, float]:
+def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[str, float]:
     """Return the pole's parameters with its dry friction as the viscous one that wastes as much.
 
-    It is a thousandth of gravity, and without it MuJoCo takes a third of the time.
+    It is small beside gravity, and without it MuJoCo takes a third of the time.
     """
-    rates = np.diff(windows.phi + 2.0 * np.pi * windows.turns, axis=1)
-    rates = np.abs(rates / np.diff(windows.time, axis=1))
+    known = windows.valid[:, 1:] * windows.valid[:, :-1] > 0.0
+    turned = np.diff(windows.phi + 2.0 * np.pi * windows.turns, axis=1)
+    rates = np.abs(turned / np.diff(windows.time, axis=1))[known]
     share = float(rates.mean() / np.mean(rates**2))
-    return {**known, "damping": known["damping"] + share * known["friction"], "friction": 0.0}
+    return {**found, "damping": found["damping"] + share * found["friction"], "friction": 0.0}
 
 
 def _fit_drive(
@@ -409,6 +434,18 @@ _PHYSICAL = {
 """Title and unit of what `rig.physical` returns."""
 
 
+_DEPENDS = {
+    "half_length": {"gravity_term"},
+    "cart_mass": {"mass_ratio"},
+    "force": {"mass_ratio", "gain"},
+    "rail_damping": {"mass_ratio", "decay"},
+    "rail_friction": {"mass_ratio", "dry_deceleration"},
+    "hinge_damping": {"gravity_term", "damping"},
+    "hinge_friction": {"gravity_term", "friction"},
+}
+"""What they are made of."""
+
+
 def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate, ...]:
     """Return masses, forces and frictions with intervals, by linear propagation of errors."""
     values = {name: value for step in steps for name, value in step.by_name.items()}
@@ -423,7 +460,12 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
         spread = np.einsum("ki,ij,kj->k", slopes, step.covariance, slopes)
         variance = {name: variance[name] + float(x) for name, x in zip(base, spread, strict=True)}
     degrees = min(step.degrees for step in steps)
-    friction = steps[-1].on_bound[[p.name for p in steps[-1].parameters].index("dry_deceleration")]
+    bound = {
+        one.name
+        for step in steps
+        for one, there in zip(step.parameters, step.on_bound, strict=True)
+        if there
+    }
     found = []
     for name, value in base.items():
         half = float(half_widths(np.sqrt(np.array([variance[name]])), degrees)[0])
@@ -436,7 +478,7 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
                 value=value,
                 low=value - half,
                 high=value + half,
-                on_bound=name == "rail_friction" and bool(friction),
+                on_bound=bool(bound & _DEPENDS[name]),
             )
         )
     return tuple(found)

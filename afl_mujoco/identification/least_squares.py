@@ -239,7 +239,7 @@ def fit(
             break
     on_bound = np.minimum(values - low, high - values) <= 1e-3 * scales
     covariance, degrees = _covariance(
-        _reduced(residuals, values, starts, rest, steps, own_steps), clusters, ~on_bound
+        *derivatives(residuals, values, starts, rest, steps, own_steps), rest, clusters, ~on_bound
     )
     return Fit(
         parameters=parameters, values=values, covariance=covariance, on_bound=on_bound,
@@ -424,20 +424,33 @@ def _cost(rest: Array) -> float:
 
 
 def _covariance(
-    system: _Reduced, clusters: NDArray[np.int64], free: NDArray[np.bool_]
+    shared: Array,
+    own: Array,
+    rest: Array,
+    clusters: NDArray[np.int64],
+    free: NDArray[np.bool_],
 ) -> tuple[Array, int]:
     """Return the covariance of the shared parameters, and its degrees of freedom.
 
-    The sandwich of White for clustered observations: its bread is the inverse of the matrix of
-    Gauss and Newton, its filling the scatter of what the clusters contribute to the gradient.
+    The sandwich of Huber and White for clustered observations: its bread is the inverse of the
+    curvature, its filling the scatter of what the clusters contribute to the gradient; with the
+    corrections for few clusters and for what is estimated.
     """
-    bread = np.linalg.pinv(system.matrix[np.ix_(free, free)], hermitian=True)
-    scores = np.einsum("bri,br->bi", system.slopes[..., free], system.rest)
+    weights = _weights(rest)
+    curvature = weights**3  # the derivative of a residual's influence, ``weights * rest``
+    root = np.sqrt(curvature)[..., None]
+    q, _ = np.linalg.qr(root * own)
+    slopes = root * shared[..., free]
+    slopes = slopes - q @ (np.swapaxes(q, 1, 2) @ slopes)
+    bread = np.linalg.pinv(np.einsum("bri,brj->ij", slopes, slopes), hermitian=True)
+    scores = np.einsum("bri,br->bi", slopes / root, weights * rest)
     groups = np.unique(clusters)
     if len(groups) >= FEW_CLUSTERS:
         scores = np.array([scores[clusters == group].sum(axis=0) for group in groups])
     degrees = max(1, len(scores) - 1)
-    meat = scores.T @ scores * (len(scores) / degrees)
+    known = np.count_nonzero(np.abs(own).sum(axis=2))  # readings that are masked depend on nothing
+    left = max(1, known - int(free.sum()) - own.shape[0] * own.shape[2])
+    meat = scores.T @ scores * (len(scores) / degrees) * (max(1, known - 1) / left)
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = bread @ meat @ bread
     return covariance, degrees

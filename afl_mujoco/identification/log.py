@@ -24,6 +24,9 @@ LEAST_ROWS = 50
 PERIOD_DIFFERENCE = 0.1
 """Relative difference up to which the period of a log is its nominal one."""
 
+LARGEST = 1e20
+"""Number in a log: nanoseconds since 1970 are below it."""
+
 JITTER = 0.05
 """Scatter of time stamps about a period up to which the device is taken to be regular, and the
 stamps to be late by chance [period]."""
@@ -53,7 +56,7 @@ class Log:
         Held from a row's time to the next, shape (N,).
     period, jitter
         Time between two rows, and the scatter of the stamps about it [s].
-    gaps
+    missing
         How many rows are missing.
     """
 
@@ -66,7 +69,7 @@ class Log:
     command: NDArray[np.float64]
     period: float
     jitter: float
-    gaps: int
+    missing: int
 
     @property
     def duration(self) -> float:
@@ -161,20 +164,21 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
     d = description
     columns = {signal: table[header] for signal, header in d.columns.items()}
     for signal, values in columns.items():
-        if not np.isfinite(values).all():
-            row = int(np.argmin(np.isfinite(values))) + 1
-            raise InvalidValueError(
-                d.columns[signal], "must be numbers", f"{values[row - 1]} in row {row}"
-            )
+        fine = np.abs(values) < LARGEST
+        if not fine.all():
+            row = int(np.argmin(fine)) + 1
+            rule = f"must be numbers below {LARGEST:g}"
+            raise InvalidValueError(d.columns[signal], rule, f"{values[row - 1]:g} in row {row}")
     if len(columns["time"]) < LEAST_ROWS:
         raise InvalidValueError("rows", f"must be at least {LEAST_ROWS}", len(columns["time"]))
-    time, period, jitter, gaps = _clock(columns["time"], d)
+    time, period, jitter, missing = _clock(columns["time"], d)
     raw = columns["phi"]
     zone = d.phi.dead_zone
     valid = np.ones(len(raw), bool) if zone is None else (raw <= zone[0]) | (raw >= zone[1])
     unit = 2.0 * math.pi / abs(d.phi.radians)  # of a turn
-    rebased = raw if zone is None else np.where(raw > 0.5 * (zone[0] + zone[1]), raw - unit, raw)
-    phi = d.phi.radians * (rebased - d.phi.zero)
+    middle = math.inf if zone is None else 0.5 * (zone[0] + zone[1])
+    zero = d.phi.zero - unit if d.phi.zero > middle else d.phi.zero
+    phi = d.phi.radians * (np.where(raw > middle, raw - unit, raw) - zero)
     z, command = d.z.metres * columns["z"], d.command.sign * columns["command"]
     _require_motion(phi[valid], z, d)
     if (worst := float(np.abs(command).max())) > d.command.limit * (1.0 + 1e-6):
@@ -184,7 +188,7 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
     turns = np.interp(np.arange(len(phi)), there, whole).round()
     return Log(
         name=name, time=time, phi=phi, turns=turns, valid=valid, z=z, command=command,
-        period=period, jitter=jitter, gaps=gaps,
+        period=period, jitter=jitter, missing=missing,
     )  # fmt: skip
 
 
@@ -204,12 +208,12 @@ def _clock(
         rule = f"must be near the period of the description, {d.period:g} s"
         raise InvalidValueError(f"time between rows ({d.time.column})", rule, f"{period:g} s")
     counts = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(steps / period)))])
-    gaps = int(counts[-1]) - (len(time) - 1)
+    missing = int(counts[-1]) - (len(time) - 1)
     slope, origin = np.polyfit(counts, time, 1)
     jitter = float(np.std(time - (origin + slope * counts)))
     if jitter <= JITTER * period:
         time, period = slope * counts, float(slope)
-    return time, period, jitter, gaps
+    return time, period, jitter, missing
 
 
 def _require_motion(
@@ -218,7 +222,7 @@ def _require_motion(
     """Raise where a signal does not move: nothing is known of what it says."""
     d = description
     for signal, values, count, header in (
-        ("angle", phi, d.angle_count, d.phi.column),
+        ("angle", np.unwrap(phi), d.angle_count, d.phi.column),
         ("position", z, d.position_count, d.z.column),
     ):
         if len(values) == 0 or np.ptp(values) <= 3.0 * count or np.ptp(values) == 0.0:
@@ -233,9 +237,11 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
             rule = f"must be at most {MOST_BYTES // 10**6} MB: cut it into logs of minutes"
             raise InvalidValueError(str(path), rule, f"{size / 1e6:.0f} MB")
         with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = csv.reader(line for line in file if not line.startswith("#"))
+            lines = csv.reader(line for line in file if line.strip() and not line.startswith("#"))
             first = [name.strip() for name in next(lines, [])]
             for header in headers:
+                if first.count(header) > 1:
+                    raise FileError(f"{path}: column {header!r}", "must stand there once")
                 if header not in first:
                     rule = f"is missing; there are {', '.join(first)}{meant(header, first)}"
                     raise FileError(f"{path}: column {header!r}", rule)

@@ -22,7 +22,7 @@ from scipy.interpolate import make_interp_spline
 from afl_mujoco.compiled import kernel
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import Parameter
-from afl_mujoco.identification.windows import Windows
+from afl_mujoco.identification.windows import Windows, stride_of
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def parameters_of(description: Description) -> list[Parameter]:
     Scale and linearity of the angle are among it only where the sensor has a dead zone: one that
     goes all the way round counts its turns.
     """
-    w2 = description.nominal.gravity_term
+    w2, reach = description.nominal.gravity_term, max(2.0 * description.period, 0.04)
     found = [
         Parameter(name="gravity_term", unit="1/s²", title="gravity term w2", start=w2,
                   low=w2 / 5.0, high=5.0 * w2, scale=w2),
@@ -53,7 +53,7 @@ def parameters_of(description: Description) -> list[Parameter]:
         Parameter(name="friction", unit="rad/s²", title="dry friction of the hinge", start=0.05,
                   low=-2.0, high=20.0, scale=0.1),
         Parameter(name="skew", unit="s", title="skew: the position is read after the angle by",
-                  start=0.0, low=-2.0 * description.period, high=2.0 * description.period,
+                  start=0.0, low=-reach, high=reach,
                   scale=1e-2),
         Parameter(name="compliance", unit="s²",
                   title="compliance: the cart is ahead of its reading by, per acceleration",
@@ -149,7 +149,8 @@ class Drive:
             mine = w.log == number
             if not mine.any():
                 continue
-            spline = make_interp_spline(log.time, log.z, k=3)
+            some = slice(None, None, stride_of(log.period))
+            spline = make_interp_spline(log.time[some], log.z[some], k=5)
             when = np.clip(w.time[mine, :1] + half - skew, log.time[0], log.time[-1])
             found[mine] = spline(when, 1)
             if compliance:

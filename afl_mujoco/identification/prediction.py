@@ -12,12 +12,15 @@ from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import fitted_starts
 from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.windows import Windows, cut
+from afl_mujoco.identification.windows import Windows, cut, stride_of
 
 Array = NDArray[np.float64]
 
 AWAY = 0.5
 """Angle from upright beyond which a small error does not grow by itself [rad]."""
+
+LONG_GAP = 5.0
+"""Times the spacing of rows from which on a gap is no part of a prediction."""
 
 SEEN = 5
 """Readings of the angle that a fitted state needs."""
@@ -44,12 +47,12 @@ class Starts:
         w = self.windows
         return w.valid * (np.arange(w.valid.shape[1]) < self.past)
 
-    def rows(self, horizon: float) -> NDArray[np.int64]:
-        """Return the row nearest to so long after the start [s], shape (B,)."""
+    def rows(self, horizon: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the row nearest to so long after the start [s], and whether it is near, (B,)."""
         t = self.windows.time
         distance = np.abs(t - t[:, self.past - 1 : self.past] - horizon)
         found: NDArray[np.int64] = np.argmin(distance, axis=1)
-        return found
+        return found, distance.min(axis=1) <= 0.6 * self.windows.spacing
 
 
 def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Starts:
@@ -64,9 +67,11 @@ def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) ->
     every
         Between two starts [s].
     """
-    period = float(np.median([log.period for log in logs]))
-    rows = round(past / period) + 1
-    windows = cut(logs, (rows - 1) * period + longest, every, seen=SEEN, head=rows)
+    period = min(log.period for log in logs)
+    spacing = stride_of(period) * period
+    rows = round(past / spacing) + 1
+    length = (rows - 1) * spacing + longest
+    windows = cut(logs, length, every, seen=SEEN, head=rows, gap=LONG_GAP)
     return Starts(windows=windows, past=rows)
 
 
@@ -113,6 +118,7 @@ def errors_of(
     description: Description,
     *,
     position: bool = True,
+    whole: bool = False,
 ) -> tuple[Errors, ...]:
     """Return the errors of what was predicted, by horizon.
 
@@ -126,19 +132,22 @@ def errors_of(
         Scale and offset of the angle, by which readings are angles.
     position
         Whether the position was predicted at all.
+    whole
+        Whether to leave out the starts about which a row is missing: its command is not known.
     """
     w, d, v = starts.windows, description, {**pole.NONE, **values}
     there, first = np.arange(w.count), starts.past - 1
     angle = _within_turn(v["angle_scale"] * w.phi + v["angle_offset"])
     found = []
     for horizon in horizons:
-        rows = starts.rows(horizon)
-        good = w.valid[there, rows] > 0.0
+        rows, near = starts.rows(horizon)
+        near = near & w.whole if whole else near
+        good = near & (w.valid[there, rows] > 0.0)
         off = (predicted[there, 1, rows] - w.phi[there, rows])[good]
         away = (np.abs(angle[there, rows]) > AWAY) & (np.abs(angle[:, first]) > AWAY)
         clear = (away & (w.valid[:, : starts.past] > 0.0).all(axis=1))[good]
         away = away[good]
-        z_off = predicted[there, 0, rows] - w.z[there, rows]
+        z_off = (predicted[there, 0, rows] - w.z[there, rows])[near]
         found.append(
             Errors(
                 horizon=horizon,
@@ -147,7 +156,7 @@ def errors_of(
                 counts_phi=_counts(off, d.angle_count),
                 counts_z=_counts(z_off, d.position_count) if position else None,
                 explained_phi=_explained(v["angle_scale"] * off, angle[there, rows][good]),
-                explained_z=_explained(z_off, w.z[there, rows]) if position else None,
+                explained_z=_explained(z_off, w.z[there, rows][near]) if position else None,
                 away_phi=_counts(off[away], d.angle_count) if away.any() else None,
                 clear_phi=_counts(off[clear], d.angle_count) if clear.any() else None,
                 starts=int(good.sum()),

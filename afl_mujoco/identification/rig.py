@@ -32,7 +32,8 @@ def parameters_of(description: Description) -> list[Parameter]:
     """Return what is estimated of the cart and its drive."""
     n, period, limit = description.nominal, description.period, description.command.limit
     whole = n.cart_mass + n.pole_mass
-    gain, decay = n.force / whole, max(n.rail_damping / whole, 1.0)
+    gain, decay = n.force / whole, min(max(n.rail_damping / whole, 1.0), 20.0)
+    reach = max(5.0 * period, 0.1)
     return [
         Parameter(name="mass_ratio", unit="1", title="m / (M + m): the reaction of the pole",
                   start=n.pole_mass / whole, low=1e-4, high=0.9, scale=0.1),
@@ -44,9 +45,9 @@ def parameters_of(description: Description) -> list[Parameter]:
                   start=0.02 * gain * limit, low=0.0, high=2.0 * gain * limit,
                   scale=0.1 * gain * limit),
         Parameter(name="delay", unit="s", title="delay of the command", start=0.2 * period,
-                  low=0.0, high=5.0 * period, scale=1e-2),
+                  low=0.0, high=reach, scale=1e-2),
         Parameter(name="lag", unit="s", title="lag of the drive", start=0.2 * period, low=0.0,
-                  high=5.0 * period, scale=1e-2),
+                  high=reach, scale=1e-2),
         Parameter(name="bias", unit="1", title="command at which the drive does not pull",
                   start=0.0, low=-0.5 * limit, high=0.5 * limit, scale=0.01 * limit),
     ]  # fmt: skip

@@ -27,9 +27,19 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
 
     wrong, again = "are no estimates of afl-mujoco identify", "run afl-mujoco identify"
     found = read_json(path, Identified, wrong, again)
-    expected = [one.name for one in pole.parameters_of(found.description)]
+    known = pole.parameters_of(found.description)
     if found.drive is not None:
-        expected += [one.name for one in rig.parameters_of(found.description)]
+        known += rig.parameters_of(found.description)
+    expected = [one.name for one in known]
+    for step in (found.pole, found.drive):
+        if step is not None and not step.is_sound:
+            rule = f"must be as it writes them: {again}"
+            raise FileError(f"{path} {wrong}: correlations and scatter", rule)
+    for one in known:
+        value = found.values.get(one.name, one.low)
+        if not one.low <= value <= one.high:
+            bounds = f"must lie in {one.low:g} to {one.high:g}"
+            raise FileError(f"{path} {wrong}: {one.name}", bounds, value)
     if list(found.values) != expected:
         named = ", ".join({*expected} ^ {*found.values}) or "their order"
         raise FileError(f"{path} {wrong}: {named}", f"must be as it writes them: {again}")

@@ -43,7 +43,7 @@ def write_run(
     """Write a sampled run as a log and its description; return the two files.
 
     Readings are those that the controller got, of its sensors with their noise and resolution, and
-    commands those that it gave, before any limit, delay or lag of the drive.
+    commands those that it gave, cut off at the force limit, before any delay or lag of the drive.
 
     Parameters
     ----------

@@ -17,6 +17,9 @@ SEEN = 6
 FINE = 0.01
 """Readings closer together [s] are left out: one of several is read, all commands count."""
 
+GAP = 1.5
+"""Times the spacing of two rows from which on one is missing between them."""
+
 STEP = 5e-3
 """Of a simulation, about [s]: a whole part of the time from a reading to the next."""
 
@@ -37,6 +40,8 @@ class Windows:
         1 where the angle's reading says something, shape (B, n).
     starts
         A first guess of the states (z, phi, z_dot, phi_dot), shape (B, 4).
+    spacing
+        Between two rows that are read [s].
     step
         Of a simulation [s].
     """
@@ -50,7 +55,14 @@ class Windows:
     z: NDArray[np.float64]
     valid: NDArray[np.float64]
     starts: NDArray[np.float64]
+    spacing: float
     step: float
+
+    @property
+    def whole(self) -> NDArray[np.bool_]:
+        """Which have every row, shape (B,)."""
+        found: NDArray[np.bool_] = np.diff(self.time, axis=1).max(axis=1) < GAP * self.spacing
+        return found
 
     @property
     def count(self) -> int:
@@ -74,8 +86,19 @@ class Windows:
         return int(np.ceil((longest + spare) / self.step - 1e-6))
 
 
+def stride_of(period: float) -> int:
+    """Return of how many rows one is read, at a time between rows [s]."""
+    return max(1, round(FINE / period))
+
+
 def cut(
-    logs: Sequence[Log], length: float, every: float, *, seen: int = SEEN, head: int = 2 * SEEN
+    logs: Sequence[Log],
+    length: float,
+    every: float,
+    *,
+    seen: int = SEEN,
+    head: int = 2 * SEEN,
+    gap: float = GAP,
 ) -> Windows:
     """Cut logs into windows.
 
@@ -88,9 +111,12 @@ def cut(
     seen, head
         Readings of the angle that a window must have among so many of its first rows; one with
         fewer is left out.
+    gap
+        From one row to the next, in their spacing, from which on a window is left out: what was
+        commanded in between is not known.
     """
     period = min(log.period for log in logs)
-    stride = max(1, round(FINE / period))
+    stride = stride_of(period)
     rows = max(2, round(length / (stride * period))) + 1
     reach, apart = stride * (rows - 1) + 1, stride * max(1, round(every / (stride * period)))
     head = min(rows, head)
@@ -99,6 +125,7 @@ def cut(
         for number, log in enumerate(logs)
         for first in range(0, len(log.time) - reach + 1, apart)
         if log.valid[first : first + reach : stride][:head].sum() >= min(head, seen)
+        and np.diff(log.time[first : first + reach : stride]).max() < gap * stride * log.period
     ]
     if not places:
         rule = (
@@ -122,6 +149,7 @@ def cut(
         z=taken("z"),
         valid=taken("valid"),
         starts=np.array(starts).reshape(len(places), 4),
+        spacing=stride * period,
         step=stride * period / max(1, round(stride * period / STEP)),
     )
 

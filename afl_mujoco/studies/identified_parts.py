@@ -93,12 +93,15 @@ def indistinct(identified: Identified) -> list[str]:
         told.append(
             f"Highly correlated, so known together better than apart: {listed(named, 'and')}."
         )
-    bound = [one.title for step in steps for one in step.estimates if one.on_bound]
+    bound = [
+        f"{one.title} ({short(one.value)}{'' if one.unit == '1' else f' {one.unit}'})"
+        for step in steps
+        for one in step.estimates
+        if one.on_bound
+    ]
     if bound:
-        are = "is" if len(bound) == 1 else "are"
         told.append(
-            f"Not seen in these logs, on the bound of what it may be: {listed(bound, 'and')} "
-            f"{are} nought."
+            f"On the bound of what was allowed, without an interval: {listed(bound, 'and')}."
         )
     if identified.drive is None:
         told.append("The command is constant in every log: nothing is known of cart and drive.")

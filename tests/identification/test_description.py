@@ -45,7 +45,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
         ("resolution = 0.1", "resolution = -1.0", "resolution must not be negative, got -1"),
         ("resolution = 0.1", "resolutoin = 0.1", "resolutoin is not a known key"),
         ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must grow, got [2.0, 1.0]"),
-        ("resolution = 0.1", "sign = 2", "phi.sign must be 1 or -1, got 2"),
+        ("resolution = 0.1", "sign = 2", "sign must be 1 or -1, got 2"),
         ("resolution = 0.1", 'column = "z"', "column must be one signal alone, got 'z'"),
         ("pole_mass = 0.1", "pole_mass = nan", "pole_mass"),
         ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),

@@ -12,6 +12,7 @@ from afl_mujoco.identification.identify import Identified, identify, identify_po
 from afl_mujoco.identification.log import log_of, read_logs
 from afl_mujoco.identification.shipped import DESCRIPTION, FIT, load_estimates
 from afl_mujoco.identification.windows import cut
+from afl_mujoco.studies.identify.result import shown_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -95,3 +96,36 @@ def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
         i = [one.name for one in found.parameters].index(name)
         half = found.half_widths[i]
         assert abs(found.values[i] - shipped.find(name).value) < 3.0 * half
+
+
+def test_missing_rows_do_not_mislead() -> None:
+    d, some = TRUTH.description, []
+    for i in range(3):
+        columns = swing(TRUTH, i, 3.0)
+        kept = np.delete(np.arange(150), slice(60 + 10 * i, 80 + 10 * i))  # 0.4 s
+        some.append(log_of(f"gap-{i}", {k: v[kept] for k, v in columns.items()}, d))
+    found = identify(some, d, workers=2)
+    for name in ("gravity_term", "coupling", "gain", "decay"):
+        assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+    assert found.find("delay").value == pytest.approx(TRUTH.delay, abs=5e-4)
+
+
+@pytest.mark.slow
+def test_a_log_of_five_hundred_rows_a_second() -> None:
+    d = replace(TRUTH.description, period=0.002)
+    logs = [log_of(f"fast-{i}", swing(TRUTH, i, 3.0, 0.002), d) for i in range(3)]
+    found = identify(logs, d, workers=2)
+    for name in ("gravity_term", "coupling", "gain", "decay"):
+        assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+    for name in ("skew", "delay"):
+        assert found.find(name).value == pytest.approx(TRUTH.expected[name], abs=5e-4), name
+    shown = shown_of(found, logs[0])
+    assert shown is not None and shown.simulated_time.shape[1] == 51
+
+
+@pytest.mark.slow
+def test_a_command_that_does_not_drive_the_cart_is_refused(logs) -> None:
+    rng = np.random.default_rng(1)
+    other = [replace(log, command=rng.uniform(-1.0, 1.0, len(log.command))) for log in logs[:3]]
+    with pytest.raises(AflMujocoError, match="command must drive the cart: check its sign"):
+        identify(other, TRUTH.description)

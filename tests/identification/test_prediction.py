@@ -34,7 +34,8 @@ def test_starts_are_where_they_should_be(starts) -> None:
     w = starts.windows
     assert starts.past == 16
     assert np.diff(w.time[:, 0]) == pytest.approx(0.1, rel=1e-3)
-    rows = starts.rows(0.2)
+    rows, near = starts.rows(0.2)
+    assert near.all()
     after = w.time[np.arange(w.count), rows] - w.time[:, starts.past - 1]
     assert after == pytest.approx(0.2, rel=1e-3)
 
@@ -70,7 +71,7 @@ def test_errors_are_what_they_say(starts) -> None:
     assert found.rms_z == pytest.approx(0.002) and found.counts_z == pytest.approx(20.0)
     assert found.counts_phi == pytest.approx(0.003 / TRUTH.count)
     assert found.rms_phi == pytest.approx(0.5 * 0.003)
-    rows = starts.rows(0.2)
+    rows, _ = starts.rows(0.2)
     z = w.z[np.arange(w.count), rows]
     assert found.explained_z == pytest.approx(1.0 - 0.002**2 / z.var())
     assert found.starts == w.count >= found.away

@@ -62,7 +62,7 @@ def films(result: Result, command: str) -> list[Film]:
             title=f"{r.name} as MuJoCo predicts it, half a second at a time, and as measured",
             runs=((scenario, find_controller("lqr")),),
             deployment=Deployment(
-                timestep=round(one.period / round(one.period / STEP), 5),
+                timestep=round(one.period / max(1, round(one.period / STEP)), 5),
                 control_period=round(one.period, 5),
             ),
             fps=FPS,

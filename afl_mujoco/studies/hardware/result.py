@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from afl_mujoco.identification.identify import Estimate, Identified
+from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.prediction import Errors
 from afl_mujoco.studies.arrays import Array
 
@@ -37,7 +37,7 @@ class Judged:
 
     Attributes
     ----------
-    id, statement, measure, limit
+    id, statement, measure, limit, reason
         As of the protocol.
     value
         What was measured; None where these recordings cannot tell.
@@ -51,6 +51,7 @@ class Judged:
     statement: str
     measure: str
     limit: float
+    reason: str
     value: float | None
     at_least: bool
     suspected: str = ""
@@ -129,6 +130,8 @@ class Result:
         Of the equations of the pole, by name: gravity, coupling, and its friction.
     held_out
         Errors of the whole in MuJoCo, the command known, by horizon.
+    whole
+        The same of starts about which no row is missing: of a row that is, the command is unknown.
     pole
         Errors of the pole alone, the motion of the cart known.
     baselines
@@ -137,16 +140,15 @@ class Result:
         Of the protocol.
     speeds
         Largest abs(z') [m/s] and abs(phi') [rad/s], of any reading.
-    reach
-        Largest abs(z) [m].
+    reach, turned
+        Largest abs(z) [m], and the largest range of the angle in a recording [rad].
     band
         Horizons [s], and the rms errors of position [m] and angle [rad] after them, shape (3, H).
     recorded
         A recording beside its predictions.
     survival
-        What controllers would do on that cart-pole; empty if nothing was drawn.
-    drawn
-        Intervals of what was drawn.
+        What controllers would do on that cart-pole; empty if nothing was drawn, or the estimates
+        are too uncertain to draw from.
     film
         Whether a film is made.
     """
@@ -157,15 +159,16 @@ class Result:
     identified: Identified
     terms: dict[str, Term]
     held_out: tuple[Errors, ...]
+    whole: tuple[Errors, ...]
     pole: tuple[Errors, ...]
     baselines: dict[str, tuple[Errors, ...]]
     statements: tuple[Judged, ...]
     speeds: tuple[float, float]
     reach: float
+    turned: float
     band: Array
     recorded: Recorded
     survival: tuple[Survival, ...] = ()
-    drawn: tuple[Estimate, ...] = ()
     film: bool = False
 
     @property

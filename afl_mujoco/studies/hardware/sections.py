@@ -19,7 +19,7 @@ from afl_mujoco.document.blocks import (
     good_or_bad,
 )
 from afl_mujoco.document.numbers import MISSING, listed, percent, short
-from afl_mujoco.identification.export import TILT
+from afl_mujoco.identification.export import TILT, certain
 from afl_mujoco.identification.prediction import AWAY, Errors
 from afl_mujoco.studies.hardware.figures import (
     NAMES,
@@ -51,11 +51,16 @@ def verdict(result: Result) -> Verdict:
         )
     return Verdict(
         result.passed,
-        f"{text}, on {len(result.logs)} recordings",
+        f"{text}, on {_recordings(len(result.logs))}",
         f"What holds is validated against measurements of {result.identified.description.name}, in "
         "the range of states and commands of the recordings; not beyond it, and not for another "
         "cart-pole.",
     )
+
+
+def _recordings(count: int) -> str:
+    """Return how many recordings there are."""
+    return f"{count} recording{'s' if count > 1 else ''}"
 
 
 def sections(result: Result) -> list[Section]:
@@ -66,6 +71,7 @@ def sections(result: Result) -> list[Section]:
         *_warnings(result),
         _statements(result),
         _errors("Whole cart-pole in MuJoCo, from the command alone", result.held_out),
+        *_whole(result),
         _pole(result),
         _baselines(result),
         _terms(result),
@@ -97,6 +103,13 @@ def sections(result: Result) -> list[Section]:
     ]
     if result.survival:
         blocks.append(_outlook(result))
+    elif not certain(result.identified):
+        blocks.append(
+            Text(
+                "The estimates are too uncertain to say what controllers would do: identify from "
+                "more logs, or livelier ones."
+            )
+        )
     return [Section("Measured hardware", "hardware", blocks)]
 
 
@@ -105,7 +118,7 @@ def _finding(result: Result) -> str:
     at = next(one for one in result.held_out if one.horizon == 0.5)
     return (
         f"From the command alone MuJoCo predicts {short(at.horizon)} s of "
-        f"{len(result.logs)} recordings of {result.identified.description.name} to "
+        f"{_recordings(len(result.logs))} of {result.identified.description.name} to "
         f"{short(1e3 * (at.rms_z or 0.0), 2)} mm and {short(1e3 * at.rms_phi, 2)} mrad rms: "
         f"{percent(at.explained_z, 3)} and {percent(at.explained_phi, 3)} of the variance."
     )
@@ -117,9 +130,11 @@ def _range(result: Result) -> str:
     v, w = result.speeds
     return (
         f"Recordings of {result.source}: |z| up to {short(result.reach, 2)} m, speeds up to "
-        f"{short(v, 2)} m/s and {short(w, 2)} rad/s, whole turns of the pole. States are fitted to "
+        f"{short(v, 2)} m/s and {short(w, 2)} rad/s, angles over a range of up to "
+        f"{short(math.degrees(result.turned), 3)}°. States are fitted to "
         f"the {short(p.past)} s before each start, one every {short(p.every)} s. The protocol, "
-        "statements and limits, was fixed before any of these was predicted."
+        "statements and limits, is the one that was fixed before a recording that comes with the "
+        "package and was not fitted was predicted."
     )
 
 
@@ -127,9 +142,10 @@ def _warnings(result: Result) -> list[Block]:
     """Warn where the recordings were fitted."""
     if not result.fitted:
         return []
+    has = "have names" if len(result.fitted) > 1 else "has the name"
     return [
         Text(
-            f"{len(result.fitted)} of these recordings have names of recordings that the estimates "
+            f"{_recordings(len(result.fitted))} of these {has} of recordings that the estimates "
             "were fitted to: what follows is no proof where they are the same."
         )
     ]
@@ -155,16 +171,31 @@ def _statements(result: Result) -> Table:
         ),
         rows=[
             (
-                Cell(one.statement, note=one.suspected and f"suspected: {one.suspected}"),
+                Cell(one.statement, note=f"{one.suspected or f'limit: {one.reason}'}"),
                 one.measure,
                 _shown(one, one.value),
                 f"{'≥' if one.at_least else '≤'} {_shown(one, one.limit)}",
-                Cell("validated" if one.holds else "not validated", good_or_bad(one.holds)),
+                _verdict(one),
             )
             for one in result.statements
         ],
         stacked=True,
     )
+
+
+def _verdict(judged: Judged) -> Cell:
+    """Return the verdict on a statement."""
+    if judged.value is None:
+        return Cell("not decided", "open")
+    return Cell("validated" if judged.holds else "not validated", good_or_bad(judged.holds))
+
+
+def _whole(result: Result) -> list[Block]:
+    """Return the errors without the starts about which a row is missing, if there are any."""
+    if [one.starts for one in result.whole] == [one.starts for one in result.held_out]:
+        return []
+    caption = "The same without the starts about which a row, and its command, is missing"
+    return [_errors(caption, result.whole)]
 
 
 def _errors(caption: str, errors: Sequence[Errors]) -> Table:
@@ -318,7 +349,8 @@ def _outlook_finding(result: Result) -> str:
         now = math.degrees(s.angles[AS_IT_IS])
         best = max(s.angles, key=lambda what: s.angles[what])
         then = math.degrees(s.angles[best])
-        said = f"`{s.controller}` holds from {now:.0f}°" if now else f"`{s.controller}` falls"
+        name = f"`{s.controller}`"
+        said = f"{name} holds from up to {now:.0f}°" if now else f"{name} does not hold from 1°"
         if then > now:
             said += f" ({then:.0f}° if: {best})"
         parts.append(said)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from afl_mujoco.document.numbers import short
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
+from afl_mujoco.identification.export import certain
 from afl_mujoco.identification.identify import (
     WINDOW,
     Identified,
@@ -88,12 +89,13 @@ def validate(
     baselines = _baselines(starts, identified, scatter, states, p, workers)
     progress("judging", 4, 6)
     judged = _judge(identified, terms, pole_errors, held_out)
+    whole = errors_of(starts, read, p.horizons, values, d, whole=True)
     horizons = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, horizons.tolist(), values, d)
     band = np.array([horizons, [e.rms_z or 0.0 for e in spread], [e.rms_phi for e in spread]])
     most = int(np.bincount(starts.windows.log).argmax())
     recorded = _recorded(logs[most], most, starts, read, identified)
-    survival = outlook(identified, draws, seed, workers) if draws else ()
+    survival = outlook(identified, draws, seed, workers) if draws and certain(identified) else ()
     progress("judging", 6, 6)
     return Result(
         source=source,
@@ -102,6 +104,7 @@ def validate(
         identified=identified,
         terms=terms,
         held_out=held_out,
+        whole=whole,
         pole=pole_errors,
         baselines=baselines,
         statements=judged,
@@ -110,10 +113,10 @@ def validate(
             max(float(np.abs(np.gradient(log.angle, log.time)).max()) for log in logs),
         ),
         reach=max(float(np.abs(log.z).max()) for log in logs),
+        turned=max(float(np.ptp(log.angle)) for log in logs),
         band=band,
         recorded=recorded,
         survival=survival,
-        drawn=identified.physical if draws else (),
         film=film,
     )
 
@@ -197,40 +200,49 @@ def _judge(
     """Judge every statement of the protocol."""
     gravity, coupling = terms["gravity"], terms["coupling"]
     driven, whole = _after(pole_errors, 0.2), _after(held_out, 0.5)
-    away = driven.away_phi
-    measured = {
+    zone = identified.description.phi.dead_zone
+    why = ""
+    if zone is not None and driven.clear_phi is not None:
+        why = (
+            "readings missing before the start, across the dead zone: without such starts it is "
+            f"{short(driven.clear_phi, 3)}"
+        )
+    late = "commands that arrive late, or a drive that is not linear"
+    measured: dict[str, tuple[float | None, float, bool, str]] = {
         "gravity": (
-            abs(gravity.value / (gravity.expected or np.nan) - 1.0), False,
-            "the length of the rod, or where its hinge is",
+            _off(gravity),
+            _width(gravity),
+            False,
+            "the length that is given, or the hinge",
         ),
-        "coupling": (abs(coupling.value - 1.0), False, "the scale of the position"),
-        "pole-0.2": (
-            away, False,
-            f"readings missing before the start, across the dead zone: without such starts it is "
-            f"{short(driven.clear_phi, 3)}",
-        ),
-        "rig-0.5-phi": (whole.explained_phi, True, "the drive: commands that arrive late"),
-        "rig-0.5-z": (
-            whole.explained_z, True,
-            "the drive: commands that arrive late",
-        ),
-    }  # fmt: skip
+        "coupling": (_off(coupling), _width(coupling), False, "the scale of the position"),
+        "pole-0.2": (driven.away_phi, 0.0, False, why),
+        "rig-0.5-phi": (whole.explained_phi, 0.0, True, late),
+        "rig-0.5-z": (whole.explained_z, 0.0, True, late),
+    }
     judged = []
     for one in load_protocol().statements:
-        value, at_least, suspected = measured[one.id]
+        value, width, at_least, suspected = measured[one.id]
         if value is None:
-            suspected = "these recordings cannot tell: they never go there, or have no resolution"
+            suspected = "not decided: these recordings never go there, or have no resolution"
+        elif width > one.limit:
+            value, suspected = None, "not decided: the interval is wider than the limit"
         found = Judged(
             id=one.id, statement=one.statement, measure=one.measure, limit=one.limit,
-            value=value, at_least=at_least,
+            reason=one.reason, value=value, at_least=at_least,
         )  # fmt: skip
-        judged.append(found if found.holds else _because(found, suspected))
+        judged.append(found if found.holds else replace(found, suspected=suspected))
     return tuple(judged)
 
 
-def _because(judged: Judged, suspected: str) -> Judged:
-    """Return a statement that does not hold with what is suspected."""
-    return replace(judged, suspected=suspected)
+def _off(term: Term) -> float | None:
+    """Return the relative difference of a term from what is demanded."""
+    return None if term.expected is None else abs(term.value / term.expected - 1.0)
+
+
+def _width(term: Term) -> float:
+    """Return half the interval of a term, relative to what is demanded."""
+    return 0.5 * (term.high - term.low) / abs(term.expected or 1.0)
 
 
 def _after(errors: Sequence[Errors], horizon: float) -> Errors:
@@ -251,7 +263,7 @@ def _recorded(
         if w.time[b, first] >= free_from:
             chosen.append(b)
             free_from = w.time[b, first] + 0.5
-    rows = slice(first, first + round(0.5 / log.period) + 1)
+    rows = slice(first, first + round(0.5 / w.spacing) + 1)
     part = np.array(chosen, dtype=np.int64)
     angle = scale * read[part, 1, rows] + offset + turn * w.turns[part, rows]
     return Recorded(

@@ -53,7 +53,7 @@ def test_every_part_of_a_result_is_said() -> None:
     assert "scale of the angle" in text and "sin_1" not in text
     assert "off a straight line by up to" in text
     assert "all of them are in proportion to the mass of the pole" in text
-    assert "Not seen in these logs" in text and "dry friction" in text
+    assert "On the bound of what was allowed" in text and "dry friction (0" in text
     assert "compare identified.toml" in text
 
 
