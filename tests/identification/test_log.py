@@ -83,6 +83,19 @@ def test_readings_grow_through_a_dead_zone_and_those_in_it_are_left_out() -> Non
     assert jumps.max() < 0.5  # 13 rad/s and a count
 
 
+def test_degrees_of_a_sensor_with_a_dead_zone_are_more_than_a_turn() -> None:
+    description = load_description(DESCRIPTION)
+    (path,) = FIT.glob("Experiment-1008.csv")
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    columns = {name: table[name] for name in table.dtype.names}
+    with pytest.raises(AflMujocoError) as error:
+        log_of("mine", {**columns, "angle": np.degrees(columns["angle"])}, description)
+    said = str(error.value)
+    assert said.startswith(
+        "angle must lie within a turn, 6.283 rad (or its unit is another), got a range"
+    )
+
+
 def test_the_shipped_recordings_are_all_there() -> None:
     description = load_description(DESCRIPTION)
     assert [len(read_logs([folder], description)) for folder in (FIT, CHOOSE)] == [40, 20]
