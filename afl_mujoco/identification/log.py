@@ -178,7 +178,7 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
     unit = 2.0 * math.pi / abs(d.phi.radians)  # of a turn
     span = float(np.ptp(raw))
     if zone is not None and span > 1.01 * unit:
-        rule = f"must lie within a turn, {unit:.4g} {d.phi.unit}: is that its unit"
+        rule = f"must lie within a turn, {unit:.4g} {d.phi.unit} (or its unit is another)"
         raise InvalidValueError(d.phi.column, rule, f"a range of {span:.4g}")
     middle = math.inf if zone is None else 0.5 * (zone[0] + zone[1])
     zero = d.phi.zero - unit if d.phi.zero > middle else d.phi.zero
