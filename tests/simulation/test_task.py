@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -484,3 +486,17 @@ def test_what_is_measured_is_of_the_state_that_has_been_set():
     physics.forward()
     observed = environment.task.get_observation(physics)
     assert observed["position"].tolist() == [0.0, 0.2]
+
+
+def test_without_dm_control_one_line_says_what_installs_it() -> None:
+    program = (
+        "import sys; sys.modules['dm_control'] = None\n"
+        "import afl_mujoco as afl\n"
+        "try: afl.load\n"
+        "except afl.AflMujocoError as error: print(error)\n"
+        "print(afl.simulate_mujoco.__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    first, second = done.stdout.splitlines()
+    assert "dm_control" in first and "pip install --no-deps 'dm-control>=1.0.50,<1.1'" in first
+    assert second == "simulate_mujoco"
