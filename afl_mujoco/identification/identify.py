@@ -348,7 +348,7 @@ def _finished(
 def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[str, float]:
     """Return the pole's parameters with its dry friction as the viscous one that wastes as much.
 
-    It is small beside gravity, and without it MuJoCo takes a third of the time.
+    It is small beside gravity, and without it MuJoCo has no constraint to solve.
     """
     known = windows.valid[:, 1:] * windows.valid[:, :-1] > 0.0
     turned = np.diff(windows.phi + 2.0 * np.pi * windows.turns, axis=1)
@@ -423,27 +423,15 @@ def _step(fit: Fit, windows: Windows, position: int | None) -> Step:
 
 
 _PHYSICAL = {
-    "half_length": ("l of a uniform rod that falls alike", "m"),
-    "cart_mass": ("M, with the inertia of the drive", "kg"),
-    "force": ("force of one of the command", "N"),
-    "rail_damping": ("rail damping, with the back-EMF", "N s/m"),
-    "rail_friction": ("dry friction of the rail", "N"),
-    "hinge_damping": ("hinge damping", "N m s/rad"),
-    "hinge_friction": ("dry friction of the hinge", "N m"),
+    "half_length": ("l of a uniform rod that falls alike", "m", {"gravity_term"}),
+    "cart_mass": ("M, with the inertia of the drive", "kg", {"mass_ratio"}),
+    "force": ("force of one of the command", "N", {"mass_ratio", "gain"}),
+    "rail_damping": ("rail damping, with the back-EMF", "N s/m", {"mass_ratio", "decay"}),
+    "rail_friction": ("dry friction of the rail", "N", {"mass_ratio", "dry_deceleration"}),
+    "hinge_damping": ("hinge damping", "N m s/rad", {"gravity_term", "damping"}),
+    "hinge_friction": ("dry friction of the hinge", "N m", {"gravity_term", "friction"}),
 }
-"""Title and unit of what `rig.physical` returns."""
-
-
-_DEPENDS = {
-    "half_length": {"gravity_term"},
-    "cart_mass": {"mass_ratio"},
-    "force": {"mass_ratio", "gain"},
-    "rail_damping": {"mass_ratio", "decay"},
-    "rail_friction": {"mass_ratio", "dry_deceleration"},
-    "hinge_damping": {"gravity_term", "damping"},
-    "hinge_friction": {"gravity_term", "friction"},
-}
-"""What they are made of."""
+"""Title and unit of what `rig.physical` returns, and the parameters that each is made of."""
 
 
 def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate, ...]:
@@ -469,7 +457,7 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
     found = []
     for name, value in base.items():
         half = float(half_widths(np.sqrt(np.array([variance[name]])), degrees)[0])
-        title, unit = _PHYSICAL[name]
+        title, unit, made_of = _PHYSICAL[name]
         found.append(
             Estimate(
                 name=name,
@@ -478,7 +466,7 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
                 value=value,
                 low=value - half,
                 high=value + half,
-                on_bound=bool(bound & _DEPENDS[name]),
+                on_bound=bool(bound & made_of),
             )
         )
     return tuple(found)

@@ -1,8 +1,7 @@
 """Least squares for parameters that all windows share and a start that each has for itself.
 
 A start acts on its own window alone, so that starts are eliminated window by window, exactly:
-SciPy's trust region on the sparse whole, which solves it by iterations, took four times as many
-Jacobians.
+SciPy's trust region on the sparse whole solves by iterations what is solved here at once.
 The covariance is that of clustered observations: readings of one log are not independent.
 """
 
@@ -220,7 +219,8 @@ def fit(
     rest = residuals(values, starts)
     cost, damping, done = _cost(rest), FIRST_DAMPING, 0
     while done < evaluations and damping < LARGEST_DAMPING:
-        system = _reduced(residuals, values, starts, rest, steps, own_steps)
+        slopes = derivatives(residuals, values, starts, rest, steps, own_steps)
+        system = _reduced(*slopes, rest, _weights(rest))
         done += 1
         stuck = ((values <= low) & (system.gradient > 0.0)) | (
             (values >= high) & (system.gradient < 0.0)
@@ -294,12 +294,9 @@ class _Reduced:
         return -found
 
 
-def _reduced(
-    residuals: Residuals, values: Array, starts: Array, rest: Array, steps: Array, own_steps: Array
-) -> _Reduced:
-    """Return the linear least squares about a point, residuals weighted by their size."""
-    shared, own = derivatives(residuals, values, starts, rest, steps, own_steps)
-    root = np.sqrt(_weights(rest))
+def _reduced(shared: Array, own: Array, rest: Array, weights: Array) -> _Reduced:
+    """Return the linear least squares about a point; derivatives as of `derivatives`."""
+    root = np.sqrt(weights)
     shared, own = root[..., None] * shared, root[..., None] * own
     q, r = np.linalg.qr(own)
     slopes = shared - q @ (np.swapaxes(q, 1, 2) @ shared)
@@ -336,8 +333,9 @@ def with_uncertainty_of(
 
     values = np.concatenate([fit.values, known.values])
     rest = scaled(values, fit.starts)
-    system = _reduced(scaled, values, fit.starts, rest, STEP * scales, STEP * start_scale)
-    matrix, free = system.matrix, np.flatnonzero(~fit.on_bound)
+    slopes = derivatives(scaled, values, fit.starts, rest, STEP * scales, STEP * start_scale)
+    matrix = _reduced(*slopes, rest, _weights(rest)).matrix
+    free = np.flatnonzero(~fit.on_bound)
     shift = np.zeros((p, len(known.values)))
     shift[free] = -np.linalg.pinv(matrix[np.ix_(free, free)]) @ matrix[free, p:]
     return replace(fit, covariance=fit.covariance + shift @ known.covariance @ shift.T)
@@ -438,12 +436,10 @@ def _covariance(
     """
     weights = _weights(rest)
     curvature = weights**3  # the derivative of a residual's influence, ``weights * rest``
-    root = np.sqrt(curvature)[..., None]
-    q, _ = np.linalg.qr(root * own)
-    slopes = root * shared[..., free]
-    slopes = slopes - q @ (np.swapaxes(q, 1, 2) @ slopes)
-    bread = np.linalg.pinv(np.einsum("bri,brj->ij", slopes, slopes), hermitian=True)
-    scores = np.einsum("bri,br->bi", slopes / root, weights * rest)
+    system = _reduced(shared[..., free], own, rest, curvature)
+    bread = np.linalg.pinv(system.matrix, hermitian=True)
+    undone = system.slopes / np.sqrt(curvature)[..., None]
+    scores = np.einsum("bri,br->bi", undone, weights * rest)
     groups = np.unique(clusters)
     if len(groups) >= FEW_CLUSTERS:
         scores = np.array([scores[clusters == group].sum(axis=0) for group in groups])

@@ -12,8 +12,9 @@ velocity, which recorded positions give far better.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +116,15 @@ class Drive:
 
     windows: Windows
     gravity: float
+    _tracks: Sequence[Any] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Put a spline through the recorded positions of each log."""
+        found = []
+        for log in self.windows.logs:
+            some = slice(None, None, stride_of(log.period))
+            found.append(make_interp_spline(log.time[some], log.z[some], k=5))
+        object.__setattr__(self, "_tracks", found)
 
     def angles(self, values: Mapping[str, float], starts: Array) -> Array:
         """Return the angles at the rows of the windows [rad], shape (B, n).
@@ -145,12 +155,10 @@ class Drive:
         w = self.windows
         found = np.empty((w.count, 2 * w.steps + 1))
         half = 0.5 * w.step * np.arange(2 * w.steps + 1)
-        for number, log in enumerate(w.logs):
+        for number, (log, spline) in enumerate(zip(w.logs, self._tracks, strict=True)):
             mine = w.log == number
             if not mine.any():
                 continue
-            some = slice(None, None, stride_of(log.period))
-            spline = make_interp_spline(log.time[some], log.z[some], k=5)
             when = np.clip(w.time[mine, :1] + half - skew, log.time[0], log.time[-1])
             found[mine] = spline(when, 1)
             if compliance:

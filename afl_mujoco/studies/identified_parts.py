@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure as Drawing
 from numpy.typing import NDArray
 
-from afl_mujoco.document.blocks import Cell, Column, Table
+from afl_mujoco.document.blocks import Column, Table
 from afl_mujoco.document.numbers import listed, short
 from afl_mujoco.document.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
 from afl_mujoco.identification.identify import Estimate, Identified, Step
@@ -35,12 +35,19 @@ def estimates_table(caption: str, estimates: Sequence[Estimate]) -> Table:
                 one.title,
                 one.unit,
                 short(one.value),
-                Cell("on its bound") if one.on_bound else f"{short(one.low)} to {short(one.high)}",
+                _interval(one),
             )
             for one in estimates
             if not one.name.startswith(("sin_", "cos_"))
         ],
     )
+
+
+def _interval(estimate: Estimate) -> str:
+    """Return the interval of an estimate, if it has one."""
+    if estimate.on_bound:
+        return "on its bound"
+    return f"{short(estimate.low)} to {short(estimate.high)}"
 
 
 def nominal_table(identified: Identified) -> Table:
@@ -65,7 +72,7 @@ def nominal_table(identified: Identified) -> Table:
                 one.unit,
                 short(given.get(one.name)),
                 short(one.value),
-                "on its bound" if one.on_bound else f"{short(one.low)} to {short(one.high)}",
+                _interval(one),
             )
             for one in identified.physical
         ],
