@@ -1,1 +1,1 @@
-"""What nature does: the analytic equations of motion of the paper."""
+"""The plant: the analytic equations of motion of the paper."""

@@ -1,7 +1,7 @@
 """Equations of motion (P3), (P4) and the mass matrix behind them.
 
-`cart_acceleration` and `pole_acceleration` take floats or arrays, and compile: the same text serves
-NumPy callers and compiled loops.
+`cart_acceleration` and `pole_acceleration` take floats or arrays and can be compiled: NumPy callers
+and compiled loops share one implementation.
 """
 
 from __future__ import annotations

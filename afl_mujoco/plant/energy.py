@@ -10,7 +10,7 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
 def total_energy(state: ArrayLike, parameters: CartPoleParameters) -> NDArray[np.float64]:
-    """Return kinetic plus potential energy; zero height is the pivot's.
+    """Return kinetic plus potential energy, which is zero at the height of the pivot.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ from afl_mujoco.plant.dynamics import determinant
 def stretching_accelerations(
     phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity, half_length_rate
 ):
-    """Return (z'', phi''), the equations above solved for them.
+    """Return (z'', phi''), the solution of the equations above.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The scenarios of the paper: nominal, the four schedule cases, each also with the disturbance."""
+"""The scenarios of the paper: nominal, and four schedule cases with and without the disturbance."""
 
 from __future__ import annotations
 
@@ -45,5 +45,5 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(_build())
 
 
 def is_published(scenario: Scenario) -> bool:
-    """Return whether a scenario is the paper's of that name, not another so named."""
+    """Return whether a scenario equals the paper's scenario of the same name."""
     return SCENARIOS.get(scenario.name) == scenario

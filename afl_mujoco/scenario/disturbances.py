@@ -8,7 +8,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_finite, require_positive
 
 LARGEST = 1e5
-"""Largest force [N] or momentum [N s] of a disturbance: a simulator must survive it."""
+"""Largest force [N] or momentum [N s] of a disturbance that a simulator has to handle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,10 +83,10 @@ class Impulse:
 
 
 def _require_moderate(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless its size is at most `LARGEST`."""
+    """Return `value` as a float, or raise unless its absolute value is at most `LARGEST`."""
     number = require_finite(thing, value)
     if abs(number) > LARGEST:
-        raise InvalidValueError(thing, f"must be at most {LARGEST:g} in size", number)
+        raise InvalidValueError(thing, f"must be at most {LARGEST:g} in absolute value", number)
     return number
 
 

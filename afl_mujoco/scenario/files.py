@@ -1,7 +1,7 @@
 """Scenario files: TOML in, the resolved scenario out.
 
-The dataclasses of this module are the schema of the file, to which pydantic holds it; the rules on
-values are those of the scenario's own classes.
+The dataclasses of this module are the schema of the file, which pydantic enforces; the scenario's
+own classes check the values.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from afl_mujoco.scenario.schedules import (
 
 
 class _NumberOrTable:
-    """How pydantic reads a schedule: a number is one that is constant."""
+    """How pydantic reads a schedule: a number means a constant schedule."""
 
     @staticmethod
     def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
@@ -74,7 +74,7 @@ _BUILDERS = {**_SCHEDULES, **_DISTURBANCES}
 
 
 def _union(builders: Mapping[str, Callable[..., Any]]) -> Any:
-    """Return the tables of some shapes as pydantic reads them: keys are a builder's arguments."""
+    """Return a union of tables for pydantic, one per shape, its keys the arguments of a builder."""
     types = {Sequence[float]: list[float], Sequence[Schedule]: list["_Schedule"]}
     members: list[Any] = []
     for shape, builder in builders.items():
@@ -135,7 +135,7 @@ def load_scenario(path: str | Path) -> Scenario:
     Parameters
     ----------
     path
-        The file. `docs/notation.md` lists its keys; whatever it leaves out is nominal.
+        The file. `docs/notation.md` lists its keys; keys that it leaves out are nominal.
 
     Returns
     -------
@@ -154,17 +154,17 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def find_replay(name: str) -> Replay:
-    """Return how a scenario's file says that it was run, by its table ``[replay]``."""
+    """Return how a scenario was run, from the table ``[replay]`` of its file."""
     return _read(Path(name)).replay if name.endswith(".toml") else Replay()
 
 
 def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
-    """Write a scenario to a TOML file, every default written out, as of `scenario_to_table`.
+    """Write a scenario to a TOML file, its defaults written out as in `scenario_to_table`.
 
     Parameters
     ----------
     scenario
-        The scenario; `load_scenario` of the file equals it.
+        The scenario; `load_scenario` reads an equal one from the file.
     path
         The file to write.
     replay
@@ -173,7 +173,7 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
     Raises
     ------
     FileError
-        If it cannot be written.
+        If the file cannot be written.
     """
     table = scenario_to_table(scenario)
     if replay is not None:
@@ -199,26 +199,26 @@ def find_scenario(name: str) -> Scenario:
     if name.endswith(".toml"):
         return load_scenario(name)
     if Path(f"{name}.toml").is_file():
-        rule = "must be of the catalogue or end in .toml"
+        rule = "must be in the catalogue or end in .toml"
         raise InvalidValueError("scenario", rule, f"{name!r}; did you mean {name}.toml?")
     raise UnknownNameError.among("scenario", name, (*_NAMED, "a .toml file"))
 
 
 def as_scenario(scenario: Scenario | str | Path) -> Scenario:
-    """Return a scenario from itself, from a name or from a path, as of `find_scenario`."""
+    """Return a scenario as it is, or the one that `find_scenario` finds by its name or path."""
     return scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
 
 
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 
-    Every default is written out, but for `imperfections`, `requirements` and `ranges`, of which
-    only what is not the default.
+    Every default is written out, except in `imperfections`, `requirements` and `ranges`, which
+    contain only the values that differ from their defaults.
 
     Parameters
     ----------
     scenario
-        The scenario; `load_scenario` of a file with this table equals it.
+        The scenario; `load_scenario` reads an equal one from a file with this table.
     """
     s = scenario
     knots = {
@@ -244,7 +244,7 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
 
 
 def _read(path: Path) -> _File:
-    """Return what a TOML file says."""
+    """Return the content of a TOML file."""
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -303,7 +303,7 @@ def _built(table: Any) -> Any:
 
 @contextmanager
 def _within(place: str) -> Iterator[None]:
-    """Put a place before the thing that an error of the block names."""
+    """Put a place before the thing that an error raised in the block names."""
     try:
         yield
     except AflMujocoError as error:

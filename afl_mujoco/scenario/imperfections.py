@@ -1,7 +1,7 @@
 """Departures from the ideal loop, each declared once.
 
-The declaration of a field of `Imperfections` is all that a study, a table of the documentation or
-a scenario file needs to know of it; what it does in the loop is in `simulation`.
+The declaration of a field of `Imperfections` holds all that a study, a table of the documentation
+or a scenario file needs to know about it; `simulation` implements what it does in the loop.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from afl_mujoco.scenario.parameters import (
 _LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
 
 FINEST_STEP = 1e-12
-"""Of an encoder [m, rad]: a position over one much finer overflows."""
+"""Finest step of an encoder [m, rad]: a position divided by a much finer step overflows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,26 +33,26 @@ class Imperfection:
     Attributes
     ----------
     name
-        For files and the command line.
+        Name in files and on the command line.
     title
-        In words.
+        Name in words.
     unit
-        Of a level as it is shown.
+        Unit in which a level is shown.
     fields
         Fields of `Imperfections` that it sets, each to the level times its factor.
     reference
         Level of the reference hardware, good but ordinary in a laboratory.
     benign, harsh
-        Ends of the range on which the threshold is searched; ``benign > harsh`` where less is
+        Ends of the range in which the threshold is searched; ``benign > harsh`` where less is
         worse.
     scale
-        Shown value of a level, as a factor.
+        Factor from a level to its shown value.
     switches
         Fields that it switches on at every level.
     seeded
-        Whether it draws random numbers, so that several seeds must be survived.
+        Whether it draws random numbers, so that the loop must survive several seeds.
     quantum
-        What levels are multiples of, and with them MuJoCo's step; 0 for any level.
+        Levels are multiples of this, which is then MuJoCo's timestep too; 0 for any level.
     """
 
     name: str
@@ -78,27 +78,27 @@ class Imperfection:
         return self.harsh < self.benign
 
     def snapped(self, level: float) -> float:
-        """Return the nearest level that there is."""
+        """Return the nearest level that is allowed."""
         if self.quantum == 0.0:
             return level
         return max(1, round(level / self.quantum)) * self.quantum
 
 
 class Draw(NamedTuple):
-    """How random hardware has a field: uniform in a range.
+    """How a field is drawn for random hardware: uniformly from a range.
 
     Attributes
     ----------
     axis
-        Place among the fields that are drawn. The samples of a seed depend on it: a new field
+        Position among the fields that are drawn. The samples of a seed depend on it: a new field
         takes the next number.
     range
-        Least and largest.
+        Least and largest value.
     why
         What hardware the two ends stand for.
     label, scale
-        Name with unit where failures are compared with survivors by this field alone, and the
-        factor to that unit; not compared without a label.
+        Name with unit for the comparison of failed and surviving runs by this field alone, and
+        the factor to that unit; a field without a label is not compared.
     """
 
     axis: int
@@ -109,20 +109,20 @@ class Draw(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """What is known of a field of `Imperfections` besides its default and meaning.
+    """What is known about a field of `Imperfections` besides its default and meaning.
 
     Attributes
     ----------
     rule
         ``rule(name, value)`` returns the value as it is stored, or raises.
     unit
-        Of the value, in SI.
+        SI unit of the value.
     swept
-        Imperfections whose thresholds are searched, in which this field is the first.
+        Imperfections whose thresholds are searched and whose first field is this one.
     why
         Where their reference level comes from.
     drawn
-        How random hardware has it; None where it is ideal.
+        How it is drawn for random hardware; None if it stays ideal there.
     """
 
     rule: Callable[[str, Any], Any]
@@ -140,7 +140,7 @@ def _declared(
     why: str = "",
     drawn: Draw | None = None,
 ) -> Any:
-    """Return a field of `Imperfections`; arguments as of `Declaration`."""
+    """Return a field of `Imperfections`; arguments as in `Declaration`."""
     declaration = Declaration(rule, unit, swept, why, drawn)
     return field(default=default, metadata={"declaration": declaration})
 
@@ -190,13 +190,13 @@ def _seed(name: str, value: Any) -> Any:
     return value
 
 
-_COUNT = 2.0 * math.pi / 4096.0  # of an encoder of 4096 counts a turn
+_COUNT = 2.0 * math.pi / 4096.0  # [rad], of an encoder with 4096 counts per turn
 _ENCODERS = {"encoder_step_phi": 1.0, "encoder_step_z": 0.1}  # [m/rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imperfections:
-    """Departures from the ideal loop; every default is the ideal.
+    """Departures from the ideal loop; every default is ideal.
 
     At each control tick the sensors are read (noise, then quantisation, then differentiation, then
     filter), the controller assumes M and l (late, with an error) and commands a force, which passes
@@ -216,22 +216,22 @@ class Imperfections:
             quantum=0.5e-3),
         why="500 Hz",
     )  # fmt: skip
-    """Time between two control ticks, a multiple of the simulator's timestep; by default that of
-    the simulator."""
+    """Time between two control ticks, a multiple of the simulator's timestep; by default the
+    simulator's own setting."""
     delay: float = _declared(
         0.0, _not_negative, "s",
         Imperfection(name="delay", title="transport delay", unit="ms", scale=1e3,
             fields={"delay": 1.0}, reference=2e-3, benign=2e-4, harsh=0.2),
-        why="a sample of transport",
-        drawn=Draw(9, (0.0, 5e-3), "none, to a slow bus"),
+        why="one sample of transport",
+        drawn=Draw(9, (0.0, 5e-3), "from none to a slow bus"),
     )  # fmt: skip
-    """Transport delay from the control tick to the actuator; it may be any part of a step."""
+    """Transport delay from the control tick to the actuator; it may be a fraction of a step."""
     actuator_lag: float = _declared(
         0.0, _not_negative, "s",
         Imperfection(name="actuator-lag", title="actuator lag", unit="ms", scale=1e3,
             fields={"actuator_lag": 1.0}, reference=2e-3, benign=2e-4, harsh=0.5),
         why="the current loop of a drive",
-        drawn=Draw(10, (0.0, 5e-3), "none, to the current loop of a servo drive"),
+        drawn=Draw(10, (0.0, 5e-3), "from none to the current loop of a servo drive"),
     )  # fmt: skip
     """Time constant of the actuator's first-order lag."""
     force_limit: float | None = _declared(
@@ -250,16 +250,16 @@ class Imperfections:
     """Largest rate at which the actuator changes its force."""
     encoder_step_z: float = _declared(
         0.0, _resolution, "m",
-        drawn=Draw(4, (0.0, 1e-4), "exact, to a tenth of a millimetre"),
+        drawn=Draw(4, (0.0, 1e-4), "from exact to a tenth of a millimetre"),
     )  # fmt: skip
     """Resolution of the cart's position sensor: readings are rounded to the nearest multiple; 0 for
-    an exact one, else at least 1e-12."""
+    an exact sensor, else at least 1e-12."""
     encoder_step_phi: float = _declared(
         0.0, _resolution, "rad",
         Imperfection(name="encoder", title="encoder step", unit="mrad", scale=1e3,
             fields=_ENCODERS, reference=_COUNT, benign=1e-4, harsh=0.5),
-        why="4096 counts a turn; rates measured",
-        drawn=Draw(5, (0.0, 2.0 * math.pi / 2048.0), "exact, to 2048 counts a turn",
+        why="4096 counts per turn; rates measured",
+        drawn=Draw(5, (0.0, 2.0 * math.pi / 2048.0), "from exact to 2048 counts per turn",
             "encoder step of φ [mrad]", 1e3),
     )  # fmt: skip
     """The same for the angle."""
@@ -268,13 +268,13 @@ class Imperfections:
         Imperfection(name="differentiated", title="encoder, rates differenced", unit="mrad",
             scale=1e3, fields=_ENCODERS, switches=("differentiated",), reference=_COUNT,
             benign=1e-5, harsh=0.5),
-        why="4096 counts a turn; rates differenced without a filter",
+        why="4096 counts per turn; rates differenced without a filter",
     )  # fmt: skip
-    """Whether the controller gets as velocity the backward difference of the measured positions
-    over a control period (zero at the first tick)."""
+    """Whether the velocities that the controller gets are backward differences of the measured
+    positions over a control period (zero at the first tick)."""
     noise_z: float = _declared(
         0.0, _not_negative, "m",
-        drawn=Draw(0, (0.0, 5e-4), "none, to a linear potentiometer"),
+        drawn=Draw(0, (0.0, 5e-4), "from none to a linear potentiometer"),
     )  # fmt: skip
     """Standard deviation of the white noise on the cart's position at each tick."""
     noise_phi: float = _declared(
@@ -283,14 +283,15 @@ class Imperfections:
             fields={"noise_phi": 1.0, "noise_z": 0.1, "noise_phi_dot": 10.0, "noise_z_dot": 1.0},
             reference=5e-4, benign=1e-5, harsh=0.5, seeded=True),
         why="a good analogue sensor",
-        drawn=Draw(1, (0.0, 2e-3), "none, to a rotary potentiometer", "noise of φ [mrad]", 1e3),
+        drawn=Draw(1, (0.0, 2e-3), "from none to a rotary potentiometer", "noise of φ [mrad]",
+            1e3),
     )  # fmt: skip
     """The same on the angle."""
     noise_z_dot: float = _declared(
         0.0, _not_negative, "m/s",
-        drawn=Draw(2, (0.0, 1e-2), "none, to a filtered tachometer"),
+        drawn=Draw(2, (0.0, 1e-2), "from none to a filtered tachometer"),
     )  # fmt: skip
-    """The same on the cart's velocity sensor, of which there is none where velocities are
+    """The same on the cart's velocity sensor, which is not used where velocities are
     differentiated."""
     noise_phi_dot: float = _declared(
         0.0, _not_negative, "rad/s",
@@ -304,7 +305,7 @@ class Imperfections:
         Imperfection(name="rail-damping", title="rail damping", unit="N s/m",
             fields={"rail_damping": 1.0}, reference=5.0, benign=0.05, harsh=500.0),
         why="a geared cart on a rail",
-        drawn=Draw(7, (0.0, 2.0), "viscous friction: an air bearing, to dry bushes",
+        drawn=Draw(7, (0.0, 2.0), "viscous friction: from an air bearing to dry bushes",
             "rail damping [N s/m]"),
     )  # fmt: skip
     """Viscous friction of the cart."""
@@ -313,7 +314,7 @@ class Imperfections:
         Imperfection(name="hinge-damping", title="hinge damping", unit="mN m s", scale=1e3,
             fields={"hinge_damping": 1.0}, reference=2e-3, benign=2e-5, harsh=2.0),
         why="a ball bearing",
-        drawn=Draw(8, (0.0, 1e-3), "none, to a greased bearing",
+        drawn=Draw(8, (0.0, 1e-3), "from none to a greased bearing",
             "hinge damping [mN m s/rad]", 1e3),
     )  # fmt: skip
     """Viscous friction of the hinge."""
@@ -322,7 +323,7 @@ class Imperfections:
         Imperfection(name="rail-friction", title="dry friction", unit="N",
             fields={"rail_friction": 1.0}, reference=1.0, benign=0.01, harsh=100.0),
         why="the geared cart",
-        drawn=Draw(6, (0.0, 1.0), "dry friction: an air bearing, to dry bushes",
+        drawn=Draw(6, (0.0, 1.0), "dry friction: from an air bearing to dry bushes",
             "dry friction [N]"),
     )  # fmt: skip
     """Dry (Coulomb) friction of the cart on its rail."""
@@ -330,7 +331,7 @@ class Imperfections:
         0.0, _not_negative, "kg",
         Imperfection(name="rail-armature", title="inertia of the drive", unit="kg",
             fields={"rail_armature": 1.0}, reference=0.3, benign=3e-3, harsh=30.0),
-        why="motor and gears as felt at the cart",
+        why="motor and gears, reflected to the cart",
     )  # fmt: skip
     """Inertia of a drive that moves with the cart but has no weight."""
     hinge_armature: float = _declared(
@@ -346,8 +347,8 @@ class Imperfections:
             fields={"tip_mass_share": 1.0}, reference=0.1, benign=1e-3, harsh=0.95),
         why="not quite a uniform rod",
     )  # fmt: skip
-    """Share of the pole's mass m that is a point at its tip, in 0 to below 1; l stays half the
-    length of the rod."""
+    """Share of the pole's mass m that is a point mass at its tip, from 0 to below 1; l stays half
+    the length of the rod."""
     pole_radius: float = _declared(
         0.0, _not_negative, "m",
         Imperfection(name="pole-radius", title="radius of the rod", unit="mm", scale=1e3,
@@ -361,7 +362,7 @@ class Imperfections:
             fields={"parameter_delay": 1.0}, reference=50e-3, benign=1e-3, harsh=10.0),
         why="M and l come from elsewhere",
     )  # fmt: skip
-    """How late a controller learns of M and l."""
+    """Delay with which the controller gets M and l."""
     mass_error: float = _declared(
         0.0, _error, "1",
         Imperfection(name="mass-over", title="M assumed too large", unit="%", scale=1e2,
@@ -386,7 +387,7 @@ class Imperfections:
             fields={"rail_half_length": 1.0}, reference=1.0, benign=100.0, harsh=0.1),
         why="a table",
     )  # fmt: skip
-    """How far the cart can go to either side before it meets an end stop, which gives by some mm at
+    """How far the cart can go to either side before it hits an end stop, which gives by a few mm at
     1 m/s."""
     hinge_friction: float = _declared(0.0, _not_negative, "N m")
     """Dry (Coulomb) friction of the hinge."""
@@ -405,7 +406,7 @@ class Imperfections:
 def require_on_rail(
     thing: str, z: float, rail: float | None, which: str = "rail_half_length"
 ) -> None:
-    """Raise if a position [m] lies at an end of the rail or beyond; no rail has no end."""
+    """Raise if a position [m] lies at an end of the rail or beyond; None is a rail without ends."""
     if rail is not None and abs(z) >= rail:
         raise InvalidValueError(thing, f"must lie within {which}, {rail:g} m", f"{z:g} m")
 
@@ -413,7 +414,7 @@ def require_on_rail(
 DECLARATIONS: Mapping[str, Declaration] = MappingProxyType(
     {one.name: one.metadata["declaration"] for one in fields(Imperfections)}
 )
-"""What is declared of each field."""
+"""The declaration of each field."""
 
 IMPERFECTIONS = tuple(one for declared in DECLARATIONS.values() for one in declared.swept)
 """Every imperfection whose thresholds are searched, in the order in which they are combined."""
@@ -426,7 +427,7 @@ DRAWS: Mapping[str, Draw] = MappingProxyType(
         )
     )
 )
-"""The fields that random hardware has, by axis."""
+"""How each field that varies is drawn for random hardware, in the order of the axes."""
 
 IDEAL = Imperfections()
-"""The loop of the paper: nothing departs from the ideal."""
+"""The loop of the paper, without imperfections."""

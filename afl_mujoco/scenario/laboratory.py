@@ -1,4 +1,4 @@
-"""Random laboratory hardware: what Monte Carlo draws where a scenario does not say what varies."""
+"""Random laboratory hardware: what Monte Carlo draws for a scenario without ranges of its own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from afl_mujoco.scenario.scenario import Scenario
 
 
 class Start(NamedTuple):
-    """How random hardware starts: a range, and why."""
+    """The range of an initial value of random hardware, and the reason for it."""
 
     range: Range
     why: str
@@ -51,7 +51,7 @@ LABORATORY = Scenario(
         last_change=10.0,
     ),
 )
-"""The paper's plant and horizon on random hardware, M and l changing in the first half."""
+"""The paper's plant and horizon on random hardware; M and l change in the first half."""
 
 REASONS: Mapping[str, str] = MappingProxyType(
     {
@@ -63,18 +63,18 @@ REASONS: Mapping[str, str] = MappingProxyType(
         "duration": "the paper's horizon",
     }
 )
-"""Why each number of `LABORATORY` is what it is."""
+"""The reason for each number of `LABORATORY`."""
 
 
 def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
-    """Return a scenario that varies: as it says itself, else like laboratory hardware.
+    """Return a scenario with ranges: its own, else those of laboratory hardware.
 
-    Of the hardware, what the scenario has itself stays as it is.
+    Imperfections that the scenario sets itself stay as they are.
 
     Parameters
     ----------
     start
-        Whether a scenario that does not say what varies starts at random too.
+        Whether a scenario without ranges of its own gets a random initial state too.
     """
     if scenario.ranges != FIXED:
         return scenario

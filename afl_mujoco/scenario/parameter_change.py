@@ -22,12 +22,12 @@ class ParameterChange:
     Attributes
     ----------
     dynamics
-        ``"quasi-static"``: nothing, M and l are frozen at each instant, as in the paper;
+        ``"quasi-static"``: nothing; M and l are frozen at each instant, as in the paper;
         ``"stretching-rod"``: the rod stretches uniformly at the rate of l.
     jumps
-        ``"velocities"``: a step keeps z_dot and phi_dot, as in the paper: what mass joins moves
-        with what it joins. ``"momenta"``: it keeps the momenta of z and phi: mass joins from rest,
-        and a rod that grows turns more slowly.
+        ``"velocities"``: a step keeps z_dot and phi_dot, as in the paper: mass that is added
+        already moves with the body it joins. ``"momenta"``: a step keeps the momenta of z and phi:
+        mass that is added starts from rest, and a rod that grows turns more slowly.
 
     Raises
     ------

@@ -22,7 +22,7 @@ def require_finite(thing: str, value: object) -> float:
     except (TypeError, ValueError):
         raise InvalidValueError(thing, "must be a number", repr(value)) from None
     except OverflowError:
-        raise InvalidValueError(thing, "must be finite", "a number beyond all floats") from None
+        raise InvalidValueError(thing, "must be finite", "a number too large for a float") from None
     if not math.isfinite(number):
         raise InvalidValueError(thing, "must be finite", number)
     return number
@@ -37,7 +37,7 @@ def require_positive(thing: str, value: object) -> float:
 
 
 def require_type(thing: str, value: object, kind: type | UnionType) -> None:
-    """Raise unless `value` is of a kind."""
+    """Raise unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
         names = [
             one.__name__ for one in (kind.__args__ if isinstance(kind, UnionType) else (kind,))
@@ -46,19 +46,19 @@ def require_type(thing: str, value: object, kind: type | UnionType) -> None:
 
 
 def departures(table: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that are not its defaults, by name."""
+    """Return the fields of a dataclass that differ from their defaults, by name."""
     values = {field.name: (getattr(table, field.name), field.default) for field in fields(table)}
     return {name: value for name, (value, default) in values.items() if value != default}
 
 
 def short_repr(table: Any) -> str:
-    """Return the call that makes a dataclass, with what is not its default: for ``__repr__``."""
+    """Return the call that makes a dataclass, defaults left out, for ``__repr__``."""
     given = (f"{name}={value!r}" for name, value in departures(table).items())
     return f"{type(table).__name__}({', '.join(given)})"
 
 
 def require_distinct(thing: str, names: Sequence[str]) -> None:
-    """Raise unless there is at least one name, and none twice."""
+    """Raise if there is no name, or a name occurs twice."""
     if not names:
         raise InvalidValueError(f"{thing}s", "must be at least one", 0)
     for i, name in enumerate(names):
@@ -110,7 +110,7 @@ HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
 
 
 class PlantRange(NamedTuple):
-    """The plants that a run meets: M [kg] and l [m] from least to largest, m [kg] and g [m/s^2]."""
+    """The plants of a run: least and largest M [kg] and l [m], and m [kg] and g [m/s^2]."""
 
     cart_mass: tuple[float, float]
     half_length: tuple[float, float]

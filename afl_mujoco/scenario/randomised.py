@@ -12,7 +12,7 @@ CART_MASS_RANGE, HALF_LENGTH_RANGE = (0.1, 2.0), (0.05, 1.0)
 """The paper's box of M [kg] and l [m]."""
 
 LAST_CHANGE = 10.0
-"""The schedules change within this [s], half the horizon."""
+"""Latest time at which the schedules change [s], half the horizon."""
 
 GRID = 2e-3
 """The instants of change are multiples of this [s]."""

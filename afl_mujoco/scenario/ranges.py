@@ -15,13 +15,13 @@ from afl_mujoco.scenario.parameters import require_finite, require_positive, sho
 Range = tuple[float, float]
 
 STATE = MappingProxyType({"z": "m", "phi": "rad", "z_dot": "m/s", "phi_dot": "rad/s"})
-"""The initial state, and its units."""
+"""The initial state and its units."""
 
 SCHEDULES = MappingProxyType({"cart_mass": "kg", "half_length": "m"})
-"""What schedules prescribe, and its units."""
+"""The parameters that schedules prescribe, and their units."""
 
 _FIXED = ("control_period", "differentiated", "seed")
-"""Imperfections that are no numbers which may vary: periods must divide one another."""
+"""Imperfections that may not vary: a period, which other periods must divide, a switch, a seed."""
 
 HARDWARE = (
     *DRAWS,
@@ -46,20 +46,20 @@ class Ranges:
     Attributes
     ----------
     varied
-        By name, of `VARIABLE`: the least and the largest value, drawn uniformly. Where M or l
-        varies, its schedule is drawn: its levels within the range.
+        Least and largest value by name, one of `VARIABLE`; values are drawn uniformly. Where M or
+        l varies, its schedule is drawn, with levels within the range.
     cart_mass_rate, half_length_rate
-        Largest abs(dM/dt) [kg/s] and abs(dl/dt) [m/s] of what is drawn; None lets them jump.
+        Largest abs(dM/dt) [kg/s] and abs(dl/dt) [m/s] of drawn schedules; None lets them jump.
     changes
         How many times M and l change to another level. None for the paper's shapes: one level,
         two jumps between three levels or a trapezoid between two.
     last_change
-        Until when [s] M and l begin to change; half the duration if None.
+        Latest time at which M and l begin to change [s]; half the duration if None.
 
     Raises
     ------
     InvalidValueError
-        If a range is empty or leaves what the thing may be.
+        If a range is empty or holds values that are not allowed.
     """
 
     varied: Mapping[str, Range] = field(default_factory=dict)
@@ -90,13 +90,13 @@ class Ranges:
     __repr__ = short_repr
 
     def __hash__(self) -> int:
-        """Be hashable, as scenarios are."""
+        """Return a hash: scenarios are hashable, and hold ranges."""
         settings = tuple(getattr(self, name) for name in SETTINGS)
         return hash((tuple(self.varied.items()), settings))
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Ranges:
-        """Return the ranges of a flat table: ranges and the other attributes by name.
+        """Return the ranges from a flat table of ranges and the other attributes by name.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class Ranges:
 
     @property
     def table(self) -> dict[str, Any]:
-        """The flat table of `of`; empty where nothing varies."""
+        """The flat table that `of` takes; empty if nothing varies."""
         settings = {name: getattr(self, name) for name in SETTINGS}
         return {
             **{name: list(bounds) for name, bounds in self.varied.items()},
@@ -127,7 +127,7 @@ SETTINGS = ("cart_mass_rate", "half_length_rate", "changes", "last_change")
 """Attributes of `Ranges` besides the ranges."""
 
 MOST_CHANGES = 100
-"""Of a schedule that is drawn."""
+"""Largest number of changes of a drawn schedule."""
 
 
 def _range(name: str, bounds: Any) -> Range:
@@ -135,7 +135,7 @@ def _range(name: str, bounds: Any) -> Range:
     if name not in VARIABLE:
         raise UnknownNameError.among("range", name, VARIABLE)
     if isinstance(bounds, str) or not isinstance(bounds, Sequence) or len(bounds) != 2:
-        rule = "must be a range, its least and its largest value"
+        rule = "must be a range: its least and its largest value"
         raise InvalidValueError(name, rule, repr(bounds))
     rule_of: Callable[[str, Any], Any] = require_finite
     if name in SCHEDULES:
@@ -144,10 +144,10 @@ def _range(name: str, bounds: Any) -> Range:
         rule_of = DECLARATIONS[name].rule
     low, high = (float(rule_of(name, require_finite(name, x))) for x in bounds)
     if name == "phi" and not max(-low, high) < 0.5 * math.pi:
-        rule = "must lie between -pi/2 and pi/2, where a pole has fallen"
+        rule = "must lie between -pi/2 and pi/2, at which a pole has fallen"
         raise InvalidValueError(name, rule, f"{low:g} to {high:g}")
     if not low <= high:
-        raise InvalidValueError(name, "must not fall", f"{low:g} to {high:g}")
+        raise InvalidValueError(name, "must not decrease", f"{low:g} to {high:g}")
     return low, high
 
 

@@ -28,7 +28,7 @@ BANDS = MappingProxyType({"position_band": "m", "angle_band": "rad"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Requirements:
-    """What a run has to achieve; None asks for nothing.
+    """What a run has to achieve; None is no requirement.
 
     Attributes
     ----------
@@ -41,10 +41,10 @@ class Requirements:
     max_force
         Largest abs(F) that is exerted [N].
     settling_time
-        When z and phi have to be within their bands, to stay until the first disturbance, or the
-        end [s].
+        Time by which z and phi have to be within their bands, and stay there until the first
+        disturbance or the end [s].
     recover_within
-        How long after each disturbance they may be outside of them [s].
+        How long z and phi may be outside their bands after each disturbance [s].
     position_band
         Half-width of the band around z = 0 in which a run is at rest [m].
     angle_band
@@ -87,7 +87,7 @@ class Requirements:
         """
         until = calm(duration, disturbances)
         if self.settling_time is not None and not self.settling_time < until:
-            what = "the duration" if until == duration else "when the first disturbance begins"
+            what = "the duration" if until == duration else "the start of the first disturbance"
             rule = f"must be less than {until:g} s, {what}"
             raise InvalidValueError("requirements.settling_time", rule, f"{self.settling_time:g} s")
         if self.recover_within is None:
@@ -97,7 +97,7 @@ class Requirements:
             raise InvalidValueError("requirements.recover_within", rule)
         for end, until in recoveries(duration, disturbances):
             if not self.recover_within < until - end:
-                left = f"what is left after the disturbance that ends at {end:g} s"
+                left = f"the time left after the disturbance that ends at {end:g} s"
                 rule = f"must be less than {until - end:g} s, {left}"
                 raise InvalidValueError(
                     "requirements.recover_within", rule, f"{self.recover_within:g} s"
@@ -109,18 +109,18 @@ NONE = Requirements()
 
 
 SNAP = 1e-9
-"""Time between two disturbances that round-off may put there [s]."""
+"""Gap between two disturbances that may be round-off alone [s]."""
 
 
 def calm(duration: float, disturbances: Sequence[ForcePulse | Impulse]) -> float:
-    """Return until when [s] nothing disturbs a run."""
+    """Return the time [s] until which nothing disturbs a run."""
     return min((min(d.breakpoints) for d in disturbances), default=duration)
 
 
 def recoveries(
     duration: float, disturbances: Sequence[ForcePulse | Impulse]
 ) -> list[tuple[float, float]]:
-    """Return from when [s] a run may recover from its disturbances, and until when.
+    """Return the start and end [s] of each interval in which a run may recover.
 
     Disturbances that overlap count as one.
     """

@@ -24,20 +24,20 @@ from afl_mujoco.scenario.schedules import (
 )
 
 SHAPES = ("constant", "steps", "trapezoid")
-"""Of the schedules, each with a third of its coordinate: one level; two jumps between three levels;
-a trapezoid between two levels."""
+"""Shapes of the schedules, each a third of the shape's coordinate: one level; two jumps between
+three levels; a trapezoid between two levels."""
 
 ENCODERS = {"encoder_step_z", "encoder_step_phi"}
 
 INSTANT = 1e-3
 """Instants of change are multiples of this [s]."""
 
-_LEVELS, _INSTANTS = 3, 4  # of the shapes
-_POINT, _NOISE, _SEARCH = range(3)  # what a seed is spent on
+_LEVELS, _INSTANTS = 3, 4  # the most that a shape has
+_POINT, _NOISE, _SEARCH = range(3)  # what a seed is used for
 
 
 class Quantity(NamedTuple):
-    """What a number of the space is, its unit, its range or value."""
+    """A number of the space: its name, its unit, and its range or value."""
 
     name: str
     unit: str
@@ -51,18 +51,18 @@ class SampleSpace:
     Attributes
     ----------
     scenario
-        With its `Ranges`; what they leave out is the same in every sample.
+        The scenario with its `Ranges`; what they leave out is the same in every sample.
 
     Raises
     ------
     InvalidValueError
-        If nothing varies, or a corner of the ranges makes no scenario.
+        If nothing varies, or a corner of the ranges is not a valid scenario.
     """
 
     scenario: Scenario
 
     def __post_init__(self) -> None:
-        """Check that the corners make scenarios."""
+        """Check that the corners are valid scenarios."""
         if not self.coordinates:
             rule = "must say in [ranges] what varies"
             raise InvalidValueError(f"scenario {self.scenario.name!r}", rule)
@@ -97,7 +97,7 @@ class SampleSpace:
 
     @property
     def last_change(self) -> float:
-        """Until when M and l begin to change [s]."""
+        """Latest time at which M and l begin to change [s]."""
         given = self.scenario.ranges.last_change
         return 0.5 * self.scenario.duration if given is None else given
 
@@ -111,7 +111,7 @@ class SampleSpace:
         found: list[str] = []
         for name in (*STATE, *SCHEDULES, *HARDWARE):
             low, high = self.varied.get(name, (0.0, 0.0))
-            if low < high:  # one number has no axis
+            if low < high:  # a single number has no axis
                 found += [f"{name} {part}" for part in parts] if name in SCHEDULES else [name]
         return tuple(found)
 
@@ -160,7 +160,7 @@ class SampleSpace:
             for name in self.varied
             if name not in SCHEDULES
         }
-        for name in ENCODERS & scaled.keys():  # one finer than any is exact
+        for name in ENCODERS & scaled.keys():  # a step below the finest means exact
             scaled[name] = scaled[name] if scaled[name] >= FINEST_STEP else 0.0
         noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
         start = zip(STATE, base.initial_state, strict=True)
@@ -208,16 +208,16 @@ class SampleSpace:
         return drawn if rate is None else slew_limited(drawn, rate)
 
     def _times(self, shares: list[float]) -> tuple[float, ...]:
-        """Return increasing instants [s] from numbers in 0 to 1, in whatever order."""
+        """Return increasing instants [s] from numbers in 0 to 1 in any order."""
         free = round(self.last_change / INSTANT) - len(shares)
         return tuple((round(free * u) + i + 1) * INSTANT for i, u in enumerate(sorted(shares)))
 
     @property
     def reference(self) -> NDArray[np.float64]:
-        """The point of the cube nearest to the scenario itself, M and l as they are at its start.
+        """The point of the cube nearest to the scenario itself, with M and l as at its start.
 
-        An imperfection whose default is that there is none lies at the end that is farthest from
-        harm, the largest value.
+        An imperfection that is None in the scenario lies at the most benign end of its range, the
+        largest value.
         """
         base = self.scenario
         own = dict(zip(STATE, base.initial_state, strict=True))
@@ -247,22 +247,22 @@ def sample_scenario(space: SampleSpace, index: int, seed: int) -> Scenario:
 
 
 def search_generator(seed: int) -> Generator:
-    """Return the random numbers of a search; no sample of the same seed shares them."""
+    """Return the random generator of a search; no sample of the same seed shares its numbers."""
     return Generator(Philox(_stream(seed, _SEARCH, 0)))
 
 
 def _stream(seed: int, purpose: int, index: int) -> SeedSequence:
-    """Return the seed of one purpose, its own for every index."""
+    """Return the seed for one purpose and index."""
     return SeedSequence(seed, spawn_key=(purpose, index))
 
 
 def _share(bounds: Range, value: float) -> float:
-    """Return at what share of a range a number lies, that of its nearer end outside it."""
+    """Return the share of a range at which a number lies, clipped to 0 to 1."""
     low, high = bounds
     return min(max((value - low) / (high - low), 0.0), 1.0) if high > low else 0.0
 
 
 def _within(bounds: Range, share: float) -> float:
-    """Return the number at a share of a range, never outside it."""
+    """Return the number at a share of a range, never outside the range."""
     low, high = bounds
     return min(max(low + share * (high - low), low), high)

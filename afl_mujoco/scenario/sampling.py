@@ -16,7 +16,7 @@ from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.scenario.scenario import Scenario, Segment
 
 MOST_STEPS = 10_000_000
-"""More steps than this are refused: they would fill the memory before they end."""
+"""Largest number of steps: more would fill the memory before the run ends."""
 
 SNAP = 1e-9  # share of a step under which a grid point and a breakpoint are the same instant
 
@@ -126,7 +126,7 @@ def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray
         Starts of the steps and the horizon [s], shape (N + 1,).
     """
     edges = np.concatenate([[-np.inf], starts[:-1]]) + SNAP * (starts[1] - starts[0])
-    edges[-1] = np.inf  # one that comes after the last start acts there
+    edges[-1] = np.inf  # an impulse after the last start acts at the last start
     hits = np.zeros(len(starts) - 1)
     for disturbance in scenario.disturbances:
         if isinstance(disturbance, Impulse):
@@ -140,7 +140,7 @@ def _require_few(unit: str, length: float, step: float) -> None:
     if length / step > MOST_STEPS:
         raise InvalidValueError(
             unit,
-            f"must be at least {length / MOST_STEPS:g} s here: more steps fill the memory",
+            f"must be at least {length / MOST_STEPS:g} s here: more steps would fill the memory",
             step,
         )
 
@@ -151,9 +151,9 @@ def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
     Parameters
     ----------
     length
-        What is divided [s].
+        Length to be divided [s].
     step
-        What divides it [s].
+        Length of a step [s].
     """
     step, length = require_positive(unit, step), require_positive(thing, length)
     _require_few(unit, length, step)

@@ -65,7 +65,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What a simulator simulates: the truth, not what a controller assumes of it.
+    """What a simulator simulates: the true plant, not what a controller assumes.
 
     Attributes
     ----------
@@ -144,13 +144,13 @@ class Scenario:
 
     @property
     def plants(self) -> PlantRange:
-        """The plants that its schedules go through up to the horizon."""
+        """The plants that its schedules pass through up to the horizon."""
         masses, lengths = map(self._range, (self.cart_mass, self.half_length))
         return PlantRange(masses, lengths, self.pole_mass, self.gravity)
 
     @property
     def assumed_plants(self) -> PlantRange:
-        """What a controller is told that they are: M and l may be wrong."""
+        """The plants that a controller assumes, in which M and l may be wrong."""
         (m0, m1), (l0, l1), pole_mass, gravity = self.plants
         mass, length = 1.0 + self.imperfections.mass_error, 1.0 + self.imperfections.length_error
         return PlantRange((m0 * mass, m1 * mass), (l0 * length, l1 * length), pole_mass, gravity)
@@ -244,11 +244,11 @@ class Scenario:
         Raises
         ------
         InvalidValueError
-            If it does.
+            If the scenario has imperfections.
         """
         if self.imperfections != IDEAL:
             rule = (
-                "has imperfections, which only sampled mode simulates: compare runs it as "
-                "deployed, or remove [imperfections]"
+                "has imperfections, which only sampled mode simulates: run it as deployed with "
+                "compare, or remove [imperfections]"
             )
             raise InvalidValueError(f"scenario {self.name!r}", rule)

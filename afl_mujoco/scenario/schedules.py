@@ -16,15 +16,15 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_finite, require_positive, require_type
 
 _MANY = 256
-"""More times than this are worth a look at whether they increase."""
+"""Number of times above which it pays to check whether they increase."""
 
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
     """A piecewise-linear function of time, constant before its first knot and after its last.
 
-    A time that stands twice is a jump; at the jump itself the schedule has the value after it.
-    Build one with `constant`, `step`, `trapezoid`, `piecewise_linear` or `joined`.
+    A time given twice is a jump; at the jump itself the schedule has the value after it.
+    Build one with `constant`, `staircase`, `trapezoid`, `piecewise_linear` or `joined`.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class Schedule:
         return result
 
     def _along(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values at increasing times, to the same bits: fewer knots are looked up."""
+        """Return the same values, to the bit, for increasing times with fewer look-ups of knots."""
         edges = np.searchsorted(t, self.times, side="left")
         counts = np.diff(np.concatenate([edges, [len(t)]]))
         before = edges[0]
@@ -192,7 +192,7 @@ def staircase(times: Sequence[float], values: Sequence[float]) -> Schedule:
     Raises
     ------
     InvalidValueError
-        If the numbers of times and levels do not fit, or the times do not increase.
+        If the numbers of times and levels do not match, or the times do not increase.
     """
     times, values = _listed("times", times), _listed("values", values)
     if len(values) != len(times) + 1:
@@ -259,7 +259,8 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
     Raises
     ------
     InvalidValueError
-        If there is no piece, or starts and pieces do not fit.
+        If there is no piece, the numbers of starts and pieces differ, or the starts do not
+        increase.
     """
     starts, pieces = _listed("starts", starts), _listed("pieces", pieces)
     for piece in pieces:
@@ -282,12 +283,12 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
 
 
 def slew_limited(schedule: Schedule, rate: float) -> Schedule:
-    """Return the schedule that follows another at no more than a rate, from its first value.
+    """Return the schedule that follows another with a limited rate, from its first value.
 
     Parameters
     ----------
     schedule
-        What is followed.
+        The schedule to follow.
     rate
         Largest absolute slope [1/s].
     """
@@ -308,7 +309,7 @@ def slew_limited(schedule: Schedule, rate: float) -> Schedule:
                 move = math.copysign(rate, gap)
                 closing = (move - slope) / gap
                 until = min(time + 1.0 / closing, end) if closing > 0.0 else end
-            if until < end or (gap == 0.0 and move == slope):  # with what is followed
+            if until < end or (gap == 0.0 and move == slope):  # on the schedule followed
                 value = goal if until == end else begin + slope * (until - start)
             else:
                 value += move * (until - time)
@@ -319,7 +320,7 @@ def slew_limited(schedule: Schedule, rate: float) -> Schedule:
 
 
 def _listed(thing: str, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the values as a tuple, or raise if they are none."""
+    """Return the values as a tuple, or raise if they are not iterable."""
     require_type(thing, values, Iterable)
     return tuple(values)
 

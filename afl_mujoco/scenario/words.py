@@ -1,4 +1,4 @@
-"""A scenario in words: how M, l and the push go over time, where it starts, how long it lasts."""
+"""A scenario in words: how M, l and the push change, where it starts, how long it lasts."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
 
 MOST = 8
-"""Changes up to which a schedule is told one by one."""
+"""Largest number of changes that are listed one by one."""
 
 
 def describe(scenario: Scenario) -> list[tuple[str, str]]:
-    """Return what happens in a scenario: a label and a text each."""
+    """Return what happens in a scenario as pairs of a label and a text."""
     z, phi, z_dot, phi_dot = scenario.initial_state
     start = f"φ = {short(math.degrees(phi))}°"
     if z or z_dot or phi_dot:
@@ -38,13 +38,13 @@ def describe(scenario: Scenario) -> list[tuple[str, str]]:
 
 
 def departures_text(imperfections: Imperfections) -> str:
-    """Say what is not ideal, by the keys of a scenario file."""
+    """Return what is not ideal, by the keys of a scenario file."""
     found = departures(imperfections)
     return "; ".join(f"{name} = {value}" for name, value in found.items()) or "none"
 
 
 def schedule_text(schedule: Schedule, unit: str, until: float) -> str:
-    """Say how a parameter goes from time 0 to an end [s]."""
+    """Return in words how a parameter changes from time 0 to an end [s]."""
     changes = list(_changes(schedule, unit, until))
     start = f"{short(schedule.at(0.0))} {unit}"
     if not changes:
@@ -56,7 +56,7 @@ def schedule_text(schedule: Schedule, unit: str, until: float) -> str:
 
 
 def _changes(schedule: Schedule, unit: str, until: float) -> Iterator[str]:
-    """Say every jump and ramp."""
+    """Yield every jump and ramp in words."""
     knots = zip(schedule.times, schedule.values, strict=True)
     for (start, first), (end, last) in itertools.pairwise(knots):
         if end <= 0.0 or start >= until or first == last:
@@ -70,7 +70,7 @@ def _changes(schedule: Schedule, unit: str, until: float) -> Iterator[str]:
 
 
 def _disturbances(scenario: Scenario) -> str:
-    """Say what disturbs the cart."""
+    """Return in words what disturbs the cart."""
     told = [
         f"{short(one.force)} N over {short(one.start)} to {short(one.end)} s"
         if isinstance(one, ForcePulse)

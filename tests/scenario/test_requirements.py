@@ -86,8 +86,8 @@ def test_a_requirement_that_breaks_its_rule_is_named(
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"settling_time": 2.0}, "must be less than 2 s, when the first disturbance begins"),
-        ({"recover_within": 3.4}, "must be less than 3.4 s, what is left after the disturbance"),
+        ({"settling_time": 2.0}, "must be less than 2 s, the start of the first disturbance"),
+        ({"recover_within": 3.4}, "must be less than 3.4 s, the time left after the disturbance"),
     ],
 )
 def test_what_a_run_could_not_show_is_refused(asked: dict[str, float], message: str) -> None:

@@ -148,9 +148,9 @@ def test_an_imperfection_that_is_left_out_is_ideal_and_has_no_axis() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"z": (1.0, 0.0)}, "z must not fall, got 1 to 0"),
+        ({"z": (1.0, 0.0)}, "z must not decrease, got 1 to 0"),
         ({"imperfections": {"noise_z": (-1.0, 0.0)}}, "noise_z must not be negative, got -1.0"),
-        ({"imperfections": {"delay": (1.0, 0.0)}}, "delay must not fall, got 1 to 0"),
+        ({"imperfections": {"delay": (1.0, 0.0)}}, "delay must not decrease, got 1 to 0"),
         ({"imperfections": {"rail_fricton": (0.0, 1.0)}}, "range must be one of z, phi, "),
         ({"cart_mass": (0.0, 1.0)}, "cart_mass must be positive, got 0.0"),
         ({"last_change": 21.0}, "last_change must be within the duration, got 21.0"),
