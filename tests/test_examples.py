@@ -47,7 +47,7 @@ def nothing(time, state, belief):
 SAID = {
     "raises": "controller 'broken.raises' raised ZeroDivisionError at t = 0.05",
     "shape": "controller 'broken.shape' must return one number at t = 0 s, got an array of shape",
-    "hangs": "controller 'broken.hangs' must answer within 1 s, did not at t = 0 s",
+    "hangs": "controller 'broken.hangs' must answer within 1 s, but did not at t = 0 s",
     "leaves": "controller 'broken.leaves' raised SystemExit at t = 0 s: 0",
 }
 

@@ -1,1 +1,1 @@
-"""What we command: the paper's controller, its gains, and the controllers built from them."""
+"""The controllers: the paper's control law, its gains, and what is built from them."""

@@ -49,8 +49,8 @@ def force_kernel(
 ):
     """Return the force [N] of the control law, or NaN where it has no value (``|phi| >= pi/2``).
 
-    Its one compiled form: every loop and the dm_control agent call it, which makes their forces
-    equal bit for bit. Floats only; arguments as in `control_force`.
+    This is its only compiled form: every loop and the dm_control agent call it, so that their
+    forces are equal bit for bit. Floats only; arguments as in `control_force`.
     """
     if not abs(phi) < 0.5 * np.pi:
         return np.nan
@@ -61,7 +61,7 @@ def force_kernel(
 
 @kernel
 def afl_force(state, inputs):
-    """Return the force [N] at one state, its gains looked up already.
+    """Return the force [N] at one state from gains that are already looked up.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def sliding_variable(
     parameters
         The assumed parameters of the plant.
     gains
-        Only `slope` enters.
+        Only `slope` is used.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def sliding_variable(
 
 
 def _components(state: ArrayLike) -> NDArray[np.float64]:
-    """Return the state's components first, or raise outside the control law's domain."""
+    """Return the state, components on the first axis, or raise outside the control law's domain."""
     components = np.moveaxis(np.asarray(state, dtype=np.float64), -1, 0)
     phi = components[1]
     outside = ~(np.abs(phi) < 0.5 * np.pi)

@@ -34,7 +34,7 @@ from afl_mujoco.scenario.parameters import (
 
 
 class GainError(InvalidValueError):
-    """A gain function that gives no positive gain for what the controller assumes."""
+    """A gain function whose gain is not positive for the parameters that a controller assumes."""
 
 
 @functools.lru_cache(maxsize=256)
@@ -55,7 +55,7 @@ class AFLController(Controller):
     gain_function
         Gains as a function of the assumed M and l; constant for fixed gains.
     belief
-        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t)
+        Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
         (decision D7).
     """
 
@@ -79,7 +79,7 @@ class AFLController(Controller):
         return _compiled(self.gain_function)
 
     def remarks(self, plants: PlantRange) -> list[str]:
-        """Say where scheduled gains go beyond the plants for which they were found."""
+        """Return where scheduled gains are used beyond the plants for which they were found."""
         if self.gain_function.is_constant:
             return []
         belief = self.belief
@@ -99,7 +99,7 @@ class AFLController(Controller):
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """As `Controller.inputs_along_run`: M, m, l, g, K, lambda, Phi, the gains positive."""
+        """Return M, m, l, g, K, lambda, Phi along a run; raise if a gain is not positive."""
         inputs = Controller.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
         _require_positive_gains(inputs.reshape(-1, 7))
         return inputs
@@ -184,8 +184,7 @@ def as_controller(controller: Any) -> Controller:
     Parameters
     ----------
     controller
-        A controller; a name, as of `find_controller`; or what a `PythonController` takes as its
-        function.
+        A controller; a name that `find_controller` knows; or the function of a `PythonController`.
     """
     if isinstance(controller, str):
         return find_controller(controller)
@@ -205,13 +204,13 @@ def require_stateless(controller: Controller, where: str) -> None:
 def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     """Return a controller by its name, in either reading of the paper's gain columns.
 
-    The retuned gains and the baselines are not the paper's and have one reading.
+    The retuned gains and the baselines are not the paper's and have only one reading.
 
     Parameters
     ----------
     name
-        A key of `CONTROLLERS`; one that does not end in ``-nominal``, with ``-estimated`` after it,
-        for the same controller with the estimator; or ``module:attribute`` of one's own.
+        A key of `CONTROLLERS`; a key that does not end in ``-nominal``, followed by ``-estimated``,
+        for that controller with the estimator; or ``module:attribute`` for your own controller.
     gain_labels
         A key of `GAIN_LABELS`, decision D2.
 
@@ -220,7 +219,7 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     UnknownNameError
         If `name` or `gain_labels` is not known.
     InvalidValueError
-        If there is no such function, or it is no controller.
+        If there is no such function, or it is not a controller.
     """
     if gain_labels not in GAIN_LABELS:
         raise UnknownNameError.among("gain labels", gain_labels, GAIN_LABELS)

@@ -1,7 +1,7 @@
 """Every controller as one compiled function, so that a loop need not know which one it runs.
 
-A controller is a `kind` and a `table` of numbers. The kind is an integer, not a function that is
-passed along, which the cache of compiled code could not keep.
+A controller is a `kind` and a `table` of numbers. The kind is an integer and not a function passed
+as an argument, because the cache of compiled code cannot store the latter.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
 
 @kernel
 def _weights(grid, value):
-    """Return four nodes around a value and their weights, of a cubic with a continuous slope.
+    """Return four nodes around a value and their weights in a cubic with a continuous slope.
 
     The slope at a node is that of the line through its neighbours. Beyond the grid by more than
     round-off the weights are NaN: nothing is known there.
@@ -100,8 +100,8 @@ def _weights(grid, value):
 def interpolated_gains(table, masses, lengths, cart_mass, half_length):
     """Return the four gains of a plant, bicubic between the nodes, NaN beyond them.
 
-    Their slopes are continuous: of kinks along a ramp of M or l, the error control of the reference
-    integrator sees too little.
+    Their slopes are continuous, because the error control of the reference integrator
+    underestimates the error at kinks along a ramp of M or l.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def interpolated_gains(table, masses, lengths, cart_mass, half_length):
 
 @kernel
 def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains):
-    """Return the force [N] of state feedback; NaN of an unknown kind."""
+    """Return the force [N] of state feedback; NaN for an unknown kind."""
     feedback = -(gains[0] * z + gains[1] * phi + gains[2] * z_dot + gains[3] * phi_dot)
     if kind == LINEAR:
         return feedback
@@ -149,11 +149,11 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
     kind
         `AFL`, `LINEAR` or `PARTIAL`.
     table
-        Float64, C-contiguous. Of `AFL`: coefficients of the gain function (G1), shape (1, 3, 5).
-        Of the others: gains k by M and l, shape (len(masses), len(lengths), 4), interpolated
-        at what the controller assumes; a single node stands for every plant.
+        Float64, C-contiguous. For `AFL`: coefficients of the gain function (G1), shape (1, 3, 5).
+        For the others: gains k by M and l, shape (len(masses), len(lengths), 4), interpolated
+        at the assumed M and l; a single node applies to every plant.
     masses, lengths
-        Nodes M [kg] and l [m], increasing; of no consequence for `AFL`.
+        Nodes M [kg] and l [m], increasing; `AFL` does not use them.
     z, phi, z_dot, phi_dot
         The state.
     assumed
@@ -167,7 +167,7 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
 
 @kernel
 def force_from_inputs(kind, state, inputs):
-    """Return the force [N] with gains looked up already, equal to `compiled_force` bit for bit.
+    """Return the force [N] from gains already looked up, equal to `compiled_force` bit for bit.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def force_from_inputs(kind, state, inputs):
     state
         (z, phi, z_dot, phi_dot), shape (4,).
     inputs
-        Assumed (M, m, l, g) and the gains, three of `AFL`, four of the others.
+        Assumed (M, m, l, g) and the gains, three for `AFL`, four for the others.
     """
     if kind == AFL:
         return afl_force(state, inputs)
@@ -223,7 +223,7 @@ def inputs_along(kind, table, masses, lengths, assumed):
             inputs[i, j] = assumed[i, j]
         cart_mass, half_length = assumed[i, 0], assumed[i, 2]
         if i > 0 and cart_mass == assumed[i - 1, 0] and half_length == assumed[i - 1, 2]:
-            for j in range(4, count):  # most schedules stand still most of the time
+            for j in range(4, count):  # most schedules are constant most of the time
                 inputs[i, j] = inputs[i - 1, j]
         elif kind == AFL:
             for j in range(3):

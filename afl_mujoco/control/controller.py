@@ -1,4 +1,4 @@
-"""What a controller is to a simulator: state and truth in, force out."""
+"""The interface of a controller to a simulator: state and true plant in, force out."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Estimator(NamedTuple):
     compiled
         The controller.
     settings
-        Of the estimator, `EstimatorSettings.record`.
+        Settings of the estimator, `EstimatorSettings.record`.
     """
 
     compiled: CompiledController
@@ -34,14 +34,14 @@ class Estimator(NamedTuple):
 
 
 class Controller(Protocol):
-    """What commands the force: its gains, and the parameters that it assumes of the plant.
+    """A controller of the force: its gains, and the parameters that it assumes of the plant.
 
     Attributes
     ----------
     name
         Name for reports and files.
     belief
-        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t)
+        Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
         (decision D7).
     interpreted
         Whether it is called by the interpreter, through `command`, and has no compiled form.
@@ -60,18 +60,18 @@ class Controller(Protocol):
         ...
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
-        """Return the controller as compiled loops take it, good for these plants; or raise."""
+        """Return the controller as compiled loops take it, valid for these plants, or raise."""
         ...
 
     def estimator_for(self, plants: PlantRange) -> Estimator | None:
-        """Return what estimates M, l and the state on these plants, if anything does."""
+        """Return the estimator of M, l and the state for these plants, None if there is none."""
         return None
 
     @property
     def stateful(self) -> bool:
-        """Whether a call depends on those before it.
+        """Whether a call depends on the calls before it.
 
-        Only sampled mode, which calls once a control period and in order, supports that.
+        Only sampled mode, which calls once per control period and in order, supports that.
         """
         return False
 
@@ -84,11 +84,11 @@ class Controller(Protocol):
         return self
 
     def remarks(self, plants: PlantRange) -> list[str]:
-        """Return what a reader of its runs on these plants has to know, a sentence each."""
+        """Return remarks for readers of its runs on these plants, one sentence each."""
         return []
 
     def start(self) -> Controller:
-        """Return the controller for one run, its memory cleared where it has any."""
+        """Return the controller for one run, with its internal state reset if it has any."""
         return self
 
     def describe(self) -> dict[str, Any]:
@@ -125,7 +125,7 @@ class Controller(Protocol):
         Raises
         ------
         ControllerDomainError
-            If the controller has no force at the pole angle, as the paper's beyond
+            If the controller has no force at the pole angle; the paper's has none outside
             ``|phi| < pi/2``.
         """
         z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
@@ -165,7 +165,7 @@ class Controller(Protocol):
         Parameters
         ----------
         cart_mass, half_length
-            True M [kg] and l [m], any one shape (...).
+            True M [kg] and l [m], both of shape (...).
         pole_mass, gravity
             True m [kg] and g [m/s^2].
         """
@@ -184,7 +184,7 @@ class Controller(Protocol):
         Parameters
         ----------
         cart_mass, half_length
-            True M [kg] and l [m], any one shape (...).
+            True M [kg] and l [m], both of shape (...).
         pole_mass, gravity
             True m [kg] and g [m/s^2].
 
@@ -241,7 +241,7 @@ class Controller(Protocol):
 
 
 def _range_of(assumed: NDArray[np.float64]) -> PlantRange:
-    """Return the plants in rows of assumed (M, m, l, g), of which m and g are constant."""
+    """Return the range of plants in rows of assumed (M, m, l, g), with m and g constant."""
     least, largest = assumed.min(axis=0).tolist(), assumed.max(axis=0).tolist()
     return PlantRange((least[0], largest[0]), (least[2], largest[2]), least[1], least[3])
 

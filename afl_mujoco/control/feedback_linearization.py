@@ -22,7 +22,7 @@ def linearizing_force(u, phi, phi_dot, cart_mass, pole_mass, half_length, gravit
 
 @register_jitable
 def xi1(z, phi, half_length):
-    """Return the output coordinate xi1 [m], Eq. (L2), its ln((1 + sin)/cos) as arcsinh(tan).
+    """Return the output coordinate xi1 [m], Eq. (L2), ln((1 + sin)/cos) written as arcsinh(tan).
 
     The two are equal; the second is odd to the last bit and has no cancellation near -pi/2.
     """

@@ -47,7 +47,7 @@ def shipped_file(name: str) -> Traversable:
 def shipped_data(name: str) -> Any:
     """Return the content of a data file of the package."""
     file = shipped_file(name)
-    with reading(file, "is no JSON"):
+    with reading(file, "is not JSON"):
         return json.loads(file.read_text(encoding="utf-8"))
 
 
@@ -98,7 +98,7 @@ class GainFunction:
 
     @classmethod
     def retuned(cls) -> GainFunction:
-        """Return the coefficients fitted to the package's own gain table, its slope damped.
+        """Return the coefficients fitted to the package's own gain table, with lambda damped.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class GainFunction:
         Raises
         ------
         InvalidValueError
-            If a gain comes out not positive.
+            If a gain is not positive.
         """
         return Gains(
             **{

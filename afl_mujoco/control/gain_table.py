@@ -1,4 +1,4 @@
-"""A table of tuned gains by plant: the paper's Table 1, found anew, as a file with provenance."""
+"""A table of tuned gains by plant: the paper's Table 1, searched anew, a file with provenance."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class GainTable:
         """Check the rows and freeze them."""
         rows = np.array(self.rows, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != len(COLUMNS) or not len(rows):
-            raise InvalidValueError("gain table", f"must have rows of {len(COLUMNS)}", rows.shape)
+            raise InvalidValueError("gain table", f"must have {len(COLUMNS)} columns", rows.shape)
         unknown = np.isnan(rows) & (np.arange(len(COLUMNS)) == len(COLUMNS) - 1)
         if not np.all(unknown | (np.isfinite(rows) & (rows > 0.0))):
             raise InvalidValueError("gain table", "must hold positive finite numbers")
@@ -69,7 +69,7 @@ class GainTable:
         return column
 
     def gains(self, cart_mass: float, half_length: float) -> Gains:
-        """Return the gains of a plant, M [kg] and l [m], that the table must hold."""
+        """Return the gains of a plant, M [kg] and l [m], which must be in the table."""
         found = np.flatnonzero(
             np.isclose(self.column("cart_mass"), cart_mass)
             & np.isclose(self.column("half_length"), half_length)
@@ -80,13 +80,13 @@ class GainTable:
         return Gains(**{name: self.column(name)[found[0]] for name in GAIN_NAMES})
 
     def save(self, path: Path) -> None:
-        """Write the table as JSON, a plant a line, whole or not at all."""
+        """Write the table as JSON, one plant per line, whole or not at all."""
         provenance = dict(self.provenance)
         write_json(path, _File(schema=1, provenance=provenance, columns=COLUMNS, rows=self.rows))
 
     @classmethod
     def load(cls, path: Path | Traversable) -> GainTable:
-        """Read a table that `save` wrote; anything else is a `FileError`."""
+        """Read a table that `save` wrote; anything else raises a `FileError`."""
         file = read_json(path, _File, WRONG)
         with reading(path, WRONG):
             if file.columns != COLUMNS:

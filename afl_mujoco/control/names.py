@@ -1,23 +1,23 @@
-"""Names of the controllers, for what must not import them: ``--help``, defaults, words."""
+"""Names of the controllers, for code that must not import them: ``--help``, defaults, texts."""
 
 PAPER = ("fixed", "adaptive")
-"""The paper's two; the default where results are for the paper."""
+"""The paper's two controllers, the default where results are for the paper."""
 
 AFL = (
     *PAPER,
     *(f"{name}-retuned" for name in PAPER),
     *(f"{name}-nominal" for name in PAPER),
 )
-"""Feedback linearisation: the paper's gains, those found here, and M and l assumed nominal."""
+"""Feedback linearisation: the paper's gains; gains found here; nominal M and l assumed."""
 
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
-"""State feedbacks to compare it with."""
+"""State feedback controllers to compare it with."""
 
 NAMES = (*AFL, *BASELINES)
 """Every controller of the catalogue, in its order."""
 
 INFORMED = tuple(name for name in NAMES if not name.endswith("-nominal"))
-"""Those that know the true M(t) and l(t)."""
+"""Controllers that know the true M(t) and l(t)."""
 
 ESTIMATED = "-estimated"
 """Ending of the name of a controller that uses the estimator: ``adaptive-estimated``. Such
@@ -28,7 +28,7 @@ SUBJECT, REFERENCE = "adaptive", "lqr"
 with."""
 
 KNOWN = (
-    f"{', '.join(NAMES)}; any but -nominal with {ESTIMATED} after it (sampled); or your own, "
-    "module:attribute (examples/README.md)."
+    f"{', '.join(NAMES)}; any but -nominal followed by {ESTIMATED} (sampled mode); or your own, "
+    "as module:attribute (examples/README.md)."
 )
-"""What a controller can be asked for by."""
+"""Every way to name a controller."""

@@ -1,6 +1,7 @@
 """Sliding mode in the linearising coordinates: (L8)-(L10).
 
-`coordinates` are the values (xi1, xi2, xi3, xi4) of (L2)-(L5). Floats or arrays; compiles.
+`coordinates` are the values (xi1, xi2, xi3, xi4) of (L2)-(L5). The functions take floats or arrays
+and can be compiled.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ def sliding_surface(xi_1, xi_2, xi_3, xi_4, slope):
 
 @register_jitable
 def surface_drift(alpha, xi_2, xi_3, xi_4, slope):
-    """Return a, the part of s' that the input does not reach [m/s^4], first half of Eq. (L9)."""
+    """Return a, the part of s' without the input [m/s^4], first half of Eq. (L9)."""
     return alpha + slope * (3.0 * xi_4 + slope * (3.0 * xi_3 + slope * xi_2))
 
 

@@ -51,7 +51,7 @@ def test_the_retuned_controllers_have_the_gains_of_the_shipped_table() -> None:
         ("[" * 100_000, "is not a gain table"),
         ("{}", "is not a gain table: schema is missing"),
         (json.dumps({"schema": 2, "columns": COLUMNS}), "schema must be 1, got 2"),
-        (json.dumps({"schema": 1, "provenance": {}, "columns": COLUMNS, "rows": []}), "rows of 7"),
+        (json.dumps({"schema": 1, "provenance": {}, "columns": COLUMNS, "rows": []}), "7 columns"),
         (
             json.dumps({"schema": 1, "provenance": {}, "columns": COLUMNS, "rows": [[-1.0] * 7]}),
             "positive finite numbers",

@@ -135,7 +135,7 @@ def forever(time, state, belief):
 def test_a_controller_that_does_not_return_is_stopped():
     start = clock.perf_counter()
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
+        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
     ):
         controller_of(forever, call_limit=0.05).command(0.0, STATE, ASSUMED)
     assert clock.perf_counter() - start < 5.0
@@ -149,7 +149,7 @@ def test_a_controller_that_catches_what_stops_it_and_answers_late_is_reported():
             return 1.0
 
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
+        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
     ):
         controller_of(stubborn, call_limit=0.05).command(0.0, STATE, ASSUMED)
 
@@ -193,7 +193,7 @@ def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
     thread = threading.Thread(target=call)
     thread.start()
     thread.join()
-    assert answers == ["controller 'mine' must answer within 0.01 s, did not at t = 0 s"]
+    assert answers == ["controller 'mine' must answer within 0.01 s, but did not at t = 0 s"]
 
 
 @pytest.mark.parametrize(
@@ -271,7 +271,7 @@ def test_a_controller_that_does_nothing_lets_the_pole_fall(smooth_scenario, simu
 def test_a_controller_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
     own = controller_of(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, did not at"
+        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
     ):
         afl.run_rollouts([smooth_scenario] * 2, own, threads=threads)
 

@@ -144,8 +144,8 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
         simulate(real, CONTROLLERS["fixed"])
     assert (
         str(caught.value)
-        == "scenario 'mine' has imperfections, which only sampled mode simulates: compare runs "
-        "it as deployed, or remove [imperfections]"
+        == "scenario 'mine' has imperfections, which only sampled mode simulates: run it as "
+        "deployed with compare, or remove [imperfections]"
     )
 
 

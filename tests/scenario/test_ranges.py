@@ -124,8 +124,8 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
     [
         ("phj = [0, 1]", "ranges.phj is not a known key; known are z, phi, "),
         ("phi = [-2, 2]", "ranges.phi must lie between -pi/2 and pi/2, at which a pole has fallen"),
-        ("phi = 0.3", "ranges.phi must be a range, its least and its largest value, got 0.3"),
-        ("phi = [1]", "ranges.phi must be a range, its least and its largest value, got [1]"),
+        ("phi = 0.3", "ranges.phi must be a range: its least and its largest value, got 0.3"),
+        ("phi = [1]", "ranges.phi must be a range: its least and its largest value, got [1]"),
         ("phi = ['a', 1]", "ranges.phi must be a number, got 'a'"),
         ("phi = [nan, 1]", "ranges.phi must be finite, got nan"),
         ("phi = [0.3, -0.3]", "ranges.phi must not decrease, got 0.3 to -0.3"),

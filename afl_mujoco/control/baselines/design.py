@@ -1,4 +1,4 @@
-"""The gains of the baselines: for the plants at hand, from the linear model alone."""
+"""The gains of the baselines for given plants, from the linear model alone."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 Method = Callable[[CartPoleParameters], NDArray[np.float64]]
 
 NODES_PER_OCTAVE = 4
-"""Plants for which gains are computed: from one node to the next, M or l grows by 19 %. Between the
+"""Nodes at which gains are computed: from one node to the next, M or l grows by 19 %. Between the
 nodes, gains are interpolated to two parts in ten thousand or better."""
 
 MARGIN = 2
-"""Nodes beyond the plants that are asked for: with them, what is interpolated at a plant does not
-depend on which others were asked for."""
+"""Nodes beyond the requested plants: with them, the gains interpolated at a plant do not depend on
+which other plants were requested."""
 
 LARGEST_STATE = (7.60, 1.05, 8.13, 2.84)
-"""Bryson's rule: each state is weighted by the inverse square of this [m, rad, m/s, rad/s]: the
-peaks of the paper's own controller, fixed gains, on the nominal plant from -60 degrees."""
+"""Bryson's rule: each state is weighted by the inverse square of this [m, rad, m/s, rad/s]: its
+peak under the paper's controller with fixed gains on the nominal plant from -60 degrees."""
 
 LARGEST_ACCELERATION = 41.76
 """The force is weighted by the inverse square of this times M + m/4 [m/s^2], chosen so that the LQR
-needs the same largest force on the nominal plant from -60 degrees as the paper's one, 96.1 N."""
+needs the same largest force on the nominal plant from -60 degrees as the paper's, 96.1 N."""
 
 
 def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
     """Return the poles that the paper's controller with its fixed gains has at upright [1/s].
 
     There its linearisation is exact: ``xi1`` obeys ``(d/dt + lambda)^3 xi1 = s`` and, within the
-    boundary layer, ``s' = -3 g K / (4 l Phi) s``. So pole placement with these is the paper's
-    controller without what is nonlinear in it.
+    boundary layer, ``s' = -3 g K / (4 l Phi) s``. So pole placement with these poles is the paper's
+    controller without its nonlinear terms.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
 def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
     """Return the gains that minimise the quadratic cost of Bryson's rule, shape (4,).
 
-    The input is counted as the acceleration that the force gives, so that the numbers stay of one
-    size for any plant.
+    The input is taken as the acceleration that the force gives, so that the numbers keep their
+    order of magnitude for any plant.
     """
     mass = accelerated_mass(parameters)
     a, b = upright_model(parameters)
@@ -96,7 +96,7 @@ class Design:
     Attributes
     ----------
     method
-        Returns the gains of a plant, shape (4,); a function of a module.
+        Function that returns the gains of a plant, shape (4,); defined at module level.
     description
         What it does, as plain data.
     """

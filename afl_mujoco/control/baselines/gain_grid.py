@@ -22,7 +22,7 @@ class GainGrid:
     Attributes
     ----------
     masses, lengths
-        Nodes M [kg] and l [m], positive and increasing; one node stands for every M or l.
+        Nodes M [kg] and l [m], positive and increasing; a single node applies to every M or l.
     table
         Gains at the nodes, shape (len(masses), len(lengths), 4), read-only.
 
@@ -62,8 +62,8 @@ class GainGrid:
         Parameters
         ----------
         gains
-            Of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2, m/(rad s^2), 1/s,
-            m/(rad s)] of state feedback through (L1).
+            Gains of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2,
+            m/(rad s^2), 1/s, m/(rad s)] for state feedback through (L1).
         """
         k = tuple(gains) if isinstance(gains, Iterable) else (gains,)
         if len(k) != GAIN_COUNT:
@@ -94,4 +94,4 @@ class GainGrid:
 
 
 SLACK = 1e-10
-"""Share of a node by which round-off may pass it; `interpolated_gains` allows more."""
+"""Relative amount by which round-off may pass an end node; `interpolated_gains` allows more."""

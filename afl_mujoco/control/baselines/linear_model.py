@@ -1,9 +1,9 @@
 """The cart-pole near upright, as a control law models it: (P1), (P2) to first order.
 
 With ``cos(phi) = 1``, ``sin(phi) = phi`` and no products of small quantities they read
-``(4/3) l phi'' = z'' + g phi`` and ``(M + m) z'' - m l phi'' = F``. The first gives phi'' by z'';
-put into the second, it leaves ``mu z'' = F + (3/4) m g phi`` with ``mu = M + m/4``: what the force
-has to accelerate. Everything below follows from these two.
+``(4/3) l phi'' = z'' + g phi`` and ``(M + m) z'' - m l phi'' = F``. The first gives phi'' in terms
+of z''; substituted in the second, it leaves ``mu z'' = F + (3/4) m g phi`` with ``mu = M + m/4``,
+the mass that the force has to accelerate. Everything below follows from these two.
 """
 
 from __future__ import annotations

@@ -25,20 +25,20 @@ FORMULAS: Mapping[int, str] = MappingProxyType(
 class StateFeedback(Controller):
     """A linear feedback of the state, with its gains and the parameters it assumes.
 
-    It has a force at every state, also where the paper's controller has none.
+    It has a force at every state, even where the paper's controller has none.
 
     Attributes
     ----------
     name
         Name for reports and files.
     kind
-        `LINEAR`, feedback to the force, or `PARTIAL`, feedback to the cart's acceleration u, made
-        a force by the input map (L1) of the assumed plant.
+        `LINEAR`, feedback to the force, or `PARTIAL`, feedback to the cart's acceleration u, which
+        the input map (L1) of the assumed plant turns into a force.
     gains
-        By the assumed M and l: a table, which holds within its nodes only, or a design, which has
+        Gains by the assumed M and l: a table, valid within its nodes only, or a design, which has
         gains for any plant.
     belief
-        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t)
+        Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
         (decision D7).
     """
 
@@ -68,7 +68,7 @@ class StateFeedback(Controller):
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the controller as plain data, for provenance; a table by a hash."""
+        """Return the controller as plain data, for provenance; a table as its hash."""
         gains = self.gains
         return {
             "name": self.name,

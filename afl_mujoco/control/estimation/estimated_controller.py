@@ -17,7 +17,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange, require_type
 
 GRID = 11
-"""Values of M, and of l, for which gains are looked at before a run."""
+"""Number of values of M, and of l, for which gains are checked before a run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class EstimatedController(Controller):
     controller
         The compiled controller that uses the estimates.
     settings
-        Of the estimator.
+        Settings of the estimator.
     belief
         None: the assumed parameters change along the run.
     """
@@ -49,14 +49,14 @@ class EstimatedController(Controller):
         thing = f"controller inside {self.name!r}"
         kinds = type(self.controller).__mro__
         if Controller not in kinds or EstimatedController in kinds or PythonController in kinds:
-            raise InvalidValueError(thing, "must be a compiled one", repr(self.controller))
+            raise InvalidValueError(thing, "must be a compiled controller", repr(self.controller))
         if self.controller.belief is not None:
             rule = "must not assume constant parameters"
             raise InvalidValueError(thing, rule, self.controller.name)
 
     @property
     def kind(self) -> int:
-        """Raises, since a loop without the estimator cannot run it."""
+        """Raise: a loop without the estimator cannot run it."""
         raise self._refusal()
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
@@ -64,7 +64,7 @@ class EstimatedController(Controller):
         raise self._refusal()
 
     def _refusal(self) -> InvalidValueError:
-        """Return what is raised where there is nothing compiled."""
+        """Return the error to raise where a form without the estimator is needed."""
         rule = "uses the estimator; only sampled mode supports it"
         return InvalidValueError(f"controller {self.name!r}", rule)
 
@@ -78,7 +78,7 @@ class EstimatedController(Controller):
         return Estimator(self.controller.compiled_for(assumed), settings)
 
     def remarks(self, plants: PlantRange) -> list[str]:
-        """Return what there is to know of the controller inside."""
+        """Return the remarks of the controller inside."""
         return self.controller.remarks(plants)
 
     def without_estimator(self) -> Controller:
@@ -102,7 +102,7 @@ class EstimatedController(Controller):
 
 
 def require_no_estimator(controllers: Iterable[Controller]) -> None:
-    """Raise if a controller uses the estimator, before anything is run that does not support it."""
+    """Raise if a controller uses the estimator: call before runs that do not support it."""
     for controller in controllers:
         if controller.estimates:
             _ = controller.kind

@@ -1,8 +1,8 @@
 """The estimator of M and l: an extended Kalman filter that is frozen where nothing excites it.
 
-Compiled, on a record that the caller holds, one for each run. `start` it with the
-first measurement, then `update` it once in each control period with the measurement at its end and
-the force over it. Equation numbers: docs/estimation.md.
+The functions are compiled and work on a record that the caller holds, one for each run. `start` it
+with the first measurement, then `update` it once in each control period with the measurement at
+the end of the period and the force over it. Equation numbers: docs/estimation.md.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ FILTER = np.dtype(
 normalised innovation squared (NIS) of the last update; work space."""
 
 LARGEST_TURN = 0.5
-"""The filter starts anew, with the M and l it has, when the pole would turn more in a period [rad]:
-no such state has been measured, and none can be predicted on."""
+"""The filter restarts, with its present M and l, if the pole would turn more than this in a period
+[rad]: such a state was not measured, and it allows no further prediction."""
 
 
 def new_filter() -> Any:
@@ -85,7 +85,7 @@ def start(filter_, settings, z, phi):
 
 @kernel
 def update(filter_, settings, z, phi, force, dt):
-    """Take in one control period and return the estimates of M [kg] and l [m].
+    """Process one control period and return the estimates of M [kg] and l [m].
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def update(filter_, settings, z, phi, force, dt):
 
 @kernel
 def _start_anew(filter_, settings, z, phi):
-    """Begin again with a measurement, but with the estimates of M and l."""
+    """Restart with a measurement, but keep the estimates of M and l."""
     mass, length = filter_.state[4], filter_.state[5]
     start(filter_, settings, z, phi)
     filter_.state[4], filter_.state[5] = mass, length
@@ -140,7 +140,7 @@ def _learns(filter_, settings, i):
 
 @kernel
 def _predict(filter_, settings, force, dt):
-    """Move state, covariance and excitations on by a period, Eqs. (E2)-(E5)."""
+    """Propagate state, covariance and excitations over a period, Eqs. (E2)-(E5)."""
     x, covariance = filter_.state, filter_.covariance
     plant = (np.exp(x[4]), settings.pole_mass, np.exp(x[5]), settings.gravity)
     after = moved(x[0], x[1], x[2], x[3], force, plant, dt)
@@ -174,7 +174,7 @@ def _predict(filter_, settings, force, dt):
 
 @kernel
 def _add_noise(covariance, noise, coupling):
-    """Add half of what an unknown acceleration of the cart does in a period, Eq. (E5)."""
+    """Add half the covariance of an unknown acceleration of the cart in a period, Eq. (E5)."""
     covariance[2, 2] += noise
     covariance[2, 3] += noise * coupling
     covariance[3, 2] = covariance[2, 3]
@@ -183,7 +183,7 @@ def _add_noise(covariance, noise, coupling):
 
 @kernel
 def _correct(filter_, which, measured, variance, learns):
-    """Take in one measured coordinate, Joseph's form; return its squared innovation over variance.
+    """Correct by one coordinate in Joseph's form; return its squared innovation over its variance.
 
     Eqs. (E6)-(E8).
     """

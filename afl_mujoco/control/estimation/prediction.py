@@ -1,7 +1,7 @@
 """The estimator's own model of the cart-pole over one control period: motion and its sensitivity.
 
-(L1) solved for z'' and the pole equation it leaves, phi'' = 3/(4 l) (g sin + z'' cos). The state of
-the estimator is (z, phi, z', phi', ln M, ln l).
+The motion is (L1) solved for z'', and the pole equation that it leaves,
+phi'' = 3/(4 l) (g sin + z'' cos). The state of the estimator is (z, phi, z', phi', ln M, ln l).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def moved(z, phi, z_dot, phi_dot, force, plant, dt):
     plant
         (M, m, l, g).
     dt
-        How long [s].
+        Length of the step [s].
     """
     half = 0.5 * dt
     z1, p1 = accelerations(phi, phi_dot, force, plant)
@@ -65,7 +65,7 @@ def moved(z, phi, z_dot, phi_dot, force, plant, dt):
 
 @kernel
 def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
-    """Write the derivatives of z'' and phi'' by the states, Eq. (E3).
+    """Write the derivatives of z'' and phi'' with respect to the states, Eq. (E3).
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
     plant
         (M, m, l, g).
     cart_row, pole_row
-        Written: the derivatives of z'' and of phi'' by (z, phi, z', phi', ln M, ln l).
+        Written: the derivatives of z'' and of phi'' with respect to (z, phi, z', phi', ln M, ln l).
     """
     cart_mass, pole_mass, half_length, gravity = plant
     sin, cos = np.sin(phi), np.cos(phi)
@@ -106,7 +106,7 @@ def fill_transition(cart_row, pole_row, dt, transition):
     cart_row, pole_row
         Rows of A for z' and phi', from `linearise`.
     dt
-        How long [s].
+        Length of the step [s].
     transition
         Written, shape (6, 6).
     """

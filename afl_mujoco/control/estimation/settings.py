@@ -46,42 +46,45 @@ class EstimatorSettings:
     Attributes
     ----------
     position_noise, angle_noise
-        Standard deviation of the measured z [m] and phi [rad]; of an encoder that only rounds, its
-        step over the square root of 12. The defaults are those of 0.35 mm and 3600 counts a turn.
+        Standard deviation of the measured z [m] and phi [rad]; for an encoder that only rounds,
+        its step over the square root of 12. The defaults are for steps of 0.35 mm and 3600 counts
+        per turn.
     acceleration_noise
         Intensity of the white acceleration of the cart that the model does not know, from forces
-        that nobody measures [m/s^2/sqrt(Hz)]. More makes M robust against friction, and at rest
-        more biased: the controller reacts to the noise that passes the filter.
+        that are not measured [m/s^2/sqrt(Hz)]. A larger value makes the estimate of M more robust
+        against friction, and more biased at rest: the controller reacts to the noise that passes
+        the filter.
     cart_mass_accuracy, half_length_accuracy
         Least relative standard deviation of M and l while the motion is excited [1]: it keeps the
-        filter able to follow a change.
+        filter able to follow a change of M or l.
     least_cart_acceleration, least_pole_acceleration
         Excitation: an estimate of M or l that has reached that accuracy is frozen while the moving
         mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a settled cart-pole is
         the noise of its own sensors, from which nothing is learned.
     excitation_memory
-        Memory of that moving mean [s].
+        Time constant of that moving mean [s].
     initial_cart_mass, initial_half_length
-        What is assumed before the first measurement [kg, m]. A light cart makes the first force
-        gentle: an estimate too light costs milliseconds, one too heavy can cost the run.
+        M and l assumed before the first measurement [kg, m]. A light cart makes the first force
+        gentle: an estimate that is too light costs milliseconds, one that is too heavy can cost
+        the run.
     cart_mass_spread, half_length_spread
         Standard deviation of the logarithms of M and l before the first measurement [1].
     speed_spread, rate_spread
-        The same of the velocities, which are assumed zero then [m/s, rad/s].
+        Standard deviation of the velocities, which are assumed to be zero then [m/s, rad/s].
     cart_mass_range, half_length_range
         Least and largest M [kg] and l [m] that are ever assumed: by default the box of the paper
-        and the plants of the scenario, and a quarter more.
+        and the plants of the scenario, widened by a quarter at either end.
     pole_mass, gravity
         m [kg] and g [m/s^2], which are known: by default those of the scenario.
     force_sensed
-        Whether the drive reports the force that it exerts, as one does that measures its current.
-        Otherwise the estimator gets what was commanded, cut off at the force limit, which leaves
-        out a delay, a slew rate or a lag of the drive.
+        Whether the drive reports the force that it exerts, as a drive that measures its current
+        does. Otherwise the estimator gets the command, cut off at the force limit, which ignores
+        a delay, a slew rate or a lag of the drive.
 
     Raises
     ------
     InvalidValueError
-        If a number is not positive and finite, or a range is not one that holds the initial value.
+        If a number is not positive and finite, or a range does not hold the initial value.
     """
 
     position_noise: float = 1e-4
@@ -126,7 +129,7 @@ class EstimatorSettings:
         Parameters
         ----------
         plants
-            Those of the scenario, for what is not given.
+            The plants of the scenario, used for settings that are not given.
 
         Returns
         -------
@@ -184,7 +187,7 @@ class EstimatorSettings:
 
 
 MORE = 1.25
-"""How much beyond the plants an estimate may go, a factor at either end."""
+"""Factor by which an estimate may go beyond the plants at either end."""
 
 
 def _covering(
@@ -204,7 +207,7 @@ def _covering(
 
 
 def _range(name: str, value: object) -> tuple[float, float]:
-    """Return a range as two floats, or raise unless it has a positive width above zero."""
+    """Return a range as two floats, or raise unless they are positive and increasing."""
     require_type(name, value, Iterable)
     numbers = tuple(require_positive(name, x) for x in value)  # type: ignore[attr-defined]
     if len(numbers) != 2 or not numbers[0] < numbers[1]:

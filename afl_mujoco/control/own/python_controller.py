@@ -35,7 +35,7 @@ CALL_LIMIT = 1.0
 
 
 class ControllerError(AflMujocoError):
-    """A Python controller that raised, took too long, or returned what is no force."""
+    """A Python controller that raised, took too long, or did not return a force."""
 
 
 class _Overrun(BaseException):
@@ -44,11 +44,11 @@ class _Overrun(BaseException):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PythonController(Controller):
-    """A controller of one's own, called by the interpreter.
+    """A user's own controller, called by the interpreter.
 
-    Where a simulator follows it continuously it is also called at states that the run does not go
-    through, and more than once at an instant: there it must not remember anything. Sampled mode
-    calls it once a control period, in order.
+    A simulator that evaluates it continuously also calls it at states that the run does not pass
+    through, and more than once at an instant: there it must be stateless. Sampled mode calls it
+    once per control period, in order.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ class PythonController(Controller):
         ``reset()``, called before each run. NaN, or a `ControllerDomainError`, says that it has no
         force there, and ends the run.
     belief
-        Assumed parameters of the plant, constant; ``None`` gives it the true M(t) and l(t).
+        Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t).
     call_limit
         How long one call may take [s].
     spec
-        ``"module:attribute"`` if it was loaded by name, by which a worker process loads it again.
+        ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this.
     """
 
     name: str
@@ -106,7 +106,7 @@ class PythonController(Controller):
 
     @property
     def kind(self) -> int:
-        """Raises, since a Python controller has no compiled form."""
+        """Raise: a Python controller has no compiled form."""
         raise self._refusal()
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
@@ -114,7 +114,7 @@ class PythonController(Controller):
         raise self._refusal()
 
     def _refusal(self) -> InvalidValueError:
-        """Return what is raised where there is nothing compiled."""
+        """Return the error to raise where a compiled form is needed."""
         rule = "is written in Python, which this simulator does not run"
         return InvalidValueError(f"controller {self.name!r}", rule)
 
@@ -141,10 +141,10 @@ class PythonController(Controller):
         except ControllerDomainError:
             return math.nan
         except _Overrun:
-            rule = f"must answer within {self.call_limit:g} s, did not at t = {time:g} s"
+            rule = f"must answer within {self.call_limit:g} s, but did not at t = {time:g} s"
             raise ControllerError(f"controller {self.name!r}", rule) from None
         except (Exception, SystemExit) as error:
-            if not abs(phi) < 0.5 * np.pi:  # as it seems: an integrator or noise may look there
+            if not abs(phi) < 0.5 * np.pi:  # an integrator's stage or sensor noise may lead there
                 return math.nan
             rule = f"raised {type(error).__name__} at t = {time:g} s: {error}"
             raise ControllerError(f"controller {self.name!r}", rule) from error
@@ -186,7 +186,7 @@ class PythonController(Controller):
         return np.array([self.command(*row) for row in rows])
 
     def __reduce__(self) -> Any:
-        """Pickle by name what was loaded by name."""
+        """Pickle a controller that was loaded by name by that name."""
         function = self.function if self.spec is None else None
         return _restored, (self.name, function, self.belief, self.call_limit, self.spec)
 
@@ -202,11 +202,11 @@ class PythonController(Controller):
         }
 
 
-_ARGUMENTS = (0.0, np.zeros(4), None)  # as many as a controller's function takes
+_ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
 
 
 def _takes(function: Any, arguments: tuple[Any, ...]) -> bool:
-    """Return whether a function can be called with these arguments; False if it does not say."""
+    """Return whether a function takes these arguments; False if it has no signature."""
     try:
         inspect.signature(function).bind(*arguments)
     except (TypeError, ValueError):
@@ -244,7 +244,7 @@ def require_controller_function(name: str, function: object) -> None:
         raise InvalidValueError(f"controller {name!r}", "must be callable", repr(function))
     try:
         signature = inspect.signature(function)
-    except ValueError:  # one in C that does not say what it takes
+    except ValueError:  # a function in C without a signature
         return
     try:
         signature.bind(*_ARGUMENTS)
@@ -255,7 +255,7 @@ def require_controller_function(name: str, function: object) -> None:
 
 @contextlib.contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise `_Overrun` if the block takes longer, from within where a signal can reach it."""
+    """Raise `_Overrun` if the block takes longer: during the block where signals allow it."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(
         signal, "setitimer"
     ):
@@ -283,10 +283,10 @@ def _limited(seconds: float) -> Iterator[None]:
         under_way = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before or signal.SIG_DFL)
-        if left > 0.0:  # an alarm of the program's own goes on
+        if left > 0.0:  # restart an alarm that the program had set
             remaining = max(left - (clock.perf_counter() - start), 1e-6)
             signal.setitimer(signal.ITIMER_REAL, remaining, interval)
-    if rang:  # and the user's function has caught what interrupted it
+    if rang:  # the user's function caught the exception that interrupted it
         raise _Overrun
 
 

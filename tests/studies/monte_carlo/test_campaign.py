@@ -154,7 +154,7 @@ BROKEN = {
         wrong_shape,
         r"must return one number at t = 0 s, got an array of shape \(2,\)$",
     ),
-    "hangs": (hangs, r"must answer within 0.05 s, did not at t = 0 s$"),
+    "hangs": (hangs, r"must answer within 0.05 s, but did not at t = 0 s$"),
 }
 
 
