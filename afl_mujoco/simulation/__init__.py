@@ -1,1 +1,1 @@
-"""What happens: (scenario, controller, settings) -> Trajectory, analytically and in MuJoCo."""
+"""Simulation: (scenario, controller, settings) -> Trajectory, analytically and in MuJoCo."""

@@ -1,4 +1,4 @@
-"""What is drawn besides the model: the mass of the cart, forces, the marks of the rail."""
+"""Overlays drawn besides the model: the mass of the cart, forces, the marks of the rail."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.mujoco_description import CART_HALF_SIZE
 
 ARROW_SCALE = 0.2
-"""Length of a force's arrow [m] over the square root of the force [N]: 1 N is seen, 100 N fits."""
+"""Length of an arrow [m] over the square root of its force [N]: 1 N is visible, 100 N fits."""
 
 BAR = 0.5
 """Spacing of the marks along the rail [m]; every second one is longer and has a number."""
 
 NEAR = 20.0
-"""How far from the cart marks are drawn where no camera says what it sees [m]."""
+"""How far from the cart marks are drawn where the view of the camera is not known [m]."""
 
 Colour = tuple[float, float, float, float]
 FORCE: Colour = (0.25, 0.85, 0.62, 1.0)
@@ -27,7 +27,7 @@ PUSH: Colour = (0.95, 0.45, 0.75, 1.0)
 MARK: Colour = (0.62, 0.66, 0.72, 1.0)
 LIGHT_CART, HEAVY_CART = (0.55, 0.78, 0.98), (0.10, 0.27, 0.62)
 HEAVY = 2.0
-"""Cart mass whose cart has the darkest blue [kg]."""
+"""Cart mass from which the cart has the darkest blue [kg]."""
 
 BED_TOP, BED_FRONT = -0.30, -0.70
 """Height and front edge of the track [m]."""
@@ -36,7 +36,7 @@ _FORCE_LINE, _PUSH_LINE = -0.15, -0.03
 
 
 def cart_size(cart_mass: float) -> tuple[float, float, float]:
-    """Return the half-size of the drawn cart [m]: of one density, as wide and deep as M asks.
+    """Return the half-size of the drawn cart [m]: width and depth grow with M at one density.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def cart_size(cart_mass: float) -> tuple[float, float, float]:
 
 
 def show_mass(scene: mujoco.MjvScene, cart: int, mass: float) -> None:
-    """Give the drawn cart the size and the colour of its mass; the model keeps its own.
+    """Draw the cart in the size and colour of its mass; the model does not change.
 
     Parameters
     ----------
@@ -79,13 +79,13 @@ def add_geom(
     rgba = np.array(colour, dtype=np.float32)
     mujoco.mjv_initGeom(geom, kind, np.array(size), np.array(position), turned.ravel(), rgba)
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-    geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN  # the place may have been a model geom's before
+    geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN  # a model geom may have had this slot before
     geom.segid = geom.objid = scene.ngeom - 1  # so that a segmentation tells them apart
     return geom
 
 
 def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool = False) -> None:
-    """Draw the marks of the rail, with the numbers of the long ones [m] if MuJoCo is to write."""
+    """Draw the marks of the rail; if `numbered`, MuJoCo labels the long ones with positions [m]."""
     for x in places:
         long = round(x / BAR) % 2 == 0
         depth = 0.10 if long else 0.05
@@ -101,14 +101,14 @@ def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool
 
 
 def marks_near(z: float) -> list[float]:
-    """Return the places of the marks within `NEAR` of a cart [m]."""
+    """Return the positions of the marks within `NEAR` of a cart [m]."""
     return [BAR * k for k in range(math.ceil((z - NEAR) / BAR), math.floor((z + NEAR) / BAR) + 1)]
 
 
 def add_forces(
     scene: mujoco.MjvScene, z: float, cart_mass: float, force: float, push: float
 ) -> None:
-    """Draw the forces on the cart [N]: the actuator's pulls it, the disturbing one pushes it."""
+    """Draw the forces on the cart [N]: the actuator pulls it, the disturbance pushes it."""
     half = cart_size(cart_mass)[0]
     _add_arrow(scene, z, force, FORCE, half, _FORCE_LINE, pulls=True)
     _add_arrow(scene, z, push, PUSH, half, _PUSH_LINE, pulls=False)

@@ -1,12 +1,12 @@
 """The method of Dormand and Prince of order 8(5,3), compiled: the coefficients are SciPy's.
 
 `scipy.integrate.solve_ivp` calls Python for every stage, which costs a hundred times what the
-stages of a cart-pole do. The same algorithm, step-size control included, stands here as compiled
-functions that take the right-hand side as an argument; the tests hold the two together.
+stages of a cart-pole do. This module has the same algorithm, including the step-size control, as
+compiled functions that take the right-hand side as an argument; tests compare the two.
 
 A right-hand side is ``rates(arguments, time, state, slopes)``, which writes the four slopes, NaN
-where there are none. It is a `register_jitable` function and no compiled one: code that is passed a
-compiled function cannot be kept on disk.
+where there are none. It is a `register_jitable` function and not a compiled one: code that takes a
+compiled function as an argument cannot be cached on disk.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from numba.extending import register_jitable
 from scipy.integrate import DOP853
 
 STAGES, ROWS = 12, 16
-"""Stages of a step; with that at its end, and three more for the dense output."""
+"""Stages of a step; rows with the stage at its end and three more for the dense output."""
 
 WORK = (ROWS + 9, 4)
-"""Shape of the work space of `solve`: compiled code that makes no array counts no references."""
+"""Shape of the work space of `solve`: compiled code that makes no arrays counts no references."""
 
 # Copies: compiled code needs contiguous constants.
 _NODES = np.concatenate([DOP853.C[:STAGES], [1.0], DOP853.C_EXTRA])
@@ -35,7 +35,8 @@ _DENSE = DOP853.D.copy()
 _SAFETY, _LEAST_FACTOR, _LARGEST_FACTOR, _EXPONENT = 0.9, 0.2, 10.0, -1.0 / 8.0
 
 REACHED, STOPPED, STUCK = range(3)
-"""How a segment ends: at its end, where a margin vanishes, where no step can be taken."""
+"""How the integration of a segment ends: at its end, at a zero of the margin, for want of a step
+that is short enough."""
 
 
 @register_jitable
@@ -47,7 +48,7 @@ def _copy(source, target):
 
 @register_jitable
 def _stage(rates, arguments, time, state, step, slopes, row, point):
-    """Write the slopes of one stage; `point` takes the state at which they are."""
+    """Write the slopes of one stage, and into `point` the state at which they are taken."""
     for i in range(4):
         sum_ = 0.0
         for j in range(row):
@@ -65,7 +66,7 @@ def try_step(rates, arguments, time, state, step, slopes, after):
     rates, arguments
         The right-hand side and its first argument.
     time, state, step
-        Where the step starts [s], and how long it is [s].
+        Start of the step [s], state there, and length of the step [s].
     slopes
         Shape (16, 4); row 0 holds the slopes at the start, row 12 gets those at the end.
     after
@@ -77,7 +78,7 @@ def try_step(rates, arguments, time, state, step, slopes, after):
 
 @register_jitable
 def error_of(step, slopes, state, after, rtol, atol):
-    """Return the error of a step, below 1 being allowed; NaN where a slope has no value."""
+    """Return the error of a step, accepted below 1; NaN if a slope has no value."""
     fifth, third = 0.0, 0.0
     for i in range(4):
         sum_5, sum_3 = 0.0, 0.0
@@ -94,10 +95,10 @@ def error_of(step, slopes, state, after, rtol, atol):
 
 @register_jitable
 def step_factor(error, rejected):
-    """Return what the next step is longer by, after one of this error."""
+    """Return the factor from a step with this error to the next step."""
     if not error < 1.0:
         factor = _SAFETY * error**_EXPONENT
-        return factor if factor > _LEAST_FACTOR else _LEAST_FACTOR  # of NaN too
+        return factor if factor > _LEAST_FACTOR else _LEAST_FACTOR  # for NaN too
     factor = _LARGEST_FACTOR
     if error > 0.0:
         factor = min(factor, _SAFETY * error**_EXPONENT)
@@ -106,7 +107,7 @@ def step_factor(error, rejected):
 
 @register_jitable
 def first_step(rates, arguments, time, state, longest, slopes, point, rtol, atol):
-    """Return a first step [s] as `solve_ivp` chooses it; row 0 of `slopes` holds those here."""
+    """Return the first step [s] that `solve_ivp` chooses; row 0 of `slopes` holds the slopes."""
     size, speed, bend = 0.0, 0.0, 0.0
     for i in range(4):
         scale = atol + abs(state[i]) * rtol
@@ -158,7 +159,7 @@ def _evaluate(fitted, state, share, found):
 
 @register_jitable
 def _crossing(margin, fitted, state, point):
-    """Return the share of a step at which the margin vanishes; `point` takes the state there."""
+    """Return the share of a step at which the margin is zero; write the state into `point`."""
     low, high = 0.0, 1.0
     _evaluate(fitted, state, low, point)
     sign = margin(point) >= 0.0
@@ -175,9 +176,9 @@ def _crossing(margin, fitted, state, point):
 
 @register_jitable
 def _take_step(rates, arguments, time, end, state, step, options, slopes, after):
-    """Take a step that is short enough; return when it ends [s] and what the next is longer by.
+    """Take a step that is short enough; return its end [s] and the factor for the next step.
 
-    Where none is short enough, it ends when it starts.
+    If no step is short enough, the end returned is the start.
     """
     rtol, atol, longest = options
     least = 10.0 * abs(np.nextafter(time, np.inf) - time)
@@ -196,7 +197,7 @@ def _take_step(rates, arguments, time, end, state, step, options, slopes, after)
 
 @register_jitable
 def _report(fitted, time, state, reached, after, last, times, count, found):
-    """Write the states at the times of a step up to `last`; return how many there are by now."""
+    """Write the states at the times of a step up to `last`; return how many are written so far."""
     while count < len(times) and times[count] <= last:
         if times[count] == reached:
             _copy(after, found[count])
@@ -208,7 +209,7 @@ def _report(fitted, time, state, reached, after, last, times, count, found):
 
 @register_jitable
 def solve(rates, arguments, margin, start, end, state, times, options, work, found):
-    """Integrate over a segment; return how many times were reached, when and how it ended.
+    """Integrate over a segment; return the number of times reached, and when and how it ended.
 
     Parameters
     ----------
@@ -219,9 +220,9 @@ def solve(rates, arguments, margin, start, end, state, times, options, work, fou
     start, end
         The segment [s].
     state
-        At the start, shape (4,); becomes that at the end.
+        State at the start, shape (4,); overwritten by the state at the end.
     times
-        When to report [s], increasing, within the segment, shape (N,).
+        Times at which to report the state [s], increasing, within the segment, shape (N,).
     options
         ``(rtol, atol, longest step [s])``.
     work

@@ -1,4 +1,4 @@
-"""Figure of one run, or of two laid over one another."""
+"""Figure of one run, or of two runs overlaid."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STYLES: tuple[dict[str, Any], ...] = (
 
 @styled()
 def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
-    """Draw z, z', phi, phi', F, M and l over time, and how far two runs are apart.
+    """Draw z, z', phi, phi', F, M and l over time, and the difference of two runs.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
 
 
 def _draw_difference(axis: Axes, one: Trajectory, other: Trajectory) -> None:
-    """Draw how far two runs are apart, at the instants that both report."""
+    """Draw the difference of two runs at the instants that both report."""
     time, here, there = np.intersect1d(one.time, other.time, return_indices=True)
     difference = np.abs(one.state[here] - other.state[there])
     for label, column in _STATE_PANELS:

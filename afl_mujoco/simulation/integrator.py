@@ -1,8 +1,8 @@
 """The reference integrator: DOP853 from breakpoint to breakpoint.
 
 It depends neither on the analytic equations nor on MuJoCo: both pass their own right-hand side, so
-that two of its results differ by the right-hand side alone. Where the right-hand side is compiled,
-so is the method (`dop853`); any other one, and any other method, is SciPy's.
+that their results differ by the right-hand side alone. The compiled method (`dop853`) integrates a
+compiled right-hand side; SciPy integrates any other right-hand side, and by any other method.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ MAX_STEP = 0.02
 """Longest step [s]: bounds the error of the dense output, which the error control does not see."""
 
 MIN_RTOL = 100 * np.finfo(float).eps
-"""Below this, the integrator would silently use this."""
+"""Least relative tolerance: below it, the integrator would silently use this value."""
 
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 
@@ -83,14 +83,14 @@ def integrate(
     Parameters
     ----------
     times
-        Where to report the state [s], increasing, from 0 to the horizon, shape (N,).
+        Times at which to report the state [s], increasing, from 0 to the horizon, shape (N,).
     quadratures
-        How many integrals are carried along behind the four states, from zero.
+        Number of integrals that follow the four states in the state vector, starting at zero.
 
     Returns
     -------
     ndarray
-        The state at those times that the run reached, shape (K, 4 + quadratures).
+        The state at the times that the run reached, shape (K, 4 + quadratures).
     Outcome
         How it ended.
     """
@@ -115,7 +115,7 @@ def integrate(
 
 
 def require_tolerances(method: str, rtol: float, atol: float) -> None:
-    """Raise if there is no such method, or a tolerance is out of its bounds."""
+    """Raise if there is no such method, or a tolerance is out of bounds."""
     if method not in METHODS:
         raise UnknownNameError.among("method", method, METHODS)
     if not rtol >= MIN_RTOL:
@@ -163,7 +163,7 @@ def compiled_solver(
     Parameters
     ----------
     solve
-        Called with the segment, then as `dop853.solve` from `state` on, without `margin`.
+        Called with the segment, then with the arguments of `dop853.solve` from `state` on.
     longest
         Longest step [s].
     """
@@ -205,7 +205,7 @@ def segment_numbers(
 
 @register_jitable
 def limit_margin(state):
-    """Return how far the state is from where a run ends: its fall, or `STATE_LIMIT`."""
+    """Return how far the state is from the end of a run: `FALL_ANGLE` or `STATE_LIMIT`."""
     largest = max(max(abs(state[0]), abs(state[1])), max(abs(state[2]), abs(state[3])))
     return min(FALL_ANGLE - abs(state[1]), STATE_LIMIT - largest)
 
@@ -218,7 +218,7 @@ def _rate(
 
 
 def _premature_end(solution: Any, segment: Segment) -> Outcome:
-    """Say how a segment that did not reach its end ended."""
+    """Return how a run ended in a segment that did not reach its end."""
     fell, diverged = solution.t_events
     if len(fell):
         return Outcome(FELL, float(fell[0]))
@@ -230,5 +230,5 @@ def _premature_end(solution: Any, segment: Segment) -> Outcome:
 
 
 def _ending(state: NDArray[np.float64]) -> str:
-    """Return how a run has ended that cannot go on from `state`."""
+    """Return how a run that cannot continue from `state` has ended."""
     return OUTCOMES[ending_of(state)]

@@ -1,4 +1,4 @@
-"""Whether a run meets its requirements, and how much is left."""
+"""Whether a run meets its requirements, and by what margin."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """One requirement, and what a run made of it.
+    """One requirement, and how a run meets it.
 
     Attributes
     ----------
     requirement
         A key of `UNITS`.
     limit
-        What was asked for, in the requirement's unit.
+        What is required, in the requirement's unit.
     value
-        What was reached; None where the run ended too early to say, or never came to rest.
+        What was reached; None if the run ended too early to decide, or never settled.
     left
-        Its robustness, as of signal temporal logic: how much the limit exceeds the value, negative
-        where it is not met, in the requirement's unit. A run that never comes to rest is taken to
-        do so at the end of the time in which it might have. None where the run ended too early.
+        Robustness as in signal temporal logic: by how much the limit exceeds the value, negative
+        if the requirement is not met, in the requirement's unit. A run that never settles counts
+        as settling at the last instant that it could. None if the run ended too early to decide.
     """
 
     requirement: str
@@ -60,7 +60,7 @@ class Judgement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedRun:
-    """What a controller made of the requirements of a scenario.
+    """How a controller meets the requirements of a scenario.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class JudgedRun:
     outcome
         How the run ended, in words.
     requirements
-        What it made of each.
+        How it meets each requirement.
     """
 
     scenario: str
@@ -84,7 +84,7 @@ class JudgedRun:
 
 
 def judged(scenario: Scenario, controller: str, run: Trajectory) -> JudgedRun:
-    """Return a controller's run with what it made of the requirements."""
+    """Return how a controller's run meets the requirements of the scenario."""
     return JudgedRun(
         scenario=scenario.name,
         controller=controller,
@@ -99,9 +99,9 @@ def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
 
 
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
-    """Judge a run of which nothing is left, as its controller failed: no requirement is met.
+    """Judge a run without a result, because its controller failed: no requirement is met.
 
-    To complete is one of them even where the scenario does not ask for it.
+    Completing the run counts as one of them even if the scenario does not require it.
     """
     limits = {name: getattr(scenario.requirements, name) for name in UNITS}
     limits["completes"] = scenario.duration
@@ -143,7 +143,7 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
 
 
 def _peak(name: str, limit: float, signal: NDArray[np.float64], completed: bool) -> Judgement:
-    """Judge the largest absolute value of a signal; one of part of a run can only break a limit."""
+    """Judge the largest absolute value of a signal; a run cut short can only break the limit."""
     known = np.abs(signal[np.isfinite(signal)])
     value = float(known.max()) if len(known) else None
     if value is None or (not completed and value <= limit):
@@ -158,7 +158,7 @@ def _rest(
     outside: NDArray[np.bool_],
     windows: list[tuple[float, float]],
 ) -> Judgement:
-    """Judge how long it takes in the worst of some windows until nothing is outside any more."""
+    """Judge the longest time, over some windows, until the state stays within its bands."""
     time, slowest, ever = run.time, 0.0, True
     for begin, end in windows:
         last = np.flatnonzero(outside & (time >= begin) & (time <= end))

@@ -19,7 +19,7 @@ not finite, or its controller has no boundary layer)."""
 STATES = ("z", "phi", "z_dot", "phi_dot")
 SYMBOLS = dict(zip(STATES, ("z", "φ", "z′", "φ′"), strict=True))
 STATE_UNITS = dict(zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True))
-"""The states as a report writes them, and in what."""
+"""Symbols and units of the states in a report."""
 
 BANDS = {"2pc": 0.02, "5pc": 0.05}
 """Settling bands as a share of the peak of the state."""
@@ -57,17 +57,17 @@ LABELS: Mapping[str, str] = {
     **{f"settling_2pc_{x}": f"settling of {s}, 2 %" for x, s in SYMBOLS.items()},
     **{f"settling_5pc_{x}": f"settling of {s}, 5 %" for x, s in SYMBOLS.items()},
 }
-"""Every metric as a report writes it."""
+"""Name of every metric in a report."""
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of a metric as a page writes it; nothing for a pure number."""
+    """Return the unit of a metric as a report writes it; nothing for a pure number."""
     unit = UNITS.get(key, "").replace("^2", "²")
     return "" if unit == "1" else unit
 
 
 def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:
-    """Return every metric of a run but the objective, which needs `with_objective`."""
+    """Return every metric of a run except the objective, which needs `with_objective`."""
     inputs = controller_inputs(scenario, controller, run.time)
     ratio = controller.saturation_ratio(run.state, inputs)
     share = None if ratio is None else _saturated_share(ratio, run.time)
@@ -75,7 +75,7 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
 
 
 def metrics_of(run: Trajectory) -> Metrics:
-    """Return the metrics that a run has by itself, without what its controller knows."""
+    """Return the metrics that need the run alone, without its controller."""
     time, state, force = run.time, run.state, run.force
     figures: Metrics = {
         "iae_z": integral(np.abs(state[:, 0]), time),
@@ -95,13 +95,13 @@ def metrics_of(run: Trajectory) -> Metrics:
             figures[f"settling_{label}_{name}"] = (
                 _settling_time(time, state[:, column], share) if settled else None
             )
-    if run.outcome.kind != COMPLETED:  # an integral over part of the horizon compares with nothing
+    if run.outcome.kind != COMPLETED:  # an integral over part of the horizon cannot be compared
         figures |= dict.fromkeys(("iae_z", "iae_phi", "itae_z", "itae_phi", "force_squared"))
     return {name: _known(value) for name, value in figures.items()}
 
 
 def _known(value: float | None) -> float | None:
-    """Return a figure, or None if it is not finite: beyond its domain a controller has no force."""
+    """Return a figure, None if not finite: outside its domain a controller has no force."""
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -111,13 +111,13 @@ def integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
 
 
 def _saturated_share(ratio: NDArray[np.float64], time: NDArray[np.float64]) -> float:
-    """Return the share of the time that the switching term is saturated."""
+    """Return the share of the time in which the switching term is saturated."""
     saturated = (np.abs(ratio) >= 1.0).astype(float)
     return integral(saturated, time) / float(max(time[-1], 1e-300))
 
 
 def _overshoot(x: NDArray[np.float64]) -> float:
-    """Return how far a state passes its target 0; from rest at 0, how far it strays from it."""
+    """Return how far a state passes its target 0, or leaves it if it starts there."""
     start = x[0]
     return float(max(0.0, (-np.sign(start) * x).max())) if start else float(np.abs(x).max())
 

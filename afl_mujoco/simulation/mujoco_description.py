@@ -14,17 +14,17 @@ from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
-"""Half-size of the cart's box [m]; its inertia is that of a uniform box, and nothing turns it."""
+"""Half-size of the cart's box [m]; its inertia is that of a uniform box, but it never rotates."""
 
 POLE_RADIUS = 0.02
-"""Radius of the drawn pole [m]; the pole of the physics is a slender rod unless asked otherwise."""
+"""Radius of the drawn pole [m]; by default the pole of the physics is a slender rod."""
 
 AXIAL_SHARE = 0.01
-"""Inertia about the pole's own axis, about which nothing turns, as a share of that across it."""
+"""Inertia about the pole's own axis, about which it never rotates, as a share of that across it."""
 
 
 FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.99, 0.9999, 0.001, 0.5, 2.0)
-"""Constraint of dry friction: below break-away the cart creeps by some 1e-5 m/s."""
+"""Constraint of dry friction: below break-away the cart creeps at some 1e-5 m/s."""
 
 STOP_SOLREF = (0.005, 1.0)
 """Constraint of the end stops [s, 1]: stiffer than MuJoCo's default, critically damped."""
@@ -33,7 +33,7 @@ PASSIVE = (
     *("dof_damping", "dof_armature", "dof_frictionloss", "dof_solref", "dof_solimp"),
     *("jnt_limited", "jnt_range", "jnt_solref"),
 )
-"""Fields of MjModel that passive physics is written to."""
+"""Fields of MjModel that hold the passive physics."""
 
 
 def model_file(name: str) -> Path:
@@ -65,13 +65,13 @@ def capsule_inertia(mass, half_length, radius):
 def pole_inertia(rod, pole_mass, half_length, tip_share, radius):
     """Return the pole's inertia across it, about its own centre of mass [kg m^2].
 
-    A share of the mass is a point at the tip, the rest a rod or capsule about `half_length`; the
-    centre of mass lies at ``(1 + tip_share) half_length``.
+    A share of the mass is a point at the tip, the rest a rod or capsule centred at `half_length`;
+    the centre of mass lies at ``(1 + tip_share) half_length``.
 
     Parameters
     ----------
     rod
-        Inertia of the whole mass as a slender rod [kg m^2]; without share and radius, the result.
+        Inertia of the whole mass as a slender rod [kg m^2], the result without share and radius.
     pole_mass, half_length
         m [kg] and l [m].
     tip_share, radius
@@ -103,12 +103,15 @@ def describe(spec: Any, p: CartPoleParameters) -> None:
 def passive_arrays(
     compiled: Mapping[str, NDArray[Any]], imperfections: Imperfections, slider: Any, hinge: Any
 ) -> dict[str, NDArray[Any]]:
-    """Return what the fields of MjModel become under the passive physics of `imperfections`.
+    """Return the fields of MjModel with the passive physics of `imperfections`.
 
     Parameters
     ----------
+    compiled
+        The fields of the model as it was compiled.
     imperfections
-        Damping, friction and armature are added to that, an end stop replaces the joint's range.
+        Damping, friction and armature are added to those of the model; an end stop replaces the
+        joint's range.
     """
     arrays, r = {name: array.copy() for name, array in compiled.items()}, imperfections
     z, phi = slider.dofadr[0], hinge.dofadr[0]

@@ -1,4 +1,4 @@
-"""MuJoCo as a right-hand side, and what a breakpoint does to the state by its mass matrix."""
+"""MuJoCo as a right-hand side, and the effect of a breakpoint on the state by its mass matrix."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from afl_mujoco.simulation.python_controller_rk4 import integrate_python_control
 def solver(
     model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Solver:
-    """Return what integrates the closed loop of MuJoCo's forward dynamics and the controller."""
+    """Return the solver of the closed loop of MuJoCo's forward dynamics and the controller."""
     if controller.interpreted:
         return scipy_solver(closed_loop(model, scenario, controller, change))
     compiled, assumed = (
@@ -52,7 +52,7 @@ def solver(
 def closed_loop(
     model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Derivative:
-    """Return the right-hand side of the same loop, called from Python; arguments as of `solver`."""
+    """Return the right-hand side of the same loop, called from Python; arguments as in `solver`."""
     at, pole_mass, gravity = model.addresses, scenario.pole_mass, scenario.gravity
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
@@ -100,7 +100,7 @@ def integrate_segment_rk4(
 
 
 def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange) -> Transition:
-    """Return what a breakpoint does to the state, from MuJoCo's own mass matrix."""
+    """Return the effect of a breakpoint on the state, from MuJoCo's own mass matrix."""
 
     def enter(segment: Segment, time: float) -> None:
         mass, length = segment.parameters_at(time)

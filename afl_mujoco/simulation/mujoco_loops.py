@@ -56,7 +56,7 @@ def forced_derivative(at, state, true, force, push, rate):
     true
         (M, m, l, g).
     force
-        Of the controller [N]; NaN where it has none.
+        Force of the controller [N]; NaN where it has none.
     push
         Disturbing force [N].
     rate
@@ -68,11 +68,11 @@ def forced_derivative(at, state, true, force, push, rate):
 
 @register_jitable
 def loop_rates(arguments, time, state, slopes):
-    """Write (z_dot, phi_dot, z'', phi'') under the controller, as of `dop853`.
+    """Write (z_dot, phi_dot, z'', phi'') under the controller, as `dop853` needs them.
 
-    `arguments` are `CartPoleModel.addresses`, the numbers of the segment as of
-    `integrator.segment_numbers`, the assumed (M, m, l, g), NaN for the true ones, and the
-    controller as of `CompiledController`.
+    `arguments` are `CartPoleModel.addresses`, the numbers of the segment from
+    `integrator.segment_numbers`, the assumed (M, m, l, g), NaN for the true values, and the
+    controller as a `CompiledController`.
     """
     at, numbers, assumed, compiled = arguments
     start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = numbers
@@ -91,7 +91,7 @@ def loop_rates(arguments, time, state, slopes):
 
 @borrowing_kernel
 def solve(at, numbers, assumed, compiled, start, end, state, times, options, work, found):
-    """Integrate the compiled loop over a segment, as of `dop853.solve`."""
+    """Integrate the compiled loop over a segment by `dop853.solve`."""
     return dop853.solve(
         loop_rates, (at, numbers, assumed, compiled), limit_margin, start, end, state, times,
         options, work, found,
@@ -119,7 +119,7 @@ def integrate_continuous(
     acting
         Disturbing force [N] and acting rate of the half-length [m/s].
     inputs
-        Of the controller in each stage, shape (N, 3, 7) or (N, 3, 8).
+        Inputs of the controller in each stage, shape (N, 3, 7) or (N, 3, 8).
 
     Returns
     -------

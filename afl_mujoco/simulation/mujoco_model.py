@@ -1,7 +1,7 @@
 """The MuJoCo cart-pole, and the only writer of its MjModel.
 
 Compiled loops reach MuJoCo's structures through a record of addresses and its library through
-`numba.types.ExternalFunction`, so that no interpreter stands in their way.
+`numba.types.ExternalFunction`, without the interpreter.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _load_library() -> None:
         for library in sorted(folder.glob(pattern)):
             binding.load_library_permanently(str(library))
             return
-    raise FileError(str(folder), "holds no MuJoCo library")
+    raise FileError(str(folder), "does not contain the MuJoCo library")
 
 
 _load_library()
@@ -141,9 +141,8 @@ def forward(at, z, phi, z_dot, phi_dot, force, push, torque=0.0):
 def impulse_jump(at, z, phi, z_dot, phi_dot, impulse):
     """Return the jump of (z_dot, phi_dot) under an ideal impulse on the cart.
 
-    Without friction and stops, which are too slow for an impulse, accelerations are linear in the
-    force: the difference that the force `impulse` makes is the inverse mass matrix times the
-    impulse.
+    Friction and stops do not act during an impulse. Without them accelerations are linear in the
+    force: a force equal to `impulse` changes them by the inverse mass matrix times the impulse.
     """
     forward(at, z, phi, z_dot, phi_dot, 0.0, impulse)
     z_with, phi_with = load(at.z_ddot_smooth), load(at.phi_ddot_smooth)
@@ -174,7 +173,7 @@ class CartPoleModel:
     mj_model, mj_data
         The compiled `mujoco.MjModel` and its `mujoco.MjData`.
     addresses
-        Where compiled code finds them: a record, fields as of `ADDRESSES`.
+        Where compiled code finds them: a record with the fields of `ADDRESSES`.
 
     Raises
     ------
@@ -197,7 +196,7 @@ class CartPoleModel:
         try:
             spec = mujoco.MjSpec.from_file(str(path))
         except ValueError as error:
-            raise FileError(str(path), f"is no MJCF: {error}") from None
+            raise FileError(str(path), f"is not MJCF: {error}") from None
         spec.option.timestep = require_positive("timestep", timestep)
         spec.option.integrator = INTEGRATORS[integrator]
         describe(spec, parameters)
@@ -256,9 +255,10 @@ class CartPoleModel:
         self.set_parameters(parameters)
 
     def compute_only(self, imperfections: Imperfections) -> None:
-        """Leave out what MuJoCo need not compute: the same bits, in up to a third less time.
+        """Disable what MuJoCo need not compute: the same bits in up to a third less time.
 
-        Every other flag stays as it is, that against MuJoCo's own reset of a bad state too.
+        Every other flag stays as it is, including the one that disables MuJoCo's own reset of a
+        bad state.
         """
         bits, r = mujoco.mjtDisableBit, imperfections
         flags = self.mj_model.opt.disableflags | int(bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT)
@@ -274,7 +274,7 @@ def _addresses(
     scratch: mujoco.MjData,
     shape: NDArray[np.float64],
 ) -> Any:
-    """Return the addresses of everything that compiled code reads and writes, a record."""
+    """Return a record of the addresses of everything that compiled code reads and writes."""
 
     def element(array: NDArray[np.float64], *index: int) -> int:
         if array.dtype != np.float64:

@@ -1,4 +1,4 @@
-"""A dm_control Physics whose plant follows a scenario, physics step by physics step."""
+"""A dm_control Physics whose plant follows a scenario in every physics step."""
 
 from __future__ import annotations
 
@@ -53,18 +53,19 @@ _FOREVER = 2**62
 
 
 class Episode(NamedTuple):
-    """What a scenario prescribes, sampled on the physics steps until nothing changes any more.
+    """The inputs of a scenario, sampled on the physics steps until nothing changes any more.
 
     Attributes
     ----------
     constants
         Physics step [s], m [kg] and g [m/s^2].
     profile
-        As of `loop.start`; its last row stays in force.
+        As in `loop.start`; its last row applies from then on.
     now
         M [kg] and l [m] at each instant, after the jump where there is one, shape (N, 2).
     told
-        The same as a controller is told them: late and with an error, if so imperfect.
+        M [kg] and l [m] that a controller assumes: late and with an error if the scenario has
+        such imperfections.
     sensors, actuator
         The hardware.
     """
@@ -78,7 +79,7 @@ class Episode(NamedTuple):
 
 
 def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
-    """Return what a scenario prescribes.
+    """Return the sampled inputs of a scenario.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
 
 @kernel
 def _plan(constants, hold):
-    """Return the numbers of a control period; built here, for Python would take longer."""
+    """Return the plan of a control period, built here because Python would take longer."""
     timestep, pole_mass, gravity = constants
     endless = Criterion(
         fall_angle=np.inf, z=np.inf, phi=np.inf, z_dot=np.inf, phi_dot=np.inf, dwell=0
@@ -140,8 +141,8 @@ def begin_held(at, constants, profile, run):
 def advance_held(at, constants, profile, now, actuator, run, pending, instant, hold):
     """Take the steps of a control period under the command in MjData; return the instant reached.
 
-    It stops where the state diverges. Else it leaves model and data as they are at that instant,
-    with the (M, l) that `now` holds for each.
+    It stops where the state diverges. Otherwise it leaves model and data at that instant, with the
+    (M, l) that `now` holds for it.
     """
     plan = _plan(constants, hold)
     if not within_limits(mm.read_state(at)):
@@ -159,13 +160,13 @@ def advance_held(at, constants, profile, now, actuator, run, pending, instant, h
 
 
 class Physics(DmPhysics):  # type: ignore[misc]
-    """A dm_control Physics whose plant follows a scenario, step by step, on its hardware.
+    """A dm_control Physics whose plant follows a scenario, step by step, with its imperfections.
 
-    Between steps model and data belong to the instant ``time()``, ideal impulses at it applied: a
+    Between steps model and data belong to the instant ``time()``, after its ideal impulses: a
     picture shows the current length. The instant is the whole number of timesteps nearest to
     ``data.time``, so `set_state` with MuJoCo's time in it moves along the schedule too; call
-    `forward` after it. What the hardware remembers, commands under way for instance, is no part of
-    MuJoCo's state: `copy` has it, `set_state` leaves it.
+    `forward` after it. The state of the hardware, such as delayed commands, is not part of MuJoCo's
+    state: `copy` copies it, `set_state` does not change it.
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.reset()
 
     def _take(self, scenario: Scenario) -> None:
-        """Take what a scenario prescribes."""
+        """Take the inputs of a scenario."""
         self.scenario = scenario
         self.episode = episode_of(scenario, self._timestep, self.hold)
         self.pending = no_commands(self.episode.actuator)
@@ -207,7 +208,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         Parameters
         ----------
         scenario
-            Its duration a multiple of the timestep.
+            The scenario; its duration is a multiple of the timestep.
         """
         self._take(scenario)
         self._model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
@@ -227,7 +228,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return self._at_instant(self.episode.now)
 
     def told_parameters(self) -> NDArray[np.float64]:
-        """Return (M, l) [kg, m] as a controller is told them now, shape (2,)."""
+        """Return (M, l) [kg, m] as a controller assumes them now, shape (2,)."""
         return self._at_instant(self.episode.told)
 
     def _at_instant(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -235,9 +236,9 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return found
 
     def measured(self) -> NDArray[np.float64]:
-        """Return (z, phi, z_dot, phi_dot) as the sensors say at this control tick, shape (4,)."""
+        """Return (z, phi, z_dot, phi_dot) as measured at this control tick, shape (4,)."""
         now = (self.instant, *mm.read_state(self.addresses))
-        if now != self._seen_at:  # the memory of the sensors wants each tick once
+        if now != self._seen_at:  # filters and differences must see each tick once
             tick = self.instant // self.hold
             seen = sense(self.addresses, self.episode.sensors, self.run, tick)
             self._seen, self._seen_at = np.array(seen), now
@@ -248,7 +249,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return not within_limits(mm.read_state(self.addresses))
 
     def begin(self, state: Sequence[float]) -> None:
-        """Put the plant at t = 0 into `state`, then apply the impulses there.
+        """Put the plant at t = 0 into `state`, then apply the impulses at that instant.
 
         Parameters
         ----------
@@ -269,17 +270,17 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.begin(self.scenario.initial_state)
 
     def forward(self) -> None:
-        """Make everything in model and data what it is at this instant, for this state."""
+        """Update everything in model and data to this instant and state."""
         mass, length = self.parameters()
         s = self.scenario
         mm.write_parameters(self.addresses, mass, s.pole_mass, length, s.gravity)
         super().forward()
 
     def step(self, nstep: int = 1) -> None:
-        """Advance, the plant and the push those of each physics step, the command held.
+        """Advance under the held command, with the plant and the push of each physics step.
 
-        The control in MjData is what is commanded before, and what the actuator exerts after. A
-        state that has diverged stays as it is.
+        The control in MjData holds the command before the call, and the force that the actuator
+        exerts after it. A state that has diverged stays as it is.
         """
         force = self.data.ptr.ctrl[0]
         if not abs(force) < STATE_LIMIT:
@@ -292,7 +293,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.data.ptr.time = reached * self._timestep
 
     def render(self, *args: Any, **settings: Any) -> NDArray[np.uint8]:
-        """Return a picture as dm_control does; the cart has its mass, forces are arrows."""
+        """Return a picture as dm_control does, with the cart's size by its mass and force arrows."""
         decorated = {"scene_callback": _decorate, **settings}
         if any(settings.get(name) for name in ("depth", "segmentation")):
             decorated = settings
@@ -316,7 +317,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     def copy(self, share_model: bool = False) -> Physics:
         """Return an independent Physics at the same instant of the same scenario."""
         if share_model:
-            raise InvalidValueError("share_model", "must be false, for the model changes", True)
+            raise InvalidValueError("share_model", "must be false: the model changes", True)
         twin = type(self).__new__(type(self))
         twin.__setstate__(self.__getstate__())
         return twin

@@ -49,25 +49,26 @@ def simulate_mujoco(
     scenario
         What happens.
     controller
-        What is commanded; as of `as_controller`.
+        The controller, as `as_controller` takes it.
     mode
-        ``"exact"``: MuJoCo's forward dynamics under the integrator of `simulate_ode`;
+        ``"exact"``: MuJoCo's forward dynamics with the integrator of `simulate_ode`;
         ``"continuous"``: RK4 around MuJoCo's forward dynamics, controller and parameters in every
         stage, steps that end on every breakpoint; ``"sampled"``: as deployed, `mj_step` with the
         control held for `control_period`, the parameters of the middle of each step, and the
-        scenario's imperfections, which no other mode has.
+        scenario's imperfections, which no other mode supports.
     timestep
         Physics step [s]; in exact mode the spacing of the reported instants.
     control_period
-        How long sampled mode holds the force [s], a multiple of `timestep` (default: what the
-        scenario's imperfections say, else one step).
+        How long sampled mode holds the force [s], a multiple of `timestep` (default: that of the
+        scenario's imperfections, else one step).
     integrator
         MuJoCo's integrator in sampled mode: ``"RK4"``, ``"Euler"``, ``"implicit"`` or
         ``"implicitfast"``.
     edit
         Called with the `mujoco.MjSpec` before it is compiled, to add what the paper leaves out.
     dynamics, jumps
-        What a change of M and l does, as of `ParameterChange`; sampled mode has only the paper's.
+        What a change of M and l does, as in `ParameterChange`; sampled mode supports only the
+        paper's.
 
     Returns
     -------
@@ -114,7 +115,7 @@ def _exact(
     change: ParameterChange,
     settings: dict[str, Any],
 ) -> Trajectory:
-    """MuJoCo's forward dynamics as the right-hand side of the reference integrator."""
+    """Simulate MuJoCo's forward dynamics with the reference integrator."""
     times = time_grid(scenario, settings["timestep"])
     controller_inputs(
         scenario, controller, times
@@ -136,7 +137,7 @@ def _continuous(
     change: ParameterChange,
     settings: dict[str, Any],
 ) -> Trajectory:
-    """RK4 around MuJoCo's forward dynamics, everything prescribed in every stage."""
+    """Simulate by RK4 around MuJoCo's forward dynamics, with all inputs updated in every stage."""
     grid = steps(scenario, settings["timestep"])
     inputs = controller.inputs_along_run(
         grid.cart_mass, grid.half_length, scenario.pole_mass, scenario.gravity

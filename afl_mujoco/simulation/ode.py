@@ -68,14 +68,14 @@ def simulate_ode(
     scenario
         What happens.
     controller
-        What is commanded, continuously in time; as of `as_controller`.
+        The controller, evaluated continuously in time; as `as_controller` takes it.
     sample_period
         Spacing of the reported instants [s]; breakpoints are reported as well.
     method, rtol, atol
         Method and tolerances of `scipy.integrate.solve_ivp`.
     dynamics
         ``"quasi-static"``: M and l are frozen at each instant, as in the paper;
-        ``"stretching-rod"``: with the terms of the rate of l (decision D9).
+        ``"stretching-rod"``: the equations have the terms with the rate of l (decision D9).
     jumps
         What a step of M or l keeps: ``"velocities"``, as in the paper, or ``"momenta"``.
 
@@ -115,12 +115,12 @@ def solve_ode(
     longest_step: float = MAX_STEP,
     change: ParameterChange | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
-    """Return times [s], states reached and outcome as `simulate_ode` finds them, and nothing else.
+    """Return only the times [s], the states reached and the outcome of `simulate_ode`.
 
     Parameters
     ----------
     longest_step
-        Of the compiled method [s].
+        Longest step of the compiled method [s].
     change
         What a change of M and l does; the paper's by default.
     """
@@ -147,10 +147,10 @@ def solve_ode(
 def _write_rates(state, cart_mass, pole_mass, half_length, gravity, push, force, rate, slopes):
     """Write (z_dot, phi_dot, z'', phi'') under a force of the controller, NaN where it has none.
 
-    The rod stretches at `rate` [m/s], zero where the paper's frozen l is meant.
+    The rod stretches at `rate` [m/s], zero for the frozen l of the paper.
     """
     phi, phi_dot = state[1], state[3]
-    force = force + push if abs(force) < STATE_LIMIT else np.nan  # where a run ends
+    force = force + push if abs(force) < STATE_LIMIT else np.nan  # the run ends there
     plant = (cart_mass, pole_mass, half_length, gravity)
     slopes[0], slopes[1] = state[2], phi_dot
     if rate != 0.0:
@@ -162,7 +162,7 @@ def _write_rates(state, cart_mass, pole_mass, half_length, gravity, push, force,
 
 @register_jitable
 def loop_rates(arguments, time, state, slopes):
-    """Write the rates of the loop of plant and compiled controller, as of `dop853`."""
+    """Write the rates of the loop of plant and compiled controller, as `dop853` needs them."""
     plant, assumed, compiled = arguments
     start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = plant
     kind, table, masses, lengths = compiled
@@ -187,7 +187,7 @@ def _solve(plant, assumed, compiled, start, end, state, times, options, work, fo
 def compiled_loop(
     scenario: Scenario, controller: Controller, change: ParameterChange
 ) -> Callable[..., tuple[int, float, int]]:
-    """Return what solves the closed loop over a segment, as `compiled_solver` takes it."""
+    """Return the solver of the closed loop over a segment, as `compiled_solver` takes it."""
     compiled, assumed = (
         tuple(controller.compiled_for(scenario.plants)),
         controller.assumed_parameters(*[np.nan] * 4),
@@ -217,7 +217,7 @@ def closed_loop(scenario: Scenario, controller: Controller, change: ParameterCha
 
 
 def transition(scenario: Scenario, change: ParameterChange) -> Transition:
-    """Return what a breakpoint does to the state, from the analytic mass matrix."""
+    """Return the effect of a breakpoint on the state, from the analytic mass matrix."""
 
     def parameters(segment: Segment, time: float) -> CartPoleParameters:
         mass, length = segment.parameters_at(time)

@@ -1,7 +1,7 @@
 """The analytic equations integrated by RK4: twins of MuJoCo's continuous and sampled modes.
 
-What a deployed controller holds over a step can be switched on one by one: the control, the
-parameters, the disturbances. So the error of each can be separated from that of the others.
+What a deployed loop holds over a step can be switched on one by one: the control, the parameters,
+the disturbances. So the error of each can be separated from that of the others.
 """
 
 from __future__ import annotations
@@ -36,24 +36,24 @@ from afl_mujoco.simulation.trajectory import (
 )
 
 SUBSTEPS = 8
-"""RK4 steps within each held step: they leave an error some 4000 times below RK4 at the step."""
+"""RK4 steps within each held step: their error is some 4000 times below that of a single one."""
 
 _COMPLETED, _FELL, _RUNNING = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL), -1
 
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """What is held over a step instead of followed within it.
+    """What is held over a step instead of followed continuously.
 
     Attributes
     ----------
     control_period
-        Over which the force is held [s], a multiple of the timestep; ``None`` for a force that is
+        How long the force is held [s], a multiple of the timestep; ``None`` for a force that is
         evaluated in every stage.
     schedule
-        Whether M and l keep, over each timestep, the values of its middle.
+        Whether M and l keep, over each timestep, their values at its middle.
     disturbance
-        Whether the push does so, and an impulse waits for the start of a step.
+        Whether the push does so too, and an impulse waits for the start of a step.
     """
 
     control_period: float | None = None
@@ -62,12 +62,12 @@ class Holds:
 
 
 def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1e-3) -> Trajectory:
-    """Integrate the closed loop by textbook RK4, steps ending on every breakpoint.
+    """Integrate the closed loop by textbook RK4, with a step ending at every breakpoint.
 
     Parameters
     ----------
     scenario, controller
-        What happens and what is commanded.
+        The scenario, and the controller as `as_controller` takes it.
     timestep
         The longest step [s].
 
@@ -99,18 +99,18 @@ def simulate_ode_held(
     holds: Holds | None = None,
     substeps: int = SUBSTEPS,
 ) -> Trajectory:
-    """Solve the closed loop as deployed, or with only some of its holds, to round-off or near it.
+    """Solve the closed loop as deployed, or with only some of its holds, nearly to round-off.
 
     Parameters
     ----------
     scenario, controller
-        What happens and what is commanded.
+        The scenario, and the controller as `as_controller` takes it.
     timestep
         Physics step, over which parameters and disturbances are held [s].
     control_period
-        Over which the force is held [s], a multiple of `timestep` (default: one step).
+        How long the force is held [s], a multiple of `timestep` (default: one step).
     holds
-        What is held, instead of all of it; it then says `control_period` itself.
+        What is held (default: everything); if given, its `control_period` replaces the argument.
     substeps
         RK4 steps within each `timestep`.
 
@@ -143,7 +143,7 @@ def simulate_ode_held(
     update = np.zeros(len(fine.push) if hold else 0, dtype=np.bool_)
     if hold:
         update[start_of[:-1:hold]] = True
-    looked_up = update if hold else np.s_[:]  # a held force needs its gains where it is taken
+    looked_up = update if hold else np.s_[:]  # a held force needs gains only where it is updated
     stages = np.s_[:1] if hold else np.s_[:]
     inputs = controller.inputs_along_run(
         fine.cart_mass[looked_up][:, stages],
@@ -168,10 +168,10 @@ def simulate_ode_held(
 def _held_inputs(
     scenario: Scenario, fine: Steps, start_of: NDArray[np.intp], timestep: float, holds: Holds
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return M and l, shape (N, 3), push and impulse, shape (N,), with what is held held."""
+    """Return M and l, shape (N, 3), push and impulse, shape (N,), held as `holds` requires."""
     mass, length, push, impulse = fine.cart_mass, fine.half_length, fine.push, fine.impulse
     step_of = np.searchsorted(start_of, np.arange(len(push)), side="right") - 1
-    step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint a rounding before the horizon
+    step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint may round to the horizon
     middles = (np.arange(len(start_of) - 1) + 0.5) * timestep
     segments = scenario.segments
     inside = np.searchsorted([s.start for s in segments], middles, side="right") - 1
@@ -194,7 +194,7 @@ def _held_inputs(
 def _plants(
     cart_mass: NDArray[np.float64], half_length: NDArray[np.float64], scenario: Scenario
 ) -> NDArray[np.float64]:
-    """Return (M, m, l, g) along M and l, shape (..., 4)."""
+    """Return (M, m, l, g) for arrays of M and l, shape (..., 4)."""
     plant = np.empty((*cart_mass.shape, 4))
     plant[..., 0], plant[..., 1] = cart_mass, scenario.pole_mass
     plant[..., 2], plant[..., 3] = half_length, scenario.gravity
@@ -223,7 +223,7 @@ def _run(controller, initial_state, times, plant, push, impulse, inputs, update)
 
 
 def _run_held_by(controller, initial_state, times, plant, push, impulse, inputs, update):
-    """Return what `_run_held` does, under a Python controller."""
+    """Return the same as `_run_held`, under a Python controller."""
     ticks = [*np.flatnonzero(update).tolist(), len(push)]
     states, forces = np.empty((len(push) + 1, 4)), np.zeros(len(push) + 1)
     states[0] = initial_state
@@ -253,7 +253,7 @@ def _slope(x, force, plant):
 
 @register_jitable
 def _moved(x, h, k):
-    """Return x + h k; tuples, for arrays would be made anew in every stage."""
+    """Return x + h k as a tuple, because an array would be allocated in every stage."""
     return x[0] + h * k[0], x[1] + h * k[1], x[2] + h * k[2], x[3] + h * k[3]
 
 
@@ -340,7 +340,7 @@ def _run_followed(initial_state, times, plant, push, impulse, kind, inputs):
 
 @kernel
 def _run_held(initial_state, times, plant, push, impulse, kind, inputs, update):
-    """Return the same with the force updated where `update` says so, else held."""
+    """Return the same as `_run_followed`, with the force updated only where `update` is true."""
     count = len(push)
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
     states[0] = initial_state

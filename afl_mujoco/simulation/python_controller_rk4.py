@@ -1,4 +1,4 @@
-"""RK4 with a Python controller: what the compiled loops do, one call of it at a time."""
+"""RK4 with a Python controller: the algorithm of the compiled loops, one call at a time."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def integrate_python_controller(
     Returns
     -------
     tuple
-        States reached, shape (K, 4), the force from each of them on [N], shape (K,), and the index
-        of the outcome.
+        States reached, shape (K, 4), the force from each of these instants on [N], shape (K,), and
+        the index of the outcome.
     """
     count, force = len(times) - 1, 0.0
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)

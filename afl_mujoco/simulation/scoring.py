@@ -23,7 +23,7 @@ COARSE: Any = {"sample_period": 2e-3, "rtol": 1e-9, "atol": 1e-11, "longest_step
 
 
 def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
-    """Return the metrics with the objective (O1) before them."""
+    """Return the metrics with the objective (O1) in front."""
     iae_z, iae_phi, max_force = (figures[name] for name in TERMS)
     known = None not in (iae_z, iae_phi, max_force)
     return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
@@ -32,9 +32,9 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
 def ideal_objective(
     scenario: Scenario, controller: Controller, scales: ObjectiveScales
 ) -> float | None:
-    """Return the objective (O1) on the ideal equations, for thousands of runs; None if it fell.
+    """Return the objective (O1) on the ideal equations, fast; None if the run did not complete.
 
-    It is that of `simulate_ode` to 1e-6, relatively, without the run itself.
+    It equals that of `simulate_ode` to a relative 1e-6, without the trajectory.
     """
     times, states, outcome = solve_ode(scenario, controller, **COARSE)
     if outcome.kind != COMPLETED:
@@ -50,7 +50,7 @@ def nominal_scales(sample_period: float) -> ObjectiveScales:
     Parameters
     ----------
     sample_period
-        Of the grid on which the integrals are taken [s].
+        Spacing of the grid on which the integrals are taken [s].
     """
     scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
     run = simulate_ode(scenario, controller, sample_period=sample_period)

@@ -42,30 +42,31 @@ FORCE_MARGIN = 100.0
 _MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
 
 OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
-"""What becomes of M and l."""
+"""Whether the observation has M and l."""
 
 SAMPLES = 2**31 - 1
-"""How many samples episodes are drawn from."""
+"""Number of samples from which episodes are drawn."""
 
 ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
-"""What `load` leaves to ``environment_kwargs``; the rest it has to decide itself."""
+"""Keys that `load` accepts in ``environment_kwargs``; it sets the others itself."""
 
 
 def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
     """Return the reward of `Balance`, smooth and within (0, 1].
 
-    Of `dm_control.utils.rewards.tolerance` with its long tail, ``near(x, margin)``, which is 1 at 0
-    and 0.1 at the margin: ``near(phi, PHI_MARGIN) * (1 + near(z, Z_MARGIN)) / 2 * (4 + near(force,
-    FORCE_MARGIN)) / 5``. A product, as in the suite's cart-pole: to balance counts most, to centre
-    the cart at most halves it, effort costs at most a fifth. The long tails leave a slope to follow
-    far from the goal. It is 1 only for a pole at rest upright over z = 0, without force.
+    With ``near(x, margin)``, which is 1 at 0 and 0.1 at the margin, from
+    `dm_control.utils.rewards.tolerance` with its long tail, the reward is ``near(phi, PHI_MARGIN) *
+    (1 + near(z, Z_MARGIN)) / 2 * (4 + near(force, FORCE_MARGIN)) / 5``. It is a product, as in the
+    suite's cart-pole: balance counts most, a cart off centre at most halves it, effort costs at
+    most a fifth. The long tails leave a slope to follow far from the goal. It is 1 only for a pole
+    at rest upright at z = 0, without force.
 
     Parameters
     ----------
     z, phi, force
         Cart position [m], pole angle [rad], force on the cart [N]: numbers, or arrays of one shape.
     """
-    away = np.array([phi, z, force]).T / _MARGINS  # in one call: it is slow on numbers
+    away = np.array([phi, z, force]).T / _MARGINS  # in one call: it is slow for single numbers
     upright, centred, easy = tolerance(away, margin=1.0, sigmoid="long_tail").T
     return upright * (1.0 + centred) / 2.0 * (4.0 + easy) / 5.0
 
@@ -75,8 +76,8 @@ class Balance(control.Task):  # type: ignore[misc]
 
     The observation is ``position`` (z, phi) [m, rad], ``velocity`` (z_dot, phi_dot) [m/s, rad/s],
     as the sensors measure them, and (M, l) [kg, m], each at the instant of the observation, after
-    what jumps there. The action is the force asked for [N], clipped to the limit and held until the
-    next. The discount is 0 where ``|phi|`` reaches `FALL_ANGLE` or the state diverges.
+    any jump there. The action is the commanded force [N], clipped to the limit and held until the
+    next. The discount is 0 if ``|phi|`` reaches `FALL_ANGLE` or the state diverges.
 
     Parameters
     ----------
@@ -85,12 +86,13 @@ class Balance(control.Task):  # type: ignore[misc]
     initial_noise
         Half-width of the uniform perturbation of phi(0) [rad].
     random
-        Seed or `numpy.random.RandomState` of that perturbation, and of what is drawn.
+        Seed or `numpy.random.RandomState` of that perturbation, and of the scenarios drawn.
     parameters
-        ``"observed"``: as ``parameters`` what a controller is told of (M, l); ``"privileged"``: as
-        ``privileged`` the true ones, for a critic or a teacher; ``"hidden"``: neither.
+        ``"observed"``: the observation has ``parameters``, the (M, l) that a controller assumes;
+        ``"privileged"``: it has ``privileged``, the true (M, l), for a critic or a teacher;
+        ``"hidden"``: it has neither.
     space
-        What to draw a scenario from for every episode; None for always the same.
+        The space from which the scenario of every episode is drawn; None for always the same.
     """
 
     def __init__(
@@ -115,18 +117,18 @@ class Balance(control.Task):  # type: ignore[misc]
 
     @property
     def random(self) -> np.random.RandomState:
-        """The source of the initial perturbations and of what is drawn."""
+        """The source of the initial perturbations and of the scenarios drawn."""
         return self._random
 
     @property
     def space(self) -> SampleSpace | None:
-        """What scenarios are drawn from, if they are."""
+        """The space from which scenarios are drawn; None if they are not."""
         return self._space
 
     def initialize_episode(self, physics: Physics) -> None:
         """Put the plant into the scenario's initial state, drawn and perturbed if so configured.
 
-        What is drawn is sample i of the space with seed 0, as of `sample_scenario`, i at random.
+        The scenario drawn is sample i of the space with seed 0 (`sample_scenario`), i at random.
         """
         scenario, start = self.draw(physics.scenario)
         if self._space is not None:
@@ -139,7 +141,7 @@ class Balance(control.Task):  # type: ignore[misc]
         Parameters
         ----------
         scenario
-            What it is where none is drawn.
+            The scenario if none is drawn.
         """
         if self._space is not None:
             scenario = sample_scenario(self._space, int(self._random.randint(SAMPLES)), 0)
@@ -153,7 +155,7 @@ class Balance(control.Task):  # type: ignore[misc]
         return specs.BoundedArray((1,), np.float64, -self._limit, self._limit, name="force [N]")
 
     def before_step(self, action: ArrayLike, physics: Physics) -> None:
-        """Hold the clipped action over the coming physics steps; refuse one that is not finite."""
+        """Hold the clipped action over the next physics steps; refuse one that is not finite."""
         values = np.asarray(action, dtype=np.float64)
         if values.shape != (1,):
             raise InvalidValueError("action", "must have shape (1,)", values.shape)
@@ -214,20 +216,20 @@ def load(
     scenario
         A name of the catalogue, a TOML file or a `Scenario`, with its imperfections.
     timestep
-        Physics step [s], at each of which the plant changes.
+        Physics step [s]; the plant changes at each step.
     control_period
         How long an action is held [s], a multiple of `timestep` (default: that of the scenario's
         imperfections, else one step).
     integrator
-        MuJoCo's integrator, as of `simulate_mujoco`.
+        MuJoCo's integrator, as in `simulate_mujoco`.
     force_limit, initial_noise, random, parameters
-        As of `Balance`.
+        As in `Balance`.
     randomize
         Whether to draw each episode's scenario from the scenario's ``[ranges]``; one without them
-        starts anywhere and has laboratory hardware, as of `with_ranges`.
+        gets a random start and random laboratory hardware, as in `with_ranges`.
     environment_kwargs
         ``flat_observation`` or ``time_limit`` [s], which is the scenario's duration by default;
-        beyond that the plant keeps its last parameters.
+        beyond the duration the plant keeps its last parameters.
 
     Returns
     -------
@@ -256,7 +258,7 @@ def load(
         raise InvalidValueError(
             "initial_noise", "must not let the pole start fallen", initial_noise
         )
-    # Half a step early, lest round-off in the division by the period add a period.
+    # Half a step early, so that round-off in the division by the period cannot add a period.
     settings = {"time_limit": scenario.duration - 0.5 * timestep, **(environment_kwargs or {})}
     for key in settings:
         if key not in ENVIRONMENT_KEYS:
@@ -272,12 +274,13 @@ def controller_policy(
 ) -> Callable[[TimeStep], NDArray[np.float64]]:
     """Return the agent that runs a control law on the observation.
 
-    Through it an environment repeats `simulate_mujoco` in sampled mode, bit for bit.
+    With it an environment reproduces `simulate_mujoco` in sampled mode, bit for bit.
 
     Parameters
     ----------
     control_period
-        That of the environment [s]: a Python controller gets the time, which is no observation.
+        Control period of the environment [s], for a Python controller, which gets the time: the
+        observation does not have it.
     """
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")

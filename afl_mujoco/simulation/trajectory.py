@@ -57,7 +57,7 @@ class Outcome:
     time: float
 
     def __str__(self) -> str:
-        """Say it as a report does."""
+        """Return the outcome as a report writes it."""
         return self.kind if self.kind == COMPLETED else f"{self.kind} at t = {self.time:.6g} s"
 
 
@@ -72,7 +72,7 @@ class Trajectory:
     state
         (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (N, 4).
     force
-        Force of the controller [N], shape (N,), from each instant on.
+        Force of the controller [N], shape (N,), acting from each instant on.
     cart_mass, half_length
         True M [kg] and l [m], shape (N,), after the jump where there is one.
     outcome
@@ -108,7 +108,7 @@ class Trajectory:
 
     @property
     def metrics(self) -> dict[str, float | None]:
-        """Its figures by name, as of `simulation.metrics.metrics_of`; None where there is none."""
+        """Its figures by name, from `simulation.metrics.metrics_of`; None where there is none."""
         from afl_mujoco.simulation.metrics import metrics_of
 
         return metrics_of(self)
@@ -137,16 +137,16 @@ class Trajectory:
 
     @property
     def _title(self) -> str:
-        """What was simulated: scenario, controller, simulator."""
+        """Title of the run: scenario, controller, simulator."""
         what = (self.provenance.get(name, {}).get("name") for name in ("scenario", "controller"))
         return ", ".join(name for name in (*what, self.simulator) if name)
 
     def __repr__(self) -> str:
-        """Say what it is and how it ended, in a line."""
+        """Return what was simulated and how it ended, in one line."""
         return f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: how it ended, and its figures in a table."""
+        """Return HTML for a notebook: how the run ended, and its figures in a table."""
         rows = "".join(
             f"<tr><td>{name}</td><td>{'–' if value is None else f'{value:.5g}'}</td></tr>"
             for name, value in self.metrics.items()
@@ -165,7 +165,7 @@ class Trajectory:
         Raises
         ------
         FileError
-            If it cannot be written.
+            If the file cannot be written.
         """
         meta = {
             "outcome": [self.outcome.kind, self.outcome.time],
@@ -187,7 +187,7 @@ class Trajectory:
         Raises
         ------
         FileError
-            If it cannot be read or is no such file.
+            If the file cannot be read or is not a saved run.
         """
         with reading(path, "is not a saved trajectory"):
             with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
@@ -208,7 +208,7 @@ def within_limits(state):
 
 @kernel
 def ending_of(state):
-    """Return how a run has ended that cannot go on from `state`: an index into `OUTCOMES`."""
+    """Return how a run that cannot continue from `state` has ended, an index into `OUTCOMES`."""
     return 1 if abs(state[1]) > TIPPED else 2
 
 
