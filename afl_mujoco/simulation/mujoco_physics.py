@@ -293,7 +293,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.data.ptr.time = reached * self._timestep
 
     def render(self, *args: Any, **settings: Any) -> NDArray[np.uint8]:
-        """Return a picture as dm_control does, with the cart's size by its mass and force arrows."""
+        """Return a picture as dm_control does, with forces as arrows; M sets the cart's size."""
         decorated = {"scene_callback": _decorate, **settings}
         if any(settings.get(name) for name in ("depth", "segmentation")):
             decorated = settings

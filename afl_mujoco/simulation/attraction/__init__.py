@@ -1,1 +1,1 @@
-"""From where does the loop settle? Maps of thousands of rollouts, by equations and in MuJoCo."""
+"""Where the loop settles from: maps of thousands of rollouts, by equations and in MuJoCo."""

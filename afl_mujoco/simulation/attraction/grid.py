@@ -17,7 +17,8 @@ from afl_mujoco.scenario.parameters import NOMINAL, require_finite, require_posi
 SETTLED, FALLEN, UNDECIDED = range(3)
 OUTCOMES = ("settled", "fallen", "undecided")
 """How a rollout ends, by its code. Fallen: ``|phi|`` has reached `FALL_ANGLE`, or a state or a
-force is beyond `STATE_LIMIT` or is none. Undecided: neither that nor settled by the horizon."""
+force is beyond `STATE_LIMIT` or not a number. Undecided: neither fallen nor settled by the
+horizon."""
 
 STATES, PLANTS = "states", "plants"
 PLANES = (STATES, PLANTS)
@@ -30,10 +31,10 @@ MASSES, LENGTHS = (0.1, 2.0), (0.05, 1.0)
 """Edges of the map over plants [kg, m]: the paper's grid."""
 
 START = (0.0, -math.pi / 3.0, 0.0, 0.0)
-"""Where the map over plants starts: as the paper does."""
+"""Initial state of the map over plants: that of the paper."""
 
 FOUND = ("outcome", "time", "peak_z", "peak_force")
-"""What is found for each grid point, in this order."""
+"""Results for each grid point, in this order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,15 +44,14 @@ class Settling:
     The bands are a box about upright in the whole state space. From each of its corners every
     controller of the package converges on every plant of the paper's grid, so that a state within
     it decides the outcome. By default the stretch is as long as the fastest cart within the bands
-    takes from one end of its position band to the other: a cart that only passes through does not
-    count.
+    takes to cross its position band: a cart that only passes through does not count.
 
     Attributes
     ----------
     bands
         Largest ``|z|``, ``|phi|``, ``|z'|``, ``|phi'|`` [m, rad, m/s, rad/s].
     dwell
-        How long all four stay within [s].
+        How long all four states must stay within their bands [s].
     horizon
         When a rollout that has neither settled nor fallen ends as undecided [s].
 
@@ -92,9 +92,9 @@ class Grid:
     columns, rows
         Coordinates of the grid points: phi0 [rad] and phi0' [rad/s], or M [kg] and l [m].
     starts
-        (z, phi, z_dot, phi_dot) of each, row by row, shape (N, 4).
+        Initial (z, phi, z_dot, phi_dot) of each grid point, row by row, shape (N, 4).
     plants
-        (M, l) [kg, m] of each, shape (N, 2).
+        (M, l) [kg, m] of each grid point, shape (N, 2).
     pole_mass, gravity
         m [kg] and g [m/s^2].
     """
@@ -109,12 +109,12 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         return len(self.rows), len(self.columns)
 
 
 def axis(name: str, low: float, high: float, count: int) -> NDArray[np.float64]:
-    """Return evenly spaced coordinates, odd to the bit where the limits are +-x."""
+    """Return evenly spaced coordinates, antisymmetric to the bit if the limits are +-x."""
     if count < 2:
         raise InvalidValueError("grid", "must be at least 2", count)
     if not require_finite(name, low) < require_finite(name, high):
@@ -193,7 +193,7 @@ class AttractionMap:
     outcome
         Index into `OUTCOMES`, shape (rows, columns), uint8.
     time
-        When that was decided [s]: the fall, the end of the stretch within the bands, the horizon.
+        Time of the outcome [s]: the fall, the end of the stretch within the bands, the horizon.
     peak_z, peak_force
         Largest ``|z|`` [m] and ``|F|`` [N] up to then.
     settings
@@ -218,7 +218,7 @@ class AttractionMap:
         settings: Mapping[str, Any],
         found: NDArray[np.float64],
     ) -> AttractionMap:
-        """Put a map together from what was found, shape (N, 4), columns as of `FOUND`."""
+        """Make a map from the results of its rollouts, shape (N, 4), with columns as in `FOUND`."""
         outcome, *rest = (column.reshape(grid.shape) for column in found.T)
         arrays = dict(zip(FOUND[1:], rest, strict=True))
         return cls(

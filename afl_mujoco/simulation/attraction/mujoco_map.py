@@ -49,7 +49,7 @@ def map_in_mujoco(
     threads: int = 1,
     progress: Callable[[int], None] = lambda points: None,
 ) -> AttractionMap:
-    """Return how MuJoCo's loop, as deployed, ends from every grid point.
+    """Return how MuJoCo's loop, as deployed, ends when started from every grid point.
 
     Parameters
     ----------
@@ -104,21 +104,21 @@ def map_in_mujoco(
 
 @kernel
 def _run_points(at, plan, run, pending, sensors, actuator, kind, starts, inputs, profiles, found):
-    """Run the rollouts of grid points one after the other and write what is found of each.
+    """Run the rollouts of grid points one after the other and write the results of each.
 
     Parameters
     ----------
     at, plan, run, pending, sensors, actuator, kind
-        As of `loop.run_to_end`; the hardware is ideal but for the hold of the force, so that it
-        carries nothing over from one run to the next.
+        As in `loop.run_to_end`; the hardware is ideal except that the force is held, so that it
+        carries no state from one run to the next.
     starts
         Initial states, shape (N, 4).
     inputs
-        Of the controller on each plant, shape (N, 7) or (N, 8).
+        Inputs of the controller on each plant, shape (N, 7) or (N, 8).
     profiles
         The plants, shape (N, 1).
     found
-        Takes what `FOUND` names, shape (N, 4).
+        Takes the results that `FOUND` names, shape (N, 4).
     """
     nothing = np.empty((0, 5))
     for i in range(len(starts)):

@@ -1,7 +1,7 @@
 """The map of attraction by the paper's equations (P3), (P4), the force continuous in time.
 
 Each rollout is integrated by the steps of the reference (`dop853`), to a looser tolerance, until
-it has settled or fallen; the tests hold the maps to `simulate_ode`.
+it has settled or fallen; tests compare the maps with `simulate_ode`.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from afl_mujoco.simulation.attraction.grid import (
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT, within_limits
 
 TOLERANCE = 1e-7
-"""Local error of a step, of every state relative to 1 plus its size. A hundred times less or more
-leaves every outcome of the maps as it is, but for a grid point now and then that is on a border."""
+"""Local error of a step, for every state relative to 1 plus its size. A hundred times less or more
+changes no outcome of the maps, except at an occasional grid point on a border."""
 
 MAX_STEP = 0.02
-"""Longest step [s]: states are looked at where steps end, for the bands and for the peaks."""
+"""Longest step [s]: the bands and the peaks are evaluated where steps end."""
 
 FIRST_STEP, SMALLEST_STEP = 1e-3, 1e-12
-"""The first step tried, and one with which a rollout cannot go on: it has fallen [s]."""
+"""The first step tried, and the step below which a rollout counts as fallen [s]."""
 
 FALL_RESOLUTION = 1e-6
-"""How exactly the time of a fall is found [s]."""
+"""Resolution of the time of a fall [s]."""
 
 
 def map_by_ode(
@@ -53,14 +53,14 @@ def map_by_ode(
     threads: int = 1,
     progress: Callable[[int], None] = lambda points: None,
 ) -> AttractionMap:
-    """Return how the ideal loop ends from every grid point.
+    """Return how the ideal loop ends when started from every grid point.
 
     Parameters
     ----------
     tolerance
         Local error of a step, 1e-12 to 1e-2.
     threads
-        Threads to share the grid points among; the result does not depend on it.
+        Threads to share the grid points among; the result does not depend on their number.
     """
     settling = Settling() if settling is None else settling
     if not 1e-12 <= tolerance <= 1e-2:
@@ -97,7 +97,7 @@ def _force(arguments, state):
 
 @register_jitable
 def _rates(arguments, time, state, slopes):
-    """Write (z_dot, phi_dot, z'', phi'') under the controller, as of `dop853`."""
+    """Write (z_dot, phi_dot, z'', phi'') under the controller, as `dop853` needs them."""
     plant = arguments[2]
     phi, phi_dot, force = state[1], state[3], _force(arguments, state)
     slopes[0], slopes[1] = state[2], phi_dot
@@ -107,7 +107,7 @@ def _rates(arguments, time, state, slopes):
 
 @kernel
 def _rollout(kind, start, inputs, plant, bands, rules, found):
-    """Integrate one rollout to its end and write what is found."""
+    """Integrate one rollout to its end and write its results."""
     dwell, horizon, tolerance = rules
     arguments = (kind, inputs, plant)
     state, after, slopes = start.copy(), np.empty(4), np.empty((dop853.ROWS, 4))
@@ -156,15 +156,15 @@ def integrate_points(kind, starts, inputs, plants, bands, rules, found):
     starts
         Initial states, shape (N, 4).
     inputs
-        Of the controller on each plant, shape (N, 7) or (N, 8).
+        Inputs of the controller on each plant, shape (N, 7) or (N, 8).
     plants
         (M, l), shape (N, 2).
     bands
-        Of the four states, shape (4,).
+        Bands of the four states, shape (4,).
     rules
         Dwell and horizon [s], tolerance, m [kg], g [m/s^2].
     found
-        Takes what `FOUND` names, shape (N, 4).
+        Takes the results that `FOUND` names, shape (N, 4).
     """
     dwell, horizon, tolerance, pole_mass, gravity = rules
     for i in range(len(starts)):

@@ -1,8 +1,8 @@
-"""A block of closed loops side by side, each with a step of its own (`closed_loop_terms`).
+"""A block of closed loops side by side, each with its own step (`closed_loop_terms`).
 
-One flat array and constant row numbers show the compiler that rows do not overlap, so that it makes
-vectors of the lanes; every function in the loop is inlined for that. A lane is an element of these
-vectors.
+One flat array and constant row numbers show the compiler that rows do not overlap, so that it
+vectorises over the lanes; every function in the loop is inlined for that. A lane is an element of
+these vectors.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ LANES = 16
 """Loops that a block integrates at a time: some vectors of the processor, all in its L1 cache."""
 
 NEARLY_UPRIGHT, ON_SURFACE = 1e-2, 1e-5
-"""Where the closed form takes over: the largest abs(phi) still to come, and what s can add [rad].
-What it neglects is cubic in the angle."""
+"""Where the closed form takes over: largest abs(phi) still to come, and what s can add to it [rad].
+The closed form neglects terms that are cubic in the angle."""
 
 LAYER_EDGE = 1e-6
-"""How exactly a step ends on the edge of the boundary layer, as a share of its width."""
+"""Accuracy with which a step ends on the edge of the boundary layer, as a share of its width."""
 
 SMALLEST_STEP = 1e-12
-"""A loop that cannot go on with this step [s] has diverged."""
+"""A loop that needs a smaller step than this has diverged [s]."""
 
 FALL_TANGENT = math.tan(FALL_ANGLE)
 
@@ -48,7 +48,7 @@ RUNNING, SETTLED, TIMED_OUT, LOST, IDLE = range(5)
 
 @kernel
 def advance(block, pole_mass, gravity, duration, weight):
-    """Try a step in every lane; the compiler makes vectors of the lanes.
+    """Try a step in every lane; the compiler vectorises over the lanes.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def advance(block, pole_mass, gravity, duration, weight):
     pole_mass, gravity, duration
         m [kg], g [m/s^2] and the horizon [s].
     weight
-        What a difference of slopes is multiplied by to be the error of a step, 1 being allowed.
+        Factor from a difference of slopes to the error of a step, which may be at most 1.
     """
     for i in range(LANES):
         time, ratio = block[TIME * LANES + i], block[RATIO * LANES + i]
@@ -75,7 +75,7 @@ def advance(block, pole_mass, gravity, duration, weight):
         leaps = ratio * surface < 0.0 and min(before, after) > LAYER_EDGE  # over the whole layer
         taken = error <= 1.0 and not (crosses or leaps) and block[STATUS * LANES + i] == RUNNING
         factor = 0.9 / math.sqrt(math.sqrt(error + 1e-6))
-        grows = factor > 0.2 and not leaps  # not where the error is not a number
+        grows = factor > 0.2 and not leaps  # false if the error is NaN
         factor = min(factor, 4.0) if grows else 0.2
         to_edge = h * before / (before - after if crosses else 1.0)
         # where it ends
@@ -109,7 +109,7 @@ def _commit(block, i, h, taken, new, slopes):
         absolute_area(z, new[0], v, new[1], h),
         absolute_area(phi, new[5], w, new[4], h),
     )
-    block[IAE_Z * LANES + i] += area_z if taken else 0.0  # what is not taken may not be a number
+    block[IAE_Z * LANES + i] += area_z if taken else 0.0  # a rejected step may be NaN
     block[IAE_PHI * LANES + i] += area_phi if taken else 0.0
     block[Z * LANES + i] = new[0] if taken else z
     block[Z_DOT * LANES + i] = new[1] if taken else v
@@ -180,10 +180,10 @@ def _rk4(block, i, h, gravity):
 
 @register_jitable(forceinline=True)
 def _estimate(new, last, slopes):
-    """Return how far the slopes of RK4's last stage are from those of the new state.
+    """Return the largest difference between the slopes of RK4's last stage and of the new state.
 
-    Each relative to 1 plus the size of its state; z and sigma count absolutely. A share of them
-    times the step is the difference to a formula of order 3.
+    Each is relative to 1 plus the size of its state; those of z and sigma are absolute. A share of
+    it times the step is the difference from a formula of order 3.
     """
     scale_v, scale_tau, scale_w = 1.0 + abs(new[1]), 1.0 + abs(new[3]), 1.0 + abs(new[4])
     rates = scale_tau * scale_w  # one division for all

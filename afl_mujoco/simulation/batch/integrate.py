@@ -1,9 +1,9 @@
 """Thousands of closed loops at once: the terms of the objective (O1) on constant plants, ideal ODE.
 
-Each lane of a compiled block integrates one loop with step-size control of its own, so that its
+Each lane of a compiled block integrates one loop with its own step-size control, so that its
 result does not depend on its neighbours; a lane that has ended takes the next loop. A step is
 RK4 with an embedded estimate of order 3, and ends where the state enters or leaves the boundary
-layer. Once the pole is nearly upright on the sliding surface the rest is known in closed form.
+layer. Once the pole is nearly upright on the sliding surface, the rest is known in closed form.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ from afl_mujoco.simulation.batch.reduced_loop import (
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 TOLERANCE = 2e-6
-"""Local error of a step, of every state relative to 1 plus its size. The objective is then right
-to 5e-6 over the whole box of gains and plants."""
+"""Local error of a step, for every state relative to 1 plus its size. The objective is then
+accurate to 5e-6 over the whole box of gains and plants."""
 
 
 STIFFEST = 1e7
-"""Most that the rate of the boundary layer may be, times the horizon."""
+"""Largest product of the rate of the boundary layer and the horizon."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ class Terms:
     max_force
         Largest abs(F) [N], shape (N,).
     end_time
-        When the loop ended [s], shape (N,): the horizon, or when it fell or diverged.
+        When the loop ended [s], shape (N,): the horizon, or the time at which it fell or diverged.
     lost
         Whether it fell or diverged, shape (N,).
     """
@@ -107,15 +107,15 @@ def closed_loop_terms(
     tolerance
         Local error of a step, 1e-12 to 1e-2.
     threads
-        Threads to share the loops among; the result does not depend on it.
+        Threads to share the loops among; the result does not depend on their number.
 
     Notes
     -----
-    From a start well away from upright, as the paper's, the integrals are off by some times the
-    tolerance, relatively. The tail in closed form neglects what is cubic in 0.01 rad, which is not
-    little for a start that is itself nearly upright. The largest force is that at the steps and at
-    the edge of the boundary layer: the paper's start has it there; from other starts a smooth peak
-    between two steps may be missed by some 1e-3.
+    From a start well away from upright, such as the paper's, the relative error of the integrals is
+    a few times the tolerance. The tail in closed form neglects terms that are cubic in 0.01 rad,
+    which are not small for a start that is itself nearly upright. The largest force is taken at the
+    steps and at the edge of the boundary layer, where the paper's start has it; from other starts a
+    smooth peak between two steps may be missed by some 1e-3.
     """
     gains = _positive("gains", gains, 3)
     plants = np.asarray(plants, dtype=np.float64)
@@ -193,7 +193,7 @@ def integrate_all(loops, start, constants, found):
     constants
         m, g, horizon and the weight of the error, shape (4,).
     found
-        Takes integrals, largest force, end and status of each, shape (N, 5).
+        Takes integrals, largest force, end and status of each loop, shape (N, 5).
     """
     block = np.zeros(ROWS * LANES)
     holds = np.empty(LANES, dtype=np.int64)
@@ -224,7 +224,7 @@ def integrate_all(loops, start, constants, found):
 
 @kernel
 def _load(block, lane, loop, start, constants):
-    """Put a loop at its start into a lane."""
+    """Put a loop into a lane, at its start."""
     pole_mass, gravity = constants[0], constants[1]
     cart_mass, half_length, switching, slope, layer = loop
     lever, tau = 4.0 / 3.0 * half_length, math.tan(start[1])
@@ -246,7 +246,7 @@ def _load(block, lane, loop, start, constants):
 
 @kernel
 def _finish(block, lane, constants, found):
-    """Write what the loop in a lane gave, its tail included."""
+    """Write the results of the loop in a lane, including its tail."""
     iae_z, iae_phi = block[IAE_Z * LANES + lane], block[IAE_PHI * LANES + lane]
     end, status = block[TIME * LANES + lane], block[STATUS * LANES + lane]
     if status == SETTLED:

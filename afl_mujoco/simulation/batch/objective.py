@@ -1,4 +1,4 @@
-"""The paper's objective (O1) of a closed loop, and what a loop that is lost costs."""
+"""The paper's objective (O1) of a closed loop, and the cost of a loop that is lost."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from afl_mujoco.simulation.batch.integrate import Terms
 
 PENALTY = 1e9
-"""What a loop costs that falls or diverges at the horizon; at the start it costs twice as much."""
+"""Cost of a loop that falls or diverges at the horizon; one that does so at once costs twice as
+much."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectiveScales:
-    """What each term of (O1) is divided by (decision D4).
+    """The scales by which the terms of (O1) are divided (decision D4).
 
     Attributes
     ----------
@@ -49,7 +50,7 @@ def objective(iae_z: Any, iae_phi: Any, max_force: Any, scales: ObjectiveScales)
 def penalised_objective(
     terms: Terms, scales: ObjectiveScales, duration: float
 ) -> NDArray[np.float64]:
-    """Return a finite cost of each loop: lost ones cost more than others, early ones most.
+    """Return a finite cost of each loop: lost loops cost more than others, early losses most.
 
     Parameters
     ----------

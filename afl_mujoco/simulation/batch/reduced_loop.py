@@ -1,8 +1,8 @@
-"""The closed loop on a constant plant without transcendental functions; its end in closed form.
+"""The closed loop on a constant plant without transcendental functions; its tail in closed form.
 
-By (L1) the closed loop has ``z'' = u`` and ``phi'' = 3/(4l) (g sin + u cos)``, so that M enters the
-force alone. With ``tau = tan(phi)`` and ``sigma = ln((1 + sin)/cos)`` integrated beside z, one
-square root and one division are left. The batch integrates this form; the equations as the paper
+By (L1) the closed loop has ``z'' = u`` and ``phi'' = 3/(4l) (g sin + u cos)``, so that M enters
+only the force. With ``tau = tan(phi)`` and ``sigma = ln((1 + sin)/cos)`` integrated along with z,
+one square root and one division remain. The batch integrates this form; the equations as the paper
 writes them are in `control.feedback_linearization`, and tests compare the two.
 """
 
@@ -57,7 +57,7 @@ def reduced_force(u, tau, phi_dot, cos, cart_mass, pole_mass, lever, gravity):
 
 @register_jitable(forceinline=True)
 def tail_bound(xi1, xi2, xi3, slope):
-    """Return how large ``g abs(phi)`` can still get on the surface s = 0, nearly upright."""
+    """Return a bound on the future ``g abs(phi)`` on the surface s = 0, nearly upright."""
     first = xi2 + slope * xi1
     second = xi3 + slope * (first + xi2)
     linear, square = abs(slope * first - 2.0 * second), abs(second)
@@ -78,7 +78,7 @@ def tail_integrals(xi1, xi2, xi3, slope, lever, gravity, duration):
     slope, lever, gravity
         lambda, 4 l / 3 and g.
     duration
-        How long it lasts [s].
+        Length of the tail [s].
     """
     first = xi2 + slope * xi1
     second = xi3 + slope * (first + xi2)
@@ -131,7 +131,7 @@ def absolute_area(f0, f1, d0, d1, h):
     whole = h * (0.5 * (f0 + f1) + h * (d0 - d1) * (1.0 / 12.0))
     crosses = f0 * f1 < 0.0
     a1, a2, a3 = h * d0, 3.0 * (f1 - f0) - h * (2.0 * d0 + d1), 2.0 * (f0 - f1) + h * (d0 + d1)
-    root = f0 / (f0 - f1 if crosses else 1.0)  # then one step of Newton's method
+    root = f0 / (f0 - f1 if crosses else 1.0)  # followed by one step of Newton's method
     value = f0 + root * (a1 + root * (a2 + root * a3))
     steepness = a1 + root * (2.0 * a2 + 3.0 * root * a3)
     root = min(1.0, max(0.0, root - value / (steepness if crosses else 1.0)))

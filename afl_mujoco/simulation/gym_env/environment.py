@@ -23,7 +23,7 @@ from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 require_gymnasium()
-import gymnasium  # noqa: E402  (an optional package; its absence has been said in one line)
+import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)
 
 FORCE_LIMIT = 128.0
 """Force [N] of an action of 1: above the 98 N that the paper's controller needs, and a power of
@@ -33,7 +33,7 @@ CONTROL_PERIOD = 0.02
 """How long an action is held [s]; the paper's controller balances every scenario with it."""
 
 STATE_SCALE = np.array([4.0, 2.0, 8.0, 8.0])
-"""What scaled observations of the state are shares of [m, rad, m/s, rad/s]."""
+"""Scales by which observations of the state are divided [m, rad, m/s, rad/s]."""
 
 RENDER_MODE = "rgb_array"
 OPTIONS = ("initial_state",)
@@ -44,9 +44,9 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     """Balance the pole while the plant changes; reward and plant are those of `load`.
 
     The observation is (z, phi, z_dot, phi_dot, M, l) at the instant, as shares of `scale`, within
-    `STATE_LIMIT`; the state as measured, M and l as a controller is told them. The action is the
+    `STATE_LIMIT`: the state as measured, M and l as a controller assumes them. The action is the
     force on the cart as a share of `force_limit`, in -1 to 1, held for a control period. An episode
-    is terminated where ``|phi|`` reaches `FALL_ANGLE` or the state diverges, truncated at the
+    is terminated when ``|phi|`` reaches `FALL_ANGLE` or the state diverges, and truncated at the
     scenario's end.
 
     Parameters
@@ -54,30 +54,30 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     scenario
         A name of the catalogue, a TOML file or a `Scenario`, with its imperfections.
     render_mode
-        None, or ``"rgb_array"``, which needs EGL or OSMesa when the first picture is asked for.
+        None, or ``"rgb_array"``, which needs EGL or OSMesa when the first picture is drawn.
     control_period
-        How long an action is held [s], a multiple of `timestep`; that of the scenario's
-        imperfections, else `CONTROL_PERIOD`, by default.
+        How long an action is held [s], a multiple of `timestep` (default: that of the scenario's
+        imperfections, else `CONTROL_PERIOD`).
     force_limit
         Force of an action of 1 [N].
     parameters
-        What becomes of M and l: ``"observed"``, ``"hidden"``, or ``"privileged"``, not observed
-        but, true, as ``parameters`` of the information.
+        Whether M and l are ``"observed"``, ``"hidden"``, or ``"privileged"``: not observed, but
+        their true values are ``parameters`` of the information.
     randomize
-        Whether to draw each episode's scenario, as of `load`; ``sample`` of the information is its
+        Whether to draw each episode's scenario, as in `load`; ``sample`` of the information is its
         name, `scenario` the scenario itself.
     scaled
         Whether observations are shares of `scale`; else they are in SI units.
     timestep, integrator, initial_noise
-        As of `load`.
+        As in `load`.
     width, height, camera
-        Of the pictures [pixels], and ``"side"`` or ``"fixed"``.
+        Size of the pictures [pixels], and camera, ``"side"`` or ``"fixed"``.
 
     Attributes
     ----------
     scale
-        What observations are shares of [m, rad, m/s, rad/s, kg, m]: powers of two, so that nothing
-        is rounded; those of M and l hold the largest that there can be.
+        Scales by which observations are divided [m, rad, m/s, rad/s, kg, m]: powers of two, so that
+        nothing is rounded; those of M and l are not less than the largest M and l that can occur.
 
     Raises
     ------
@@ -139,7 +139,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
 
     @property
     def most_steps(self) -> float:
-        """After how many steps an episode is truncated."""
+        """Number of steps after which an episode is truncated."""
         return float(self.dm_environment._step_limit)
 
     @property
@@ -156,7 +156,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         Parameters
         ----------
         seed
-            Of all that is random, in this and the episodes after it.
+            Seed of everything random in this and later episodes.
 
         Returns
         -------
@@ -207,12 +207,12 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         return picture
 
     def close(self) -> None:
-        """Free what drawing has taken; the environment is of no use afterwards."""
+        """Free the resources of drawing; the environment cannot be used afterwards."""
         self._under_way, self._closed = False, True
         self.dm_environment.physics.free()
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and what else is known."""
+        """Return time, force, and whatever else the settings ask for."""
         physics = self.dm_environment.physics
         known = {"time": float(physics.time()), "force": float(physics.control()[0])}
         if self.parameters == PRIVILEGED:
@@ -229,18 +229,18 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
 
 
 def reseed(task: Balance, random: np.random.Generator) -> None:
-    """Seed what a task draws for the coming episode."""
+    """Seed the random numbers that a task draws for the next episode."""
     task.random.seed(int(random.integers(2**32)))
 
 
 def observed(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return SI values, shape (..., 4) or (..., 6), as observations, within the limits always."""
+    """Return SI values, shape (..., 4) or (..., 6), as observations, always within the limits."""
     limited = np.clip(np.nan_to_num(values, nan=STATE_LIMIT), -STATE_LIMIT, STATE_LIMIT)
     return np.asarray(limited / scale)
 
 
 def _scale_of(scenario: Scenario, space: SampleSpace | None) -> NDArray[np.float64]:
-    """Return what observations are shares of."""
+    """Return the scales by which observations are divided."""
     mass, length, _, _ = scenario.plants
     if space is not None:
         mass, length = (space.bounds(name) for name in SCHEDULES)
@@ -253,14 +253,14 @@ def policy_controller(
 ) -> Callable[[float, NDArray[np.float64], CartPoleParameters], float]:
     """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
 
-    It is the environment's agent: held for its control period it repeats the episode.
+    It acts as in the environment: held for the same control period, it repeats the episode.
 
     Parameters
     ----------
     predict
-        Takes an observation, returns an action, shape (1,).
+        Function that takes an observation and returns an action, shape (1,).
     environment
-        What the policy was trained on, a `CartPoleEnv` or a wrapper of one.
+        The environment on which the policy was trained, a `CartPoleEnv` or a wrapper of one.
     """
     env: CartPoleEnv = environment.unwrapped
     scale, limit = env.scale, env.force_limit
@@ -274,7 +274,7 @@ def policy_controller(
 
 
 def initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:
-    """Return the initial state that is asked for, if any."""
+    """Return the initial state in the options, None if there is none."""
     for key in options:
         if key not in OPTIONS:
             raise UnknownNameError.among("options of reset", key, OPTIONS)

@@ -1,7 +1,7 @@
 """The names under which `gymnasium.make` finds the environments; cheap to import.
 
 Gymnasium before 1.0 calls `register` by itself, through the entry point ``gymnasium.envs`` of this
-package. Since 1.0 it looks at no entry points, and a package registers when it is imported.
+package. Since 1.0 it ignores entry points, and a package registers when it is imported.
 """
 
 from __future__ import annotations
@@ -34,16 +34,17 @@ def require_gymnasium() -> None:
 def environment_id(scenario: str, *, randomize: bool = False) -> str:
     """Return the name by which `gymnasium.make` finds a scenario, or its variant drawn at random.
 
-    The laboratory, of which everything is drawn, goes without its name.
+    The name leaves out the laboratory scenario, in which everything is drawn.
     """
     parts = ["CartPole", *([scenario] * (scenario != LABORATORY)), *(["Random"] * randomize)]
     return f"{NAMESPACE}/{'-'.join(parts)}-v0"
 
 
 def register() -> None:
-    """Make every scenario of the catalogue known to `gymnasium.make`; once is enough.
+    """Make every scenario of the catalogue known to `gymnasium.make`; further calls do nothing.
 
-    As it is, and drawn at random: start and imperfections, and of the laboratory M(t) and l(t) too.
+    Each is registered as it is, and with start and imperfections drawn at random; the laboratory
+    only drawn at random, M(t) and l(t) too.
     """
     require_gymnasium()
     from gymnasium.envs import registration
@@ -71,12 +72,12 @@ def register_with_gymnasium() -> None:
 
 
 class _Watch:
-    """A finder of modules that finds none but Gymnasium, as the others do, with a loader around."""
+    """A module finder for Gymnasium alone, which wraps the loader that other finders return."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Leave every import to the other finders; that of Gymnasium is to end in `register`."""
+        """Leave every import to the other finders, but end that of Gymnasium with `register`."""
         if fullname != GYMNASIUM:
             return None
         sys.meta_path.remove(self)
@@ -96,7 +97,7 @@ class _ThenRegister:
         self._loader = loader
 
     def __getattr__(self, name: str) -> Any:
-        """Be the loader in everything else."""
+        """Return any other attribute of the loader."""
         return getattr(self._loader, name)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:

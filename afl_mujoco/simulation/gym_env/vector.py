@@ -50,13 +50,13 @@ from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 require_gymnasium()
-import gymnasium  # noqa: E402  (an optional package; its absence has been said in one line)
+import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)
 from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
 
 DRAWING = 5
-"""How many environments' steps take as long as to draw another rig, which this thread does."""
+"""Number of environments whose step takes as long as drawing a scenario, which this thread does."""
 
 
 def _records(kind: type, **others: type) -> np.dtype[Any]:
@@ -70,7 +70,7 @@ ACTUATORS = _records(Actuator, late=np.int64)
 
 @borrowing_kernel
 def _look(i, at, parameters, shown, sensors, tick, instant, runs, truth, seen, told):
-    """Note the state of an environment, what the sensors say of it, and (M, l)."""
+    """Write the state of an environment, its measurement, and (M, l)."""
     state = read_state(at[i])
     measured = sense(at[i], sensors[i], runs[i], tick)
     for k in range(4):
@@ -82,7 +82,7 @@ def _look(i, at, parameters, shown, sensors, tick, instant, runs, truth, seen, t
 
 @kernel
 def _start(i, at, state, constants, profile, rows, shown, sensors, runs, truth, seen, told):
-    """Put an environment at the start of its episode; arguments as of `_step`."""
+    """Put an environment at the start of its episode; arguments as in `_step`."""
     mj_reset_data(at[i].model, at[i].data)
     write_state(at[i], state[0], state[1], state[2], state[3])
     begin_held(at[i], constants, profile, runs[i])
@@ -101,17 +101,17 @@ def _step(
     Parameters
     ----------
     part
-        Indices of the environments; what follows but `hold` has a row for each.
+        Indices of the environments; the arguments that follow, except `hold`, have a row for each.
     profiles, rows
-        As of `Episode`: what happens in each step; (M, l) at each instant as they are, then as a
-        controller is told them, shape (N, K, 4).
+        As in `Episode`: what happens in each step; the true (M, l) at each instant, then those that
+        a controller assumes, shape (N, K, 4).
     shown
-        Whether the true (M, l) are given in `told`.
+        Whether `told` gets the true (M, l).
     sizes
-        How many rows of `profiles`, `rows` and `pendings` are in use, shape (N, 3).
+        Number of rows of `profiles`, `rows` and `pendings` in use, shape (N, 3).
     truth, seen, told, forces
-        Take the state, what the sensors say of it, (M, l), and the force that acted, shape (N, 4),
-        (N, 4), (N, 2) and (N,).
+        Take the state, its measurement, (M, l), and the force that acted, shape (N, 4), (N, 4),
+        (N, 2) and (N,).
     """
     for i in part:
         store(at[i].control, commands[i])
@@ -127,19 +127,19 @@ def _step(
 
 
 class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
-    """Many `CartPoleEnv`, step for step and bit for bit as `SyncVectorEnv` of them.
+    """Many `CartPoleEnv`, step for step and bit for bit as in a `SyncVectorEnv` of them.
 
-    An episode that has ended begins anew at the next step, whose action is ignored.
+    When an episode has ended, the next step starts a new one and ignores its action.
 
     Parameters
     ----------
     num_envs
-        How many.
+        Number of environments.
     threads
-        Threads to share them among, one for each processor by default; nothing depends on their
-        number.
+        Threads to share them among, one for each processor by default; the results do not depend on
+        their number.
     settings
-        As of `CartPoleEnv`, but for pictures.
+        As in `CartPoleEnv`, except those of pictures.
     """
 
     metadata = {  # noqa: RUF012 (as the base class declares it)
@@ -198,7 +198,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         Parameters
         ----------
         seed
-            One for each, or that of the first, from which the others count on.
+            One seed for each environment, or the seed of the first, from which the others count up.
         """
         count = range(self.num_envs)
         if seed is None or isinstance(seed, int):
@@ -289,7 +289,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._first.close()
 
     def _draw(self, i: int) -> tuple[Scenario, Sequence[float], Episode]:
-        """Return the scenario of an environment's next episode, its start, what it prescribes."""
+        """Return the scenario of an environment's next episode, its start and its inputs."""
         task, physics = self._first.dm_environment.task, self._first.dm_environment.physics
         reseed(task, self._randoms[i])
         scenario, start = task.draw(physics.scenario)
@@ -323,12 +323,12 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         )  # fmt: skip
 
     def _observations(self) -> NDArray[np.float64]:
-        """Return what is observed in each environment, shape (N, 4) or (N, 6)."""
+        """Return the observations of each environment, shape (N, 4) or (N, 6)."""
         told = [self._told] if self._first.parameters == OBSERVED else []
         return observed(np.concatenate([self._seen, *told], axis=1), self.scale)
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and what else is known, as `SyncVectorEnv` does."""
+        """Return time, force, and whatever else the settings ask for, as `SyncVectorEnv` does."""
         known = {"time": self._instants * self._timestep, "force": self._forces.copy()}
         if self._first.parameters == PRIVILEGED:
             known["parameters"] = self._told.copy()
@@ -339,7 +339,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
 
 def _with_room(stacked: NDArray[Any], length: int) -> NDArray[Any]:
-    """Return an array whose rows have room for a length."""
+    """Return an array whose rows have at least a length."""
     more = length - stacked.shape[1]
     if more <= 0:
         return stacked

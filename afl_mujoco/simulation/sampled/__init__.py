@@ -1,1 +1,1 @@
-"""The loop with the force held, in MuJoCo: hardware, steps, whole runs and batches of them."""
+"""The sampled loop in MuJoCo: hardware, steps, whole runs and batches of runs."""

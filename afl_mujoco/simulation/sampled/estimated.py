@@ -24,7 +24,7 @@ class EstimatedRun:
     time
         Control ticks that the run reached [s], shape (T,).
     cart_mass, half_length
-        M [kg] and l [m] as they were assumed in the command of each tick, shape (T,).
+        M [kg] and l [m] that the command of each tick assumed, shape (T,).
     """
 
     run: Trajectory

@@ -1,4 +1,4 @@
-"""The sensors and the actuator of the hardware, compiled, and what a run remembers."""
+"""The sensors and the actuator of the hardware, compiled, and the state of a run."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ RUN = np.dtype(
         *(("unsettled", np.int64), ("at_stop", np.int64)),
     ]
 )
-"""What a run remembers from step to step.
+"""The state of a run, kept from step to step.
 
 ``written_mass``, ``written_length``: M [kg] and l [m] in the model. ``seen_...``: the last
-measurement. ``demand``, ``force``: what the drive aims at and exerts [N]; ``command``,
-``mean_force``: what it was asked for and exerted over the last control period [N]. ``status``:
-`RUNNING`, `SETTLED` or an index into `OUTCOMES`; ``step``: how far the run is. Peaks and integrals
-up to there; ``unsettled``: the first step from which on the state has stayed within the bands;
-``at_stop``: the step at which the cart reached an end stop, -1 if it never did.
+measurement. ``demand``, ``force``: the force that the drive aims at and the force that it exerts
+[N]. ``command``, ``mean_force``: the command over the last control period and the mean force
+exerted in it [N]. ``status``: `RUNNING`, `SETTLED` or an index into `OUTCOMES`. ``step``: the step
+that the run has reached. Peaks and integrals: up to that step. ``unsettled``: the first step from
+which the state has stayed within the bands. ``at_stop``: the step at which the cart reached an end
+stop, -1 if it never did.
 """
 
 RUNNING = -1
@@ -54,9 +55,10 @@ class Sensors(NamedTuple):
     period
         Control period [s].
     filter_share
-        How far the filtered velocity goes to the measured one in a period, 1 without a filter [1].
+        Share of the gap to the measured velocity that the filtered velocity closes in a period, 1
+        without a filter [1].
     seed
-        Of the noise.
+        Seed of the noise.
     """
 
     noisy: bool
@@ -84,7 +86,7 @@ class Actuator(NamedTuple):
     late
         Whole physics steps of the transport delay.
     later_share
-        What is left of the delay [step].
+        Rest of the transport delay [step].
     lag
         Time constant of the first-order lag [step].
     """
@@ -128,7 +130,7 @@ def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Ac
     timestep
         Physics step [s].
     steps
-        How many the run has: a longer delay is as good as this.
+        Number of steps of the run; a longer delay has the same effect as this one.
     """
     r = imperfections
     delay = min(r.delay / timestep, steps + 1.0)
@@ -143,14 +145,14 @@ def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Ac
 
 
 def new_run() -> Any:
-    """Return the memory of a run that has not begun: no force, nothing seen, nothing written."""
+    """Return the state of a run that has not begun: no force, no measurement, nothing written."""
     run = np.zeros(1, RUN)
     run["written_mass"], run["status"], run["at_stop"] = np.nan, RUNNING, -1
     return run[0]
 
 
 def no_commands(actuator: Actuator) -> NDArray[np.float64]:
-    """Return room for the commands [N] that can be under way in a drive, none yet."""
+    """Return a buffer, all zero, for the commands [N] that the transport delay can hold."""
     return np.zeros(actuator.late + 2)
 
 
@@ -215,7 +217,7 @@ def _follow(run, start, rate, length, lag):
 
 @borrowing_kernel
 def _obey(actuator, run, command, length):
-    """Return the integral of the force while a command stands for a length, a step at most."""
+    """Return the integral of the force while a command holds for a length, one step at most."""
     demand, ramp = run.demand, 0.0
     run.demand = command
     integral = 0.0
@@ -233,17 +235,17 @@ def actuate(actuator, run, pending, command, k):
     """Return the mean force on the cart over a physics step.
 
     Delay, slew limit and lag act continuously in time, one after the other, on a command that is
-    held; what a step gets is the exact mean over the step, so that it delivers the right momentum
-    with any integrator of MuJoCo's.
+    held; a step gets the exact mean over the step, so that it delivers the right momentum with any
+    of MuJoCo's integrators.
 
     Parameters
     ----------
     actuator
         An `Actuator`.
     command
-        From `within_reach` [N], the command now.
+        The command now, from `within_reach` [N].
     k
-        Number of the step; each is asked for once, in order.
+        Number of the step; the function is called once for each step, in order.
     """
     before, share = command, actuator.later_share
     if actuator.late > 0 or share > 0.0:

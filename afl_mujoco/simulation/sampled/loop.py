@@ -1,8 +1,8 @@
-"""The closed loop with the force held, compiled round MuJoCo's `mj_step`.
+"""The closed loop with the force held, compiled around MuJoCo's `mj_step`.
 
 `start`, `advance` to the next control tick, and the whole loop made of the two. Every sampled run
-goes through them: with ideal hardware and without, one or thousands, the dm_control environment's
-and the maps of attraction's.
+uses them: with ideal hardware or not, one run or thousands, in the dm_control environment and in
+the maps of attraction.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ SETTLED = len(OUTCOMES)
 
 PROFILE = np.dtype([(name, np.float64) for name in ("cart_mass", "half_length", "push", "impulse")])
 """What happens to the plant in a step: M [kg], l [m], disturbing force [N], and the jump of the
-momentum along z at the step's start [N s]. The last row of a profile stays in force."""
+momentum along z at the step's start [N s]. The last row of a profile applies from then on."""
 
 _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 
@@ -56,11 +56,11 @@ class Criterion(NamedTuple):
     Attributes
     ----------
     fall_angle
-        It ends as fallen where ``|phi|`` reaches this [rad].
+        The run ends as fallen when ``|phi|`` reaches this [rad].
     z, phi, z_dot, phi_dot
         Half-widths of the bands within which a run is settled [m, rad, m/s, rad/s].
     dwell
-        It ends as settled after so many steps within the bands; 0 for never.
+        The run ends as settled after this many steps within the bands; 0 for never.
     """
 
     fall_angle: float = FALL_ANGLE
@@ -87,7 +87,7 @@ class Plan(NamedTuple):
     rail
         Largest displacement of the cart to either side [m].
     criterion
-        When it ends early.
+        When the run ends early.
     """
 
     steps: int
@@ -101,7 +101,7 @@ class Plan(NamedTuple):
 
 @borrowing_kernel
 def write_plant(at, plan, profile, run, k):
-    """Give the model the parameters of step k, unless it has them."""
+    """Write the parameters of step k to the model, unless it has them."""
     i = min(k, len(profile) - 1)
     mass, length = profile[i].cart_mass, profile[i].half_length
     if not (mass == run.written_mass and length == run.written_length):
@@ -134,7 +134,7 @@ def _settled(criterion, state):
 
 @borrowing_kernel
 def _enter(at, plan, profile, run, record, k, force):
-    """Reach instant k: end the run there, or let it go on; record state and force."""
+    """Reach instant k: end the run there or continue it; record state and force."""
     state, criterion = read_state(at), plan.criterion
     z, phi = abs(state[0]), abs(state[1])
     run.step = k
@@ -171,7 +171,8 @@ def start(at, plan, profile, run, record, initial_state):
     profile
         What happens to the plant in each step, fields as of `PROFILE`.
     record
-        Takes state and force from each instant on, shape (N + 1, 5), or (0, 5) for no record.
+        Takes the state at each instant and the force from then on, shape (N + 1, 5), or (0, 5) for
+        no record.
     initial_state
         (z, phi, z_dot, phi_dot), shape (4,).
     """
@@ -183,15 +184,15 @@ def start(at, plan, profile, run, record, initial_state):
 
 @borrowing_kernel
 def advance(at, plan, actuator, profile, run, pending, record, command):
-    """Go on to the next control tick, or to where the run ends.
+    """Continue to the next control tick, or to the end of the run.
 
     Parameters
     ----------
     actuator, pending
-        An `Actuator`, and from `no_commands`.
+        An `Actuator`, and an array from `no_commands`.
     command
-        What the controller commands [N]; NaN, or a force beyond all bounds that no limit of the
-        drive cuts off, ends the run.
+        Force that the controller commands [N]; NaN ends the run, and so does a force beyond
+        `STATE_LIMIT` that no limit of the drive cuts off.
     """
     first, half = run.step, 0.5 * plan.timestep
     command = within_reach(actuator, command)
@@ -234,8 +235,8 @@ def run_to_end(
     sensors
         A `Sensors`.
     kind, inputs
-        Of the controller, as of `CompiledController`, and its inputs at each tick, as of
-        `Controller.inputs_along_run`; the last row stays in force.
+        Kind of the controller, as in `CompiledController`, and its inputs at each tick, from
+        `Controller.inputs_along_run`; the last row applies from then on.
     """
     start(at, plan, profile, run, record, initial_state)
     tick = 0
@@ -267,9 +268,9 @@ def run_estimating(
     Parameters
     ----------
     at, plan, profile, run, pending, record, initial_state, sensors, actuator
-        As of `run_to_end`; the estimator gets the measured positions, and the force that was
-        commanded over each control period, cut off at the limit; if its settings say that the drive
-        reports the force, the mean of what it exerted.
+        As in `run_to_end`. The estimator gets the measured positions and the force commanded over
+        each control period, cut off at the limit; if its settings say that the drive reports the
+        force, it gets the mean of the force exerted.
     compiled
         A `CompiledController`.
     estimates

@@ -1,9 +1,9 @@
 """White Gaussian noise that depends on a seed and a tick alone.
 
-Philox4x32-10 (Salmon, Moraes, Dror and Shaw, SC11) is a function of key and counter, with no state
-to carry along: the noise of a tick is the same in every thread, run or loop that draws it, and
-switching one channel on changes no other. NumPy's generators would do neither, nor promise the same
-numbers from one version to the next, on which the replay of a stored scenario rests.
+Philox4x32-10 (Salmon, Moraes, Dror and Shaw, SC11) is a function of key and counter without state:
+the noise of a tick is the same in every thread, run or loop that draws it, and switching one
+channel on changes no other. NumPy's generators offer neither, and do not promise the same numbers
+in every version, which the replay of a stored scenario needs.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def random_words(counter, key):
 
 @register_jitable
 def _pair(first, second):
-    """Return two independent standard normal numbers for two words, by Box and Muller."""
+    """Return two independent standard normal numbers from two words, by Box and Muller."""
     radius = math.sqrt(-2.0 * math.log((float(first) + 0.5) * _UNIT))
     angle = 2.0 * math.pi * ((float(second) + 0.5) * _UNIT)
     return radius * math.cos(angle), radius * math.sin(angle)

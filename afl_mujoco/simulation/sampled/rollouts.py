@@ -29,7 +29,7 @@ _SUMMED = ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rollouts:
-    """Outcomes of many runs; every array has one entry for each, in the order of the scenarios.
+    """Outcomes of many runs; every array has one entry per run, in the order of the scenarios.
 
     Attributes
     ----------
@@ -44,13 +44,12 @@ class Rollouts:
     iae_z, iae_phi
         Integrals of abs(z) [m s] and abs(phi) [rad s] up to then.
     settling_time
-        From when on abs(z) and abs(phi) stayed within `loop.BAND_Z` and `loop.BAND_PHI` [s]; NaN
-        if that is less than `DWELL` before the end, or the run did not complete.
+        Time from which abs(z) and abs(phi) stayed within `loop.BAND_Z` and `loop.BAND_PHI` [s]; NaN
+        if it is less than `DWELL` before the end, or the run did not complete.
     stop_time
         When the cart first reached an end stop [s]; NaN if it never did.
     requirements
-        What each run made of the requirements of its scenario; nothing where it has none but to
-        complete.
+        How each run meets the requirements of its scenario; empty if the only one is to complete.
     """
 
     status: NDArray[np.int64]
@@ -90,20 +89,21 @@ def run_rollouts(
 ) -> Rollouts:
     """Run one controller on many scenarios, each as `simulate_mujoco` does in sampled mode.
 
-    A run depends on its scenario alone, its seed included: it is the same to the last bit among
-    others, on any number of threads, and in `simulate_mujoco` with the same settings.
+    A run depends on its scenario alone, which includes its seed: it is the same to the last bit
+    whatever the other runs and the number of threads, and as in `simulate_mujoco` with the same
+    settings.
 
     Parameters
     ----------
     scenarios
-        What happens, and what departs from the ideal.
+        The scenarios, with their imperfections.
     controller
-        What is commanded; as of `as_controller`.
+        The controller, as `as_controller` takes it.
     timestep, control_period, integrator
-        As of `simulate_mujoco`.
+        As in `simulate_mujoco`.
     threads
-        How many run at a time; each has its own model. One runs in the thread of the caller, as a
-        Python controller does: there it can be stopped if it hangs.
+        Number of threads, each with its own model. A single thread is that of the caller; so is
+        that of a Python controller, which can be stopped there if it hangs.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def run_rollouts(
 
         return run_part
 
-    alone = controller.interpreted  # threads do not speed it up; here one that hangs is stopped
+    alone = controller.interpreted  # threads do not speed it up; here it can be stopped
     models = [
         CartPoleModel(NOMINAL, timestep=timestep, integrator=integrator)
         for _ in range(1 if alone else min(threads, max(count, 1)))

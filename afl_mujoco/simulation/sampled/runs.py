@@ -1,4 +1,4 @@
-"""One sampled run: prepared in Python, run by the compiled loop or round a Python controller."""
+"""One sampled run: prepared in Python, run by the compiled loop or around a Python controller."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class PreparedRun:
     plan, sensors, actuator
         Its numbers.
     profile, initial_state
-        What happens to the plant, as of `loop.start`.
+        What happens to the plant, as in `loop.start`.
     inputs
-        Of the controller at each control tick, as of `loop.run_to_end`.
+        Inputs of the controller at each control tick, as in `loop.run_to_end`.
     estimator
-        What estimates M, l and the state, if anything does.
+        The estimator of M, l and the state, None if there is none.
     """
 
     plan: loop.Plan
@@ -79,14 +79,14 @@ def prepare(
     timestep: float,
     control_period: float | None = None,
 ) -> PreparedRun:
-    """Sample everything prescribed on the steps and ticks of a run.
+    """Sample all inputs of a scenario on the steps and ticks of a run.
 
     Parameters
     ----------
     timestep
         Physics step [s].
     control_period
-        For a scenario that leaves it open [s] (default: one step).
+        Control period for a scenario that does not set it [s] (default: one step).
     """
     s, r = scenario, scenario.imperfections
     period = control_period_of(s, control_period, timestep)
@@ -129,16 +129,16 @@ def last_change(scenario: Scenario) -> float:
 def told_parameters(
     scenario: Scenario, times: NDArray[np.float64], timestep: float, estimates: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return M [kg] and l [m] as a controller is told them at some times, late and with an error.
+    """Return M [kg] and l [m] as a controller assumes them at some times, late and with an error.
 
     Parameters
     ----------
     times
-        Of its control ticks [s].
+        Times of its control ticks [s].
     timestep
         Physics step [s].
     estimates
-        Whether it assumes estimates in their place, which the errors do not touch.
+        Whether it uses estimates instead, to which the errors do not apply.
     """
     s, r = scenario, scenario.imperfections
     known_at = times - (r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0)
@@ -183,17 +183,17 @@ def perform(
     Parameters
     ----------
     model
-        With the passive physics of the scenario; its state is of no consequence.
+        The model, with the passive physics of the scenario; its state does not matter.
     estimates
-        Takes the M [kg] and l [m] that an estimator finds at each control tick, shape (T, 2).
+        Takes the estimates of M [kg] and l [m] at each control tick, shape (T, 2).
 
     Returns
     -------
     run
-        How the run ended and its figures, a record as of `hardware.RUN`.
+        How the run ended and its figures, a record with the fields of `hardware.RUN`.
     record
-        States and forces, shape (N + 1, 5), of which a run that ends early fills the first; (0, 5)
-        if they are not to be kept.
+        States and forces, shape (N + 1, 5), or (0, 5) if they are not kept; a run that ends early
+        fills only the first rows.
     """
     at, plan, actuator = model.addresses, prepared.plan, prepared.actuator
     run, pending = new_run(), no_commands(actuator)
@@ -234,7 +234,7 @@ def simulate_sampled(
     Parameters
     ----------
     model
-        The model to use instead of a fresh one, its timestep and integrator as given here.
+        The model to use instead of a fresh one, with the same timestep and integrator.
     """
     prepared = prepare(scenario, controller, timestep=timestep, control_period=control_period)
     if model is None:
@@ -256,7 +256,7 @@ def recorded(
     rows: NDArray[np.float64],
     integrator: str,
 ) -> Trajectory:
-    """Return the trajectory of what `perform` returns of a recorded run."""
+    """Return the trajectory of a recorded run from what `perform` returned."""
     count, timestep = int(run["step"]), prepared.plan.timestep
     times = _grid(prepared.plan.steps + 1) * timestep
     settings = {
