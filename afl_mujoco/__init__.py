@@ -1,7 +1,7 @@
 """Physics-backed validation of an approximate-feedback-linearisation controller for a cart-pole.
 
-The public names; each is imported when it is first asked for, so that importing the package, and
-``afl-mujoco --help``, cost nothing.
+The public names; each is imported on first use, so that importing the package and
+``afl-mujoco --help`` take next to no time.
 """
 
 from __future__ import annotations

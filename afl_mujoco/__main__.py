@@ -4,7 +4,7 @@ import sys
 
 
 def main() -> int:
-    """Run the command line; an interrupt while it is still being imported is one line too."""
+    """Run the command line; report an interrupt during its import in one line too."""
     try:
         from afl_mujoco.cli import main as run
 

@@ -1,4 +1,4 @@
-"""The decorator of every compiled function, and how compiled code reaches memory by address."""
+"""The decorator of every compiled function, and access to memory by address in compiled code."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _IMPORT = re.compile(
 
 @functools.cache
 def _imported(file: Path) -> frozenset[Path]:
-    """Return the files of the package that a file of it imports, modules and names of packages."""
+    """Return the files of the package that one of its files imports, modules and packages."""
     found = set()
     for module, names, plain in _IMPORT.findall(file.read_text(encoding="utf-8")):
         path = _PACKAGE.joinpath(*(module or plain).split("."))
@@ -54,16 +54,16 @@ def _needed(file: Path) -> frozenset[Path]:
 def _fingerprint(file: Path) -> str:
     """Return a hash of everything that the compiled functions of a file depend on."""
     digest = hashlib.blake2b(digest_size=16)
-    for source in sorted(_needed(file)):  # by name too: compiled code knows its modules
+    for source in sorted(_needed(file)):  # with names: compiled code refers to its modules
         digest.update(str(source.relative_to(_PACKAGE)).encode() + source.read_bytes())
     return digest.hexdigest()
 
 
 class _Stamped:
-    """A cache locator that calls compiled code stale as soon as a source it depends on changes.
+    """A cache locator for which compiled code is stale as soon as a source it depends on changes.
 
     Numba looks only at the file of the compiled function, not at those of the functions it calls:
-    after an edit of an equation in another file it would go on running the old one.
+    after an edit of an equation in another file it would still run the old one.
     """
 
     _py_file: str
@@ -74,11 +74,11 @@ class _Stamped:
 
 
 class _InTree(_Stamped, caching.InTreeCacheLocator):
-    """The cache beside the source, where that can be written."""
+    """The cache beside the source, if it can be written."""
 
 
 class _UserWide(_Stamped, caching.UserWideCacheLocator):
-    """The user's cache elsewhere."""
+    """The cache in the user's own cache folder."""
 
 
 class _UserProvided(_Stamped, caching.UserProvidedCacheLocator):
@@ -93,10 +93,10 @@ class _Cache(caching.FunctionCache):
     _impl_class = _CacheImplementation
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return compiled code from the cache, None where there is none that can be read.
+        """Return compiled code from the cache, None if there is none that can be read.
 
-        What an older source wrote may name modules that are gone, which numba finds out before it
-        compares the stamps.
+        Code compiled from an older source may refer to modules that are gone; numba fails on this
+        before it compares the stamps.
         """
         try:
             return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
@@ -111,7 +111,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     Parameters
     ----------
     function
-        What to compile; it releases the interpreter lock and divides as NumPy does.
+        Function to compile; compiled, it releases the interpreter lock and divides as NumPy does.
     """
     return _compiled(function)
 
@@ -119,9 +119,9 @@ def kernel(function: Callable[..., Any]) -> Any:
 def borrowing_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that only borrows its arrays, as `kernel` does.
 
-    Numba counts a reference to every array at every call, by two atomic instructions: too slow for
-    what is called many times in a microsecond. Here it does not, so the function may neither make
-    an array nor return one, and its caller must keep the arrays alive.
+    Numba counts a reference to every array at every call, with two atomic instructions: too slow
+    for functions that are called many times in a microsecond. This decorator turns that off, so the
+    function may neither make an array nor return one, and its caller must keep the arrays alive.
     """
     return _compiled(function, _nrt=False)
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 
 class AflMujocoError(Exception):
-    """A request that cannot be met, said in one line.
+    """A request that cannot be met, explained in one line.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class AflMujocoError(Exception):
 
 
 class InvalidValueError(AflMujocoError, ValueError):
-    """A number or a setting outside what it may be."""
+    """A number or a setting outside its allowed values."""
 
 
 def meant(name: object, known: Sequence[str]) -> str:
-    """Return which of some names was meant, as the end of a message; nothing if none is near."""
+    """Return a guess which name was meant, as the end of a message; empty if none is near."""
     near = difflib.get_close_matches(str(name), known, n=2)
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
@@ -87,12 +87,12 @@ _MALFORMED = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What comes of reading a file that holds something else than was expected."""
+"""Errors of reading a file whose content is not what was expected."""
 
 
 @contextmanager
 def reading(path: object, wrong: str, then: str = "") -> Iterator[None]:
-    """Turn whatever is wrong with a file that the block reads into one line."""
+    """Turn any error of reading a file in the block into a `FileError` of one line."""
     try:
         yield
     except OSError as error:
@@ -103,12 +103,12 @@ def reading(path: object, wrong: str, then: str = "") -> Iterator[None]:
 
 
 class MissingPackageError(AflMujocoError, ImportError):
-    """A package that is not installed, and what installs it."""
+    """A package that is not installed, and how to install it."""
 
 
 class ControllerDomainError(AflMujocoError, ValueError):
-    """The control law asked for at a pole angle outside ``|phi| < pi/2``, where it has no value."""
+    """The control law evaluated at a pole angle outside ``|phi| < pi/2``, where it has no value."""
 
 
 class GraphicsError(AflMujocoError):
-    """Nothing can be drawn on this machine as asked."""
+    """A drawing that this machine cannot make with the given settings."""

@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and JSON files read into dataclasses or refused in a line."""
+"""Files written whole or not at all; JSON files read into dataclasses or refused in one line."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _MISSING = object()
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Give a temporary file beside `path` to write, and rename it onto `path` on success.
+    """Yield a temporary file beside `path` to write, and rename it to `path` on success.
 
-    The folder must exist; one that cannot be written is a `FileError`.
+    The folder must exist; one that cannot be written raises a `FileError`.
     """
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=path.suffix)
@@ -69,13 +69,13 @@ def require_no_folder(folder: Path, names: Iterable[str]) -> None:
     """Raise if a folder stands where a file belongs."""
     for name in names:
         if (folder / name).is_dir():
-            raise FileError(str(folder / name), "must be a file, is a folder")
+            raise FileError(str(folder / name), "must be a file, but is a folder")
 
 
 def output_folder(path: str | Path) -> Path:
     """Return `path` as a folder that exists and can be written, made with its parents if missing.
 
-    Anything else is a `FileError`.
+    Anything else raises a `FileError`.
     """
     folder = Path(path)
     try:
@@ -91,9 +91,9 @@ def output_folder(path: str | Path) -> Path:
 
 
 def write_json(path: Path, content: object, *, indent: int | None = 1) -> None:
-    """Write a dataclass as JSON, whole or not at all; a list of numbers stands on one line.
+    """Write a dataclass as JSON, whole or not at all; a list of numbers takes one line.
 
-    A number that is not finite is a ValueError; NaN in a `FloatArray` is null in the file.
+    A number that is not finite raises a ValueError; NaN in a `FloatArray` is null in the file.
     """
     text = json.dumps(as_plain(content), indent=indent, allow_nan=False, ensure_ascii=False)
     if indent is not None:
@@ -102,7 +102,7 @@ def write_json(path: Path, content: object, *, indent: int | None = 1) -> None:
 
 
 def as_plain(content: object, context: object = None) -> Any:
-    """Return a dataclass as plain data; `context` is for the fields that write themselves."""
+    """Return a dataclass as plain data; `context` is for fields with their own serialisation."""
     return _adapter(type(content)).dump_python(content, mode="json", context=context)
 
 
@@ -110,17 +110,17 @@ def read_json(path: Path | Traversable, kind: type[Content], wrong: str, then: s
     """Read a JSON file into a dataclass; unknown keys, NaN and values of other types are refused.
 
     The `FileError` names file, key, rule and value: ``"table.json is not a gain table: seed must be
-    a valid integer, got 'x'"``, of which `wrong` is ``"is not a gain table"``; `then` says what to
-    do about it.
+    a valid integer, got 'x'"``, where `wrong` is ``"is not a gain table"``; `then` says what to do
+    about it.
     """
     with reading(path, wrong, then):
         return parse_json(path.read_text(encoding="utf-8"), kind)
 
 
 def parse_json(text: str, kind: type[Content], context: object = None) -> Content:
-    """Return what a text of JSON says, as `read_json` does, or raise ValueError.
+    """Return the content of a JSON text, as `read_json` does, or raise ValueError.
 
-    `context` is for the fields that read themselves.
+    `context` is for fields with their own validation.
     """
     from pydantic import ValidationError
 
@@ -147,7 +147,7 @@ _RULES = {
     "model_attributes_type": "must be a table",
     "finite_number": "must be finite",
 }
-"""What is wrong, by pydantic's name of it."""
+"""The rule that a value breaks, by pydantic's name of the error."""
 
 
 def _in_one_line(error: Any, kind: Any) -> str:
@@ -158,12 +158,12 @@ def _in_one_line(error: Any, kind: Any) -> str:
         case "unexpected_keyword_argument", _:
             key, owner = _resolved(kind, place[:-1])
             known = [field.name for field in fields(owner)]
-            which = f"known are {', '.join(known)}{meant(place[-1], known)}"
+            which = f"known keys: {', '.join(known)}{meant(place[-1], known)}"
             return f"{_joined(key, place[-1])} is not a known key; {which}"
         case "value_error", {"error": AflMujocoError() as own}:
             key = _resolved(kind, place)[0]
             return str(own.within(f"{key}.") if key else own)
-        case "value_error", _:  # names its value by itself
+        case "value_error", _:  # its message has the value
             return f"{_resolved(kind, place)[0]} {first['msg'].removeprefix('Value error, ')}"
         case "union_tag_invalid" | "union_tag_not_found", context:
             key, owner = _resolved(kind, place)
@@ -186,9 +186,9 @@ def _joined(key: str, part: str) -> str:
 
 
 def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
-    """Return how a user calls a place in a dataclass, ``schedule.pieces[0]``, and what it takes.
+    """Return a user's name of a place in a dataclass, ``schedule.pieces[0]``, and its type.
 
-    Pydantic's places name the members of unions too, by their tags; a user's do not.
+    Pydantic's names also have the tags of the members of unions; a user's do not.
     """
     key, here = "", _bare(kind)
     for part in place:
@@ -204,7 +204,7 @@ def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
 
 
 def _bare(kind: Any) -> Any:
-    """Return a type without annotations and without None."""
+    """Return a type without its annotations and without None."""
     while get_origin(kind) is Annotated:
         kind = get_args(kind)[0]
     rest = [one for one in get_args(kind) if one is not type(None)]
@@ -217,16 +217,16 @@ def _tag(member: Any) -> str:
 
 
 def _shortened(value: object) -> str:
-    """Return a value as a message can hold it."""
+    """Return a value as a text that is short enough for a message."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:60]}..."
 
 
 def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    """Return what reads and writes a dataclass."""
+    """Return the pydantic adapter that reads and writes a dataclass."""
     from pydantic import ConfigDict, TypeAdapter
 
-    optional: Any = kind | None  # for a bare dataclass, pydantic takes no configuration
+    optional: Any = kind | None  # pydantic takes no configuration for a bare dataclass
     return TypeAdapter(
         optional,
         config=ConfigDict(
@@ -267,7 +267,7 @@ def _nested_lists(array: NDArray[np.float64]) -> Any:
 
 
 def differences(there: Any, here: Any, place: str = "") -> list[str]:
-    """Say in what two pieces of plain data differ, each part by its name."""
+    """Return the differences of two pieces of plain data, a line for each part, with its name."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         parts = [
             (there.get(name, _MISSING), here.get(name, _MISSING), f"{place}.{name}")

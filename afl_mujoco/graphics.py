@@ -32,9 +32,10 @@ with mujoco.Renderer(model, 16, 16) as renderer:
 _PROBE_WINDOW = """
 import glfw
 if not glfw.init():
-    raise SystemExit("glfw cannot use it")
+    raise SystemExit("glfw cannot use the display")
 glfw.window_hint(glfw.VISIBLE, 0)
-raise SystemExit(None if glfw.create_window(64, 64, "", None, None) else "glfw opens no window")
+window = glfw.create_window(64, 64, "", None, None)
+raise SystemExit(None if window else "glfw cannot open a window")
 """
 
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")

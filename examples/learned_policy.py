@@ -5,8 +5,8 @@
     python learned_policy.py                      # some two minutes on two cores: policy.zip
     afl-mujoco compare rl.toml --controllers learned_policy:controller lqr adaptive
 
-Every episode is another rig: start, M(t), l(t), delay, noise and friction drawn from ``[ranges]``
-of ``rl.toml``. What is learned depends on the version of every package, not on this one alone.
+Every episode has other hardware: start, M(t), l(t), delay, noise and friction are drawn from
+``[ranges]`` of ``rl.toml``. The policy depends on the version of every package, not only this one.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ def force(time, state, belief):
 
 
 class Integrating:
-    """One with memory, made anew for each run: the same with an integral of the cart's position."""
+    """A stateful controller, made anew for each run: the same with an integral of z."""
 
     def __init__(self):
         self.sum, self.before = 0.0, 0.0

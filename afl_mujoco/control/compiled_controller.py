@@ -197,7 +197,7 @@ def forces_along(kind, states, inputs):
     states
         Shape (N, 4).
     inputs
-        As of `force_from_inputs`, shape (N, 7) or (N, 8).
+        As in `force_from_inputs`, shape (N, 7) or (N, 8).
     """
     forces = np.empty(len(states))
     for i in range(len(states)):
@@ -212,7 +212,7 @@ def inputs_along(kind, table, masses, lengths, assumed):
     Parameters
     ----------
     kind, table, masses, lengths
-        The compiled controller, as of `compiled_force`.
+        The compiled controller, as in `compiled_force`.
     assumed
         Assumed (M, m, l, g) at each instant, shape (N, 4).
     """

@@ -19,7 +19,7 @@ TIMEOUT = 3.0  # [s] for each step of reaching a cluster
 
 
 def require_address(address: str) -> None:
-    """Raise if a text is no address."""
+    """Raise if a text is not an address."""
     if "://" not in address:
         rule = "must be the address of a Dask scheduler, such as tcp://host:8786"
         raise InvalidValueError("cluster", rule, repr(address))
@@ -27,9 +27,9 @@ def require_address(address: str) -> None:
 
 @contextmanager
 def open_cluster(address: str) -> Iterator[Executor]:
-    """Give the workers of the Dask cluster whose scheduler has an address, or raise in one line.
+    """Yield the workers of the Dask cluster whose scheduler has an address, or raise in one line.
 
-    Dask itself gives the units of a worker that dies to another.
+    Dask itself passes the units of a worker that dies to another worker.
     """
     require_address(address)
     try:
@@ -38,14 +38,16 @@ def open_cluster(address: str) -> Iterator[Executor]:
         extra = f"pip install {PACKAGE.replace('_', '-')}[cluster]"
         raise _error(address, f"needs Dask: {extra}") from None
     for name in ("distributed", "distributed.client", "tornado.application"):
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what is raised anyway
+        logging.getLogger(name).setLevel(
+            logging.CRITICAL + 1
+        )  # they log errors that are raised anyway
 
     async def identity() -> Any:
         async with distributed.rpc(address, timeout=TIMEOUT) as server:
             return await asyncio.wait_for(server.identity(), TIMEOUT)
 
     try:
-        asyncio.run(identity())  # a client that fails would be left half open
+        asyncio.run(identity())  # a client that fails would stay half open
         client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except Exception as error:  # whatever Dask makes of an address, or of the answer there
         raise _error(address, f"cannot be used: {_reason(error)}") from None
@@ -68,7 +70,7 @@ def open_cluster(address: str) -> Iterator[Executor]:
 
 
 def _require_same_package(client: Any, address: str) -> None:
-    """Raise if there is no worker, or one or the scheduler has not this version of the package."""
+    """Raise unless there is a worker, and every worker and the scheduler have this version."""
     try:
         client.wait_for_workers(1, timeout=TIMEOUT)
         there = {

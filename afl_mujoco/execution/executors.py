@@ -1,4 +1,4 @@
-"""What computes many units: this process, processes of this machine, or a Dask cluster."""
+"""Executors of many units: this process, processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
 Executor: TypeAlias = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[int, Any]]]
-"""Yields index and result of a function of each unit as it is done, or raises the error of one.
+"""Yields index and result of a function for each unit as it is done, or raises a unit's error.
 
 A worker imports the function by its name; units and results are pickled.
 """
@@ -30,7 +30,7 @@ def in_process(
 
 @contextmanager
 def open_executor(workers: int, cluster: str | None = None) -> Iterator[Executor]:
-    """Give an executor, and end its workers: at once if the block raises, a Ctrl-C included.
+    """Yield an executor, and end its workers: at once if the block raises, a Ctrl-C included.
 
     One worker is this process, more are processes of this machine; `cluster`, the address
     ``"tcp://host:port"`` of a Dask scheduler, replaces them by the workers of that cluster.
@@ -61,7 +61,8 @@ def compute_all(
     """Return the results of all units, in their order, whichever is done first.
 
     `progress` is called with the index of each unit as it is done. A store has the results of units
-    that are done already and keeps the others, which must then be lists, texts and finite numbers.
+    that are already done and keeps the others; results must then be lists, texts and finite
+    numbers.
     """
     results = dict(store.results) if store else {}
     for index in results:

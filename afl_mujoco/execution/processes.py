@@ -17,12 +17,12 @@ from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.execution.executors import Executor
 
 MAX_DEATHS = 4
-"""Deaths of workers after which the work is given up: it seems to kill them."""
+"""Deaths of workers after which the computation is given up, because it seems to kill them."""
 
 
 @contextmanager
 def open_processes(workers: int) -> Iterator[Executor]:
-    """Give processes that compute units, and end them; at once if the block raises."""
+    """Yield an executor on worker processes, and end them; at once if the block raises."""
     pool = _new_pool(workers)
 
     def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:
@@ -68,11 +68,12 @@ def _computed(
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Put off a Ctrl-C to the end of the block, and for good in what is started within.
+    """Put off a Ctrl-C to the end of the block, and block it for good in processes started within.
 
-    A terminal sends the signal to every process of a command; only this one is to answer it. What
-    a worker inherits holds from its first instruction on, as a handler of its own would not. The
-    mask alone does not put it off here: a thread of a numerical library may take the signal.
+    A terminal sends the signal to every process of a command; only this one is to handle it. A mask
+    that a worker inherits holds from its first instruction on, which a handler of its own would
+    not. In this process the mask alone is not enough: a thread of a numerical library may take the
+    signal.
     """
     ensure_running()  # started within the block, it would let the signal through again
     came: list[int] = []

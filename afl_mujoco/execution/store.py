@@ -1,4 +1,4 @@
-"""A file of the units that are done, from which a computation that was broken off goes on."""
+"""A file of the units that are done, from which an interrupted computation is resumed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHOWN = 3  # differences that a message names
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _File:
-    """What the file holds."""
+    """The content of the file."""
 
     schema: Literal[1]
     fingerprint: dict[str, Any]
@@ -24,10 +24,10 @@ class _File:
 
 
 class Store:
-    """The results that are there, by index of the unit, in a file that is always whole.
+    """The results so far, by index of the unit, in a file that is always complete.
 
     The fingerprint is whatever the results depend on (settings, seeds, versions), as plain data; a
-    file with another is a `FileError`. The folder of the file must exist.
+    file with another fingerprint raises a `FileError`. The folder of the file must exist.
     """
 
     def __init__(self, path: Path, fingerprint: Mapping[str, Any]) -> None:
@@ -37,7 +37,7 @@ class Store:
         if not path.exists():
             write_json(path, self._file)
             return
-        there = read_json(path, _File, "is no store of results", "remove it to begin anew")
+        there = read_json(path, _File, "is not a store of results", "remove it to start anew")
         if found := differences(there.fingerprint, here):
             more = f", and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
             rule = f"holds other results: {', '.join(found[:SHOWN])}{more}; name another folder"

@@ -1,4 +1,4 @@
-"""Work shared among threads: what is compiled releases the interpreter lock."""
+"""Work shared among threads: compiled code releases the interpreter lock."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from queue import SimpleQueue
 from afl_mujoco.errors import InvalidValueError
 
 PART = 32
-"""Items that a thread takes at a time: a second of work at most, after which it can stop."""
+"""Items that a thread takes at a time: at most a second of work, after which it can stop."""
 
 Task = Callable[[slice], object]
-"""Does some of the items; what it does to one must not depend on those before."""
+"""Processes some of the items; the result of one must not depend on those before."""
 
 
 def require_threads(threads: int) -> int:
-    """Return a number of threads, or raise if there is none."""
+    """Return a number of threads, or raise if it is less than 1."""
     if threads < 1:
         raise InvalidValueError("threads", "must be at least 1", threads)
     return threads
@@ -29,11 +29,11 @@ def share(
     *,
     part: int = PART,
 ) -> None:
-    """Have all items done by as many threads as there are tasks; a single one by the caller's.
+    """Process all items with one thread per task; a single task runs in the thread of the caller.
 
-    Each task has memory of its own and does one part at a time. `progress` is called with how many
-    more items are done, from the calling thread. An error, or a Ctrl-C, ends it once every thread
-    has done the part that it is at; of several errors that of the first item is raised.
+    Each task has its own memory and processes one part at a time. `progress` is called from the
+    calling thread with the number of items just done. An error or a Ctrl-C stops the work once
+    every thread has done its current part; of several errors, that of the first item is raised.
     """
     parts = [range(first, min(first + part, count)) for first in range(0, count, part)]
     if len(tasks) == 1:

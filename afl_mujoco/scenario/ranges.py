@@ -107,7 +107,7 @@ class Ranges:
         for name in varied:
             if name not in VARIABLE:
                 known = (*VARIABLE, *SETTINGS)
-                which = f"known are {', '.join(known)}{meant(name, known)}"
+                which = f"known keys: {', '.join(known)}{meant(name, known)}"
                 raise InvalidValueError(name, f"is not a known key; {which}")
         return cls(
             varied=varied, **{name: value for name, value in table.items() if name in SETTINGS}

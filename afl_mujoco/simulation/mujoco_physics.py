@@ -175,7 +175,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     timestep
         Physics step [s], which divides the scenario's duration.
     integrator
-        As of `CartPoleModel`.
+        As in `CartPoleModel`.
     hold
         Physics steps of a control period, at whose ends the sensors are read.
     """

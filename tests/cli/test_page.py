@@ -135,7 +135,7 @@ def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_pat
             refuse(tmp_path, tmp_path)
     require_page(tmp_path, tmp_path, leave_out="validate")  # it will be replaced
     (tmp_path / PAGE).mkdir()
-    with pytest.raises(FileError, match=r"report\.html must be a file, is a folder"):
+    with pytest.raises(FileError, match=r"report\.html must be a file, but is a folder"):
         require_page(tmp_path, tmp_path, leave_out="validate")
 
 

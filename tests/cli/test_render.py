@@ -97,7 +97,7 @@ def test_view_on_a_display_that_is_not_there_is_one_line(tmp_path) -> None:
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == (
         "afl-mujoco: view needs a display on which a window can be opened "
-        "(glfw cannot use it), got :63\n"
+        "(glfw cannot use the display), got :63\n"
     )
 
 

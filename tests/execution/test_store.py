@@ -49,7 +49,7 @@ def test_a_store_of_other_results_is_refused_with_what_differs(
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 2}'])
 def test_a_file_of_something_else_is_refused_by_name(filled: Path, text: str) -> None:
     filled.write_text(text)
-    with pytest.raises(FileError, match=r"store\.json is no store of results: .*: remove it"):
+    with pytest.raises(FileError, match=r"store\.json is not a store of results: .*: remove it"):
         Store(filled, FINGERPRINT)
 
 

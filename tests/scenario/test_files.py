@@ -117,9 +117,12 @@ HIT = "[[disturbances]]\nshape = "
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("mass = 1", "mass is not a known key; known are name, pole_mass, "),
+        ("mass = 1", "mass is not a known key; known keys: name, pole_mass, "),
         ("replay = 1", "replay must be a table"),
-        ("[replay]\nlaw = 'x'", "replay.law is not a known key; known are controller, integrator"),
+        (
+            "[replay]\nlaw = 'x'",
+            "replay.law is not a known key; known keys: controller, integrator",
+        ),
         ("[replay]\ncontroller = 1", "replay.controller must be text, got 1"),
         ("pole_mass = -0.1", "pole_mass must be positive, got -0.1"),
         ("pole_mass = nan", "pole_mass must be finite, got nan"),
@@ -131,7 +134,7 @@ HIT = "[[disturbances]]\nshape = "
         ("initial_state = 3", "initial_state must be a list, got 3"),
         ("initial_state = [0, 0]", "initial_state must hold four numbers, got 2"),
         ("schedule = 3", "schedule must be a table, got 3"),
-        ("[schedule]\nmass = 1", "schedule.mass is not a known key; known are cart_mass, "),
+        ("[schedule]\nmass = 1", "schedule.mass is not a known key; known keys: cart_mass, "),
         ("[schedule]\ncart_mass = -1.0", "schedule.cart_mass must be positive, got -1.0"),
         (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
         ("[schedule.cart_mass]", "schedule.cart_mass.shape must be one of "),
@@ -143,7 +146,7 @@ HIT = "[[disturbances]]\nshape = "
         (TABLE + "'staircase'\ntimes = 1\nvalues = [1]", "schedule.cart_mass.times must be a list"),
         (
             TABLE + "'staircase'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
-            "schedule.cart_mass.high is not a known key; known are shape, times, values",
+            "schedule.cart_mass.high is not a known key; known keys: shape, times, values",
         ),
         (
             TABLE + "'trapezoid'\ntimes = [0, 1, 2, 3]\nlow = nan\nhigh = 2",

@@ -87,7 +87,7 @@ def test_an_ideal_scenario_has_the_table_it_always_had(name):
     [
         (
             "lag = 1",
-            "imperfections.lag is not a known key; known are control_period, delay, ",
+            "imperfections.lag is not a known key; known keys: control_period, delay, ",
         ),
         (
             "encoder_step_z = 1e-13",

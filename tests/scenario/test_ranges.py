@@ -122,7 +122,7 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("phj = [0, 1]", "ranges.phj is not a known key; known are z, phi, "),
+        ("phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
         ("phi = [-2, 2]", "ranges.phi must lie between -pi/2 and pi/2, at which a pole has fallen"),
         ("phi = 0.3", "ranges.phi must be a range: its least and its largest value, got 0.3"),
         ("phi = [1]", "ranges.phi must be a range: its least and its largest value, got [1]"),
@@ -135,7 +135,7 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
         ("changes = 3", "ranges.changes needs a range of cart_mass or half_length"),
         ("cart_mass = [1, 2]\nchanges = 0", "ranges.changes must lie in 1 to 100, got 0"),
         ("cart_mass = [1, 2]\nchanges = 1.5", "ranges.changes must be a whole number, got 1.5"),
-        ("seed = [0, 1]", "ranges.seed is not a known key; known are z, phi, "),
+        ("seed = [0, 1]", "ranges.seed is not a known key; known keys: z, phi, "),
     ],
 )
 def test_a_table_that_breaks_a_rule_is_refused(tmp_path: Path, text: str, message: str) -> None:

@@ -66,7 +66,7 @@ def test_to_complete_is_what_every_scenario_requires() -> None:
         ('max_force = "weak"', "requirements.max_force must be a number, got 'weak'"),
         ("angle_band = 0", "requirements.angle_band must be positive, got 0"),
         ("completes = 1", "requirements.completes must be true or false, got 1"),
-        ("max_positon = 1", "requirements.max_positon is not a known key; known are completes, "),
+        ("max_positon = 1", "requirements.max_positon is not a known key; known keys: completes, "),
         (
             "settling_time = 20",
             "requirements.settling_time must be less than 20 s, the duration, got 20 s",

@@ -116,7 +116,7 @@ def test_an_output_folder_that_is_a_file(toy: str, refuses, tmp_path: Path, name
 def test_a_folder_where_the_result_belongs(toy: str, refuses, tmp_path: Path, name: str) -> None:
     (tmp_path / "held" / f"{STEMS[name]}.json").mkdir(parents=True)
     said = refuses(name, "--out", "held")
-    assert f"held/{STEMS[name]}.json must be a file, is a folder" in said
+    assert f"held/{STEMS[name]}.json must be a file, but is a folder" in said
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -141,7 +141,7 @@ def test_a_folder_in_the_way_leaves_the_older_record(tmp_path: Path, name: str) 
     (tmp_path / name).unlink(missing_ok=True)
     (tmp_path / name).mkdir()
     before = names(tmp_path)
-    with pytest.raises(FileError, match="must be a file, is a folder"):
+    with pytest.raises(FileError, match="must be a file, but is a folder"):
         save_record(study_results.record("margins"), tmp_path)
     assert names(tmp_path) == before
 

@@ -134,7 +134,7 @@ class EstimatorSettings:
         Returns
         -------
         record
-            Fields as of `SETTINGS`.
+            A record with the fields of `SETTINGS`.
         assumed
             The plants that the controller is designed for.
 

@@ -163,7 +163,7 @@ class PythonController(Controller):
         raise ControllerError(f"controller {self.name!r}", rule, got)
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, NaN where it has none; as of `Controller.force`."""
+        """Return the force [N] at one state, NaN where it has none; see `Controller.force`."""
         p = truth
         assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
         return self.command(time, state, np.array(assumed))
@@ -180,7 +180,7 @@ class PythonController(Controller):
         inputs: NDArray[np.float64],
         times: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the force [N] at each of many states; as of `Controller.forces`."""
+        """Return the force [N] at each of many states; see `Controller.forces`."""
         clock_times = np.zeros(len(states)) if times is None else times
         rows = zip(clock_times.tolist(), states, inputs, strict=True)
         return np.array([self.command(*row) for row in rows])

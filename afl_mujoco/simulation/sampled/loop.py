@@ -169,7 +169,7 @@ def start(at, plan, profile, run, record, initial_state):
     plan
         A `Plan`.
     profile
-        What happens to the plant in each step, fields as of `PROFILE`.
+        What happens to the plant in each step, with the fields of `PROFILE`.
     record
         Takes the state at each instant and the force from then on, shape (N + 1, 5), or (0, 5) for
         no record.
