@@ -1,1 +1,1 @@
-"""A measured cart-pole: logs, what identifies it from them, and what it predicts."""
+"""A measured cart-pole: its logs, its identification from them, and predictions of them."""

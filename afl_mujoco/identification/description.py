@@ -1,4 +1,4 @@
-"""What the columns of a log mean, and what is known of the cart-pole that it is of: a TOML file."""
+"""A TOML file that says what the columns of a log mean, and what is known about its cart-pole."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "z": MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3}),
     }
 )
-"""What one of a unit is in SI, by signal."""
+"""SI value of each unit, by signal."""
 
 
 SMALLEST = 1e-4
-"""Of masses, lengths and forces in SI units; the largest is as many times 1."""
+"""Smallest value of masses, lengths and forces in SI units; the largest value is its inverse."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeColumn:
-    """Time of a reading, of any origin.
+    """Time of a reading, from any origin.
 
     Attributes
     ----------
     column
-        Its header.
+        Header of the column.
     unit
-        Of `UNITS`.
+        Unit of the readings, one of `UNITS`.
     """
 
     column: str = "time"
@@ -56,23 +56,24 @@ class TimeColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleColumn:
-    """Angle of the pole: 0 upright, positive as it leans towards -z.
+    """Angle of the pole: 0 upright, positive if it leans towards -z.
 
     Attributes
     ----------
     column
-        Its header.
+        Header of the column.
     unit
-        Of `UNITS`; what follows is in this unit too.
+        Unit of the readings and of the values below, one of `UNITS`.
     sign
-        -1 where the readings grow as the pole leans towards +z.
+        -1 if the readings grow as the pole leans towards +z.
     zero
-        The reading of the upright pole, as far as it is known.
+        Reading of the upright pole, as far as it is known.
     resolution
-        Of the readings.
+        Resolution of the readings.
     dead_zone
-        Readings that say nothing, from and to, as of a potentiometer that does not go all the way
-        round: its scale is identified too. None if every reading counts and a turn is a turn.
+        Start and end of the readings that are not valid, such as those of a potentiometer that does
+        not cover a whole turn; the scale is then identified too. None if every reading is valid and
+        the sensor measures whole turns.
     """
 
     column: str = "phi"
@@ -87,11 +88,11 @@ class AngleColumn:
         _require_signal("phi", self)
         require_finite("zero", self.zero)
         if self.dead_zone is not None and not self.dead_zone[0] < self.dead_zone[1]:
-            raise InvalidValueError("dead_zone", "must grow", list(self.dead_zone))
+            raise InvalidValueError("dead_zone", "must increase", list(self.dead_zone))
 
     @property
     def radians(self) -> float:
-        """One of its unit [rad], signed."""
+        """One unit of the readings [rad], signed."""
         return self.sign * UNITS["phi"][self.unit]
 
 
@@ -102,13 +103,13 @@ class PositionColumn:
     Attributes
     ----------
     column
-        Its header.
+        Header of the column.
     unit
-        Of `UNITS`; what follows is in this unit too.
+        Unit of the readings and of the resolution, one of `UNITS`.
     sign
-        -1 where the readings grow towards -z.
+        -1 if the readings grow towards -z.
     resolution
-        Of the readings.
+        Resolution of the readings.
     """
 
     column: str = "z"
@@ -122,7 +123,7 @@ class PositionColumn:
 
     @property
     def metres(self) -> float:
-        """One of its unit [m], signed."""
+        """One unit of the readings [m], signed."""
         return self.sign * UNITS["z"][self.unit]
 
 
@@ -133,9 +134,9 @@ class CommandColumn:
     Attributes
     ----------
     column
-        Its header.
+        Header of the column.
     sign
-        -1 where a positive command drives the cart towards -z.
+        -1 if a positive command drives the cart towards -z.
     limit
         Largest command.
     """
@@ -152,19 +153,19 @@ class CommandColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nominal:
-    """What the owners of the cart-pole say of it.
+    """Nominal values of the cart-pole, given by its owners.
 
     Attributes
     ----------
     pole_mass, half_length
-        m [kg] and l [m] of a uniform rod. Every mass and force that is identified is in proportion
-        to m, which motion alone cannot tell.
+        m [kg] and l [m] of a uniform rod. Every identified mass and force is proportional to m,
+        which motion alone cannot determine.
     cart_mass
         M [kg].
     force
-        Of one of the command [N].
+        Force per unit of command [N].
     hinge_damping, rail_damping
-        In N m s/rad and N s/m.
+        Viscous friction of hinge [N m s/rad] and rail [N s/m].
     rail_half_length
         How far the cart can go to either side [m].
     gravity
@@ -202,16 +203,17 @@ class Nominal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """What the columns of a log mean, and what is known of its cart-pole.
+    """What the columns of a log mean, and what is known about its cart-pole.
 
     Attributes
     ----------
     name
-        Of the cart-pole.
+        Name of the cart-pole.
     period
-        Nominal time between two rows [s]; a log whose own differs by more than a tenth is refused.
+        Nominal time between two rows [s]; a log whose period differs by more than a tenth is
+        refused.
     nominal
-        What its owners say of it.
+        Nominal values, given by its owners.
     time, phi, z, command
         The columns.
 
@@ -230,12 +232,12 @@ class Description:
     command: CommandColumn = field(default_factory=CommandColumn)
 
     def __post_init__(self) -> None:
-        """Validate the period, and that no column is two signals."""
+        """Validate the period, and that no column is used for two signals."""
         require_positive("period", self.period)
         names = list(self.columns.values())
         for name in names:
             if names.count(name) > 1:
-                raise InvalidValueError("column", "must be one signal alone", repr(name))
+                raise InvalidValueError("column", "must be for one signal alone", repr(name))
 
     @property
     def columns(self) -> dict[str, str]:
@@ -259,25 +261,25 @@ def load_description(path: str | Path) -> Description:
     Parameters
     ----------
     path
-        The file: the attributes of `Description`, those that are dataclasses as tables.
+        The file, with the attributes of `Description`; those that are dataclasses are tables.
 
     Raises
     ------
     AflMujocoError
         If it cannot be read or breaks a rule; the message names file, key and value.
     """
-    with reading(path, "is no description of a log"):
+    with reading(path, "is not a description of a log"):
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     try:
         return parse_json(json.dumps(table, default=str), Description)
-    except AflMujocoError as error:  # of a class of its own, which pydantic lets pass
+    except AflMujocoError as error:  # pydantic lets errors through that are not a ValueError
         raise error.within(f"{path}: ") from None
     except ValueError as error:
         raise FileError(f"{path}:", str(error)) from None
 
 
 def to_table(description: Description) -> dict[str, object]:
-    """Return a description as the table of a TOML file, without what is not set."""
+    """Return a description as the table of a TOML file, without values that are None."""
 
     def plain(one: object) -> dict[str, object]:
         values = {f.name: getattr(one, f.name) for f in fields(one)}  # type: ignore[arg-type]
@@ -297,7 +299,7 @@ def _require_unit(signal: str, unit: str) -> None:
 
 
 def _require_sign(sign: int) -> None:
-    """Raise if a sign is none."""
+    """Raise unless a sign is 1 or -1."""
     if sign not in (-1, 1):
         raise InvalidValueError("sign", "must be 1 or -1", sign)
 

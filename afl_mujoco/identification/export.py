@@ -1,4 +1,4 @@
-"""An identified cart-pole as a scenario, and as many as its estimates allow."""
+"""An identified cart-pole as a scenario, and scenarios drawn from its estimates."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
 
 DURATION = 10.0
-"""Of the scenario [s]."""
+"""Duration of the scenario [s]."""
 
 TILT = 0.1
-"""Of the pole at its start, and how far it varies to either side [rad]."""
+"""Initial angle of the pole, and its variation to either side [rad]."""
 
 UNCERTAIN = 0.5
-"""Half an interval, relative to its estimate, from which on nothing is drawn from it."""
+"""Half-width of an interval, relative to its estimate, from which nothing is drawn from it."""
 
 NORMAL = 1.959964
-"""Half an interval of 95 % in standard errors."""
+"""Half-width of an interval of 95 % in standard errors."""
 
 
 def certain(identified: Identified) -> bool:
-    """Return whether masses and forces are known well enough for a cart-pole to be drawn."""
+    """Return whether masses and forces are known well enough to draw cart-poles from them."""
     return all(
         not one.on_bound and one.high - one.value < UNCERTAIN * abs(one.value)
         for one in map(identified.find, ("mass_ratio", "gain", "gravity_term"))
@@ -38,15 +38,15 @@ def certain(identified: Identified) -> bool:
 
 
 def scenario_of(identified: Identified) -> Scenario:
-    """Return the scenario of an identified cart-pole, the pole leaning a little at its start.
+    """Return the scenario of an identified cart-pole, with a pole that leans a little at the start.
 
-    Its imperfections are what was found, its ranges the intervals of that; M and l are what they
-    are, and what a controller assumes of them is off by up to the interval.
+    Its imperfections are the estimates, its ranges their intervals; M and l are the estimates, and
+    the values that a controller assumes are off by up to their intervals.
 
     Parameters
     ----------
     identified
-        With a drive.
+        The identified cart-pole, with a drive.
     """
     base = with_values(identified, identified.values)
     found = {one.name: one for one in identified.physical}
@@ -55,7 +55,7 @@ def scenario_of(identified: Identified) -> Scenario:
         _add(varied, name, found[name])
     whole = found["cart_mass"].value + identified.description.nominal.pole_mass
     for name, ratio in (("rail_damping", "decay"), ("rail_friction", "dry_deceleration")):
-        of = identified.find(ratio)  # at the M that stands in the file: forces go with masses
+        of = identified.find(ratio)  # at the M of the file: forces are proportional to masses
         _add(varied, name, replace(of, low=whole * of.low, high=whole * of.high))
     _add(varied, "delay", identified.find("delay"))
     _add(varied, "actuator_lag", identified.find("lag"))
@@ -67,14 +67,14 @@ def scenario_of(identified: Identified) -> Scenario:
 
 
 def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
-    """Return the scenario of a cart-pole whose parameters have some values.
+    """Return the scenario of a cart-pole with some values of its parameters.
 
     Parameters
     ----------
     identified
-        With a drive; its description says what its sensors and its rail are.
+        The identified cart-pole, with a drive; its description gives the sensors and the rail.
     values
-        Of the parameters of pole and rig.
+        Values of the parameters of pole and rig.
     """
     if identified.drive is None:
         raise InvalidValueError("drive", "must be identified: the command of every log is constant")
@@ -108,17 +108,17 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
 
 
 def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
-    """Return cart-poles as the estimates allow: normal, in each step correlated as they are.
+    """Return cart-poles drawn from the estimates: normal, with the correlations in each step.
 
-    A controller assumes the estimates of M and l, not what was drawn. What cannot be less than
-    nought is none where it is drawn so. The pole leans by up to `TILT`.
+    A controller assumes the estimates of M and l, not the values drawn. A quantity that cannot be
+    negative is zero if a negative value is drawn. The pole leans by up to `TILT`.
 
     Parameters
     ----------
     count
-        How many.
+        Number of cart-poles.
     seed
-        Of the numbers.
+        Seed of the random numbers.
     """
     generator = np.random.default_rng(seed)
     tilts = generator.uniform(-TILT, TILT, count)
@@ -160,6 +160,6 @@ def _covariance(step: Step) -> np.ndarray:
 
 
 def _add(varied: dict[str, tuple[float, float]], name: str, estimate: Estimate) -> None:
-    """Let something vary over its interval, where there is one."""
+    """Let a quantity vary over the interval of its estimate, if there is one."""
     if not estimate.on_bound:
         varied[name] = (max(0.0, estimate.low), max(0.0, estimate.high))

@@ -29,20 +29,20 @@ WINDOW = 0.5
 """Length of the windows that are fitted [s]: three times the time constant of a pole of 0.4 m."""
 
 COARSE = 4
-"""One of so many windows gives a first guess of the drive."""
+"""The first guess of the drive uses one of so many windows."""
 
 ENOUGH = 60
-"""Windows that a first guess needs."""
+"""Number of windows that a first guess needs."""
 
 FINER = 2
-"""Times by which the last fit of the drive steps finer: a force that changes within a step acts as
-its mean."""
+"""Factor by which the last fit of the drive has finer steps: a force that changes within a step
+acts as its mean."""
 
 ALIKE = 0.9
-"""Correlation from which on two estimates are hard to tell apart."""
+"""Correlation above which two estimates are hard to tell apart."""
 
 UNITS_RIGHT = (0.2, 5.0)
-"""Between which coupling and gravity, relative to what they should be, the units are right."""
+"""Range of coupling and gravity term, relative to their expected values, if the units are right."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,11 +52,11 @@ class Estimate:
     Attributes
     ----------
     name, title, unit
-        Of what was estimated.
+        Name, title and unit of the parameter.
     value, low, high
         The estimate, and its interval of 95 %.
     on_bound
-        Whether it lies on a bound of what it may be, so that there is no interval.
+        Whether the estimate lies on a bound of its parameter, so that there is no interval.
     """
 
     name: str
@@ -70,18 +70,18 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One of the two steps.
+    """One of the two steps of the identification.
 
     Attributes
     ----------
     estimates
-        What was estimated.
+        The estimates of its parameters.
     correlations
-        Of the estimates, in their order; 0 with one that lies on a bound.
+        Correlations of the estimates, in their order; 0 with one that lies on a bound.
     scatter_phi, scatter_z
-        Of what the windows leave over, robust [rad, m]; None of a signal that was not fitted.
+        Robust scatter of the residuals [rad, m]; None for a signal that was not fitted.
     windows
-        How many were fitted.
+        Number of windows fitted.
     """
 
     estimates: tuple[Estimate, ...]
@@ -92,7 +92,7 @@ class Step:
 
     @property
     def is_sound(self) -> bool:
-        """Whether there is a correlation for each pair, and any scatter."""
+        """Whether there is a correlation for each pair, and the scatter is positive."""
         count = len(self.estimates)
         square = len(self.correlations) == count == max(map(len, self.correlations), default=0)
         return square and self.scatter_phi > 0.0 and (self.scatter_z is None or self.scatter_z > 0)
@@ -111,22 +111,22 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:
-    """A cart-pole as its logs have it.
+    """A cart-pole as identified from its logs.
 
     Attributes
     ----------
     description
-        Of its logs.
+        Description of its logs.
     logs
-        Their names.
+        Names of the logs.
     seconds
-        Of them all.
+        Total duration of the logs [s].
     period
-        Of their rows [s], the device's own.
+        Period of their rows [s], the device's own.
     pole, drive
-        The two steps; no drive where the command is constant.
+        The two steps; no drive if the command is constant.
     physical
-        What the estimates are for a pole of the given mass; empty without a drive.
+        Physical quantities for a pole of the given mass; empty without a drive.
     """
 
     description: Description
@@ -161,24 +161,24 @@ def identify(
     Parameters
     ----------
     logs
-        As many as there are: intervals need some ten.
+        The logs; intervals need some ten of them.
     description
-        Of them.
+        Description of the logs.
     workers
-        Threads; the numbers do not depend on it.
+        Number of threads; the results do not depend on it.
     progress
-        Called with how many parts of the work are done, and how many there are.
+        Called with the number of parts of the work done, and their total number.
 
     Raises
     ------
     InvalidValueError
-        If the logs say that a unit is wrong.
+        If the logs show that a unit is wrong, or do not determine a cart-pole.
     """
     require_radians(logs, description)
     try:
         return _identify(logs, description, workers, progress)
     except np.linalg.LinAlgError:
-        rule = "do not determine a cart-pole: check units, signs, and the figures that are given"
+        rule = "do not determine a cart-pole: check units, signs and nominal values"
         raise InvalidValueError("logs", rule) from None
 
 
@@ -196,8 +196,8 @@ def _identify(
         if not _shows(drive, "gain"):
             raise InvalidValueError(
                 description.command.column,
-                "must drive the cart: check its sign, and that it is the command of its row",
-                f"{drive.by_name['gain']:.4g} m/s^2 of one of it, within the error of none",
+                "must drive the cart: check its sign, and that each command is in its own row",
+                f"{drive.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
             )
         steps.append(drive)
     progress(4, 4)
@@ -218,12 +218,12 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     Parameters
     ----------
     windows
-        Of the logs.
+        Windows of the logs.
 
     Returns
     -------
     fit, starts
-        What was found, and the states at the first rows, shape (B, 4).
+        The fit, and the states at the first rows, shape (B, 4).
     """
     w, parameters = windows, pole.parameters_of(description)
     driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
@@ -251,10 +251,10 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
         v = found.by_name
         raise InvalidValueError(
             " and ".join(off),
-            "cannot be so far from what a pole must have; check the units and signs of "
+            "must be near the expected value for a pole; check the units and signs of "
             f"{description.phi.column} and {description.z.column}, and the pole's length",
-            f"w2 = {v['gravity_term']:.4g} 1/s² for {parameters[0].start:.4g}, "
-            f"k = {v['coupling']:.4g} for 1",
+            f"w2 = {v['gravity_term']:.4g} 1/s² instead of {parameters[0].start:.4g}, "
+            f"k = {v['coupling']:.4g} instead of 1",
         )
     whole = w.starts.copy()
     whole[:, [1, 3]] = found.starts
@@ -267,13 +267,13 @@ def pole_starts(errors: Callable[[Array, Array], Array], shared: Array, guess: A
     Parameters
     ----------
     errors
-        As of `fit_to_scatter`.
+        As in `fit_to_scatter`.
     shared
         Values of the parameters.
     guess
         (phi, phi_dot) at the first rows, shape (B, 2).
     """
-    scale = 1e3  # far beyond any error [rad]: every reading counts in full
+    scale = 1e3  # far beyond any error [rad]: every reading has full weight
 
     def scaled(own: Array) -> Array:
         return errors(shared, own)[:, 0] / scale
@@ -289,7 +289,7 @@ def _identify_drive(
     workers: int,
     progress: Progress,
 ) -> Fit:
-    """Identify cart and drive, from few windows to all, and with a lag only where it shows."""
+    """Identify cart and drive, from few windows to all, with a lag only if it is significant."""
     known = _without_dry_friction(first.by_name, windows)
     parameters = rig.parameters_of(description)
     some = max(1, min(COARSE, windows.count // ENOUGH))
@@ -309,7 +309,7 @@ def _identify_drive(
 
 
 def _shows(fit: Fit, name: str) -> bool:
-    """Return whether an estimate is off its bound, and nought outside of its interval."""
+    """Return whether an estimate is off its bound, and its interval lies above zero."""
     at = [one.name for one in fit.parameters].index(name)
     return bool(fit.values[at] > fit.half_widths[at] and not fit.on_bound[at])
 
@@ -324,7 +324,7 @@ def _finished(
     starts: Array,
     workers: int,
 ) -> Fit:
-    """Fit cart and drive to all windows, from a first guess; what lies on a bound stays there."""
+    """Fit cart and drive to all windows from a first guess; parameters on a bound stay there."""
     parameters = rig.parameters_of(description)
     on = zip(guess.parameters, guess.values, guess.on_bound, strict=True)
     bound = {**bound, **{one.name: float(value) for one, value, there in on if there}}
@@ -346,9 +346,9 @@ def _finished(
 
 
 def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[str, float]:
-    """Return the pole's parameters with its dry friction as the viscous one that wastes as much.
+    """Return the pole's parameters with viscous friction of equal dissipation for the dry one.
 
-    It is small beside gravity, and without it MuJoCo has no constraint to solve.
+    Dry friction is small beside gravity, and without it MuJoCo has no constraint to solve.
     """
     known = windows.valid[:, 1:] * windows.valid[:, :-1] > 0.0
     turned = np.diff(windows.phi + 2.0 * np.pi * windows.turns, axis=1)
@@ -383,7 +383,7 @@ def _fit_drive(
 def _whole(
     windows: Windows, description: Description, workers: int
 ) -> tuple[rig.Rig, Array, Array]:
-    """Return the cart-poles of windows, what was measured, and where that says something."""
+    """Return the cart-poles of windows, the measurements, and a mask of the valid ones."""
     w = windows
     measured = np.stack([w.z, w.phi], axis=1)
     mask = np.stack([np.ones_like(w.valid), w.valid], axis=1)
@@ -404,7 +404,7 @@ def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, f
 
 
 def _step(fit: Fit, windows: Windows, position: int | None) -> Step:
-    """Return a fit as it is kept; `position` is the place of the position among its signals."""
+    """Return a fit as a `Step`; `position` is the index of the position among its signals."""
     return Step(
         estimates=tuple(
             Estimate(
@@ -431,7 +431,7 @@ _PHYSICAL = {
     "hinge_damping": ("hinge damping", "N m s/rad", {"gravity_term", "damping"}),
     "hinge_friction": ("dry friction of the hinge", "N m", {"gravity_term", "friction"}),
 }
-"""Title and unit of what `rig.physical` returns, and the parameters that each is made of."""
+"""Title and unit of each quantity of `rig.physical`, and the parameters it is computed from."""
 
 
 def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate, ...]:
@@ -439,7 +439,7 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
     values = {name: value for step in steps for name, value in step.by_name.items()}
     base = rig.physical(values, description)
     variance = dict.fromkeys(base, 0.0)
-    for step in steps:  # the two steps are taken to be independent
+    for step in steps:  # the two steps are assumed to be independent
         slopes = np.zeros((len(base), len(step.values)))
         for i, one in enumerate(step.parameters):
             delta = 1e-6 * one.scale
@@ -473,10 +473,10 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
 
 
 def require_radians(logs: Sequence[Log], description: Description) -> None:
-    """Raise where gravity says that the angle is in another unit than the description says.
+    """Raise if gravity shows that the angle has another unit than the description says.
 
-    The curvature of the angle is compared with the sine of the angle, taken in radians and in
-    degrees: where the readings swing far, only one of the two fits.
+    The second derivative of the angle is compared with the sine of the angle, taken in radians and
+    in degrees: if the readings swing far, only one of the two fits.
     """
     fits = {
         factor: _share_explained(logs, factor) for factor in (1.0, np.pi / 180.0, 180.0 / np.pi)
@@ -487,8 +487,8 @@ def require_radians(logs: Sequence[Log], description: Description) -> None:
         other = "deg" if best < 1.0 else "rad"
         raise InvalidValueError(
             f"unit of {description.phi.column}",
-            f"must be {other!r} by its gravity term, which explains "
-            f"{100.0 * fits[best]:.0f} % of the curvature then and {100.0 * fits[1.0]:.0f} % now",
+            f"must be {other!r} according to gravity, which then explains "
+            f"{100.0 * fits[best]:.0f} % of the curvature instead of {100.0 * fits[1.0]:.0f} %",
             repr(unit),
         )
 

@@ -1,7 +1,7 @@
-"""Least squares for parameters that all windows share and a start that each has for itself.
+"""Least squares for parameters that all windows share and an initial state of each window.
 
 A start acts on its own window alone, so that starts are eliminated window by window, exactly:
-SciPy's trust region on the sparse whole solves by iterations what is solved here at once.
+SciPy's trust region on the whole sparse problem solves iteratively what is solved here directly.
 The covariance is that of clustered observations: readings of one log are not independent.
 """
 
@@ -19,46 +19,46 @@ Residuals = Callable[[Array, Array], Array]
 """``residuals(shared, starts)``: shapes (p,) and (B, L) to (B, R), in units of their scatter."""
 
 ROBUST = 3.0
-"""Residuals beyond so many of their scatter count by their size, not by its square."""
+"""Residuals beyond this many times their scatter count by their size, not by its square."""
 
 LEAST_SCATTER = 1e-12
-"""Of residuals: those of a simulation may be nought."""
+"""Least scatter of residuals: those of a simulation may be zero."""
 
 SETTLED = 0.05
-"""Relative change of the scatter up to which it has been found."""
+"""Relative change of the scatter below which it has converged."""
 
 ROUNDS = 6
-"""Of finding it, at most."""
+"""Largest number of rounds to find the scatter."""
 
 FEW_CLUSTERS = 8
-"""Logs below which windows are taken to be independent, for want of anything better."""
+"""Number of logs below which windows are taken to be independent, for want of anything better."""
 
 STEP = 1e-4
-"""Of a difference, relative to the scale of what it is taken over."""
+"""Step of a finite difference, relative to the scale of its variable."""
 
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6
-"""Of the method of Levenberg and Marquardt."""
+"""First and largest damping of the Levenberg-Marquardt method."""
 
 TOLERANCE = 1e-4
-"""Relative decrease of the cost below which it has converged."""
+"""Relative decrease of the cost below which the fit has converged."""
 
 CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """Something to be estimated.
+    """A parameter to be estimated.
 
     Attributes
     ----------
     name, unit
-        For files and tables.
+        Name and unit in files and tables.
     title
-        In words.
+        Name in words.
     start, low, high
         First guess and bounds.
     scale
-        Of its changes.
+        Scale of its changes.
     """
 
     name: str
@@ -72,28 +72,28 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """What the least squares found.
+    """The result of a least-squares fit.
 
     Attributes
     ----------
     parameters
-        What was estimated.
+        Parameters that were estimated.
     values
         Estimates, shape (p,).
     covariance
-        Of the estimates, shape (p, p); zero of one that lies on a bound.
+        Covariance of the estimates, shape (p, p); zero for an estimate on a bound.
     on_bound
-        Which lie on a bound, shape (p,).
+        Which estimates lie on a bound, shape (p,).
     degrees
-        Of freedom of the covariance.
+        Degrees of freedom of the covariance.
     starts
-        Of the windows, shape (B, L).
+        Initial states of the windows, shape (B, L).
     residuals
-        Shape (B, R), in units of their scatter.
+        Residuals in units of their scatter, shape (B, R).
     scatter
-        Of each signal, robust, shape (C,).
+        Robust scatter of each signal, shape (C,).
     evaluations
-        Of the Jacobian.
+        Number of evaluations of the Jacobian.
     """
 
     parameters: Sequence[Parameter]
@@ -119,19 +119,19 @@ class Fit:
 
     @property
     def half_widths(self) -> Array:
-        """Of the intervals of `CONFIDENCE`, shape (p,)."""
+        """Half-widths of the intervals of `CONFIDENCE`, shape (p,)."""
         return half_widths(self.errors, self.degrees)
 
     @property
     def correlations(self) -> Array:
-        """Of the estimates, shape (p, p); zero with one that lies on a bound."""
+        """Correlations of the estimates, shape (p, p); zero with one that lies on a bound."""
         errors = np.where(self.errors > 0.0, self.errors, np.inf)
         found: Array = self.covariance / np.outer(errors, errors)
         return found + np.diag(1.0 * (errors == np.inf))
 
 
 def half_widths(errors: Array, degrees: int) -> Array:
-    """Return the half-widths of the intervals of `CONFIDENCE` of standard errors, shape (p,)."""
+    """Return the half-widths of the intervals of `CONFIDENCE` for standard errors, shape (p,)."""
     found: Array = errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees))
     return found
 
@@ -146,18 +146,18 @@ def fit_to_scatter(
     start_scale: Array,
     evaluations: int = 8,
 ) -> Fit:
-    """Estimate parameters from signals whose scatter is not known: it is found by turns.
+    """Estimate parameters and the unknown scatter of the signals, alternately.
 
     Parameters
     ----------
     errors
         ``errors(shared, starts)``: simulated less measured, shapes (p,) and (B, L) to (B, C, n).
     mask
-        1 where a reading says something, 0 elsewhere, shape (B, C, n).
+        1 where a reading is valid, 0 elsewhere, shape (B, C, n).
     parameters, starts, clusters, start_scale
-        As of `fit`.
+        As in `fit`.
     evaluations
-        Of the Jacobian in a round, at most.
+        Largest number of evaluations of the Jacobian in a round.
     """
     count, signals = len(starts), mask.shape[1]
     now, scatter = list(parameters), np.full(signals, np.inf)
@@ -181,7 +181,7 @@ def fit_to_scatter(
 
 
 def _scatter(rest: Array, mask: Array) -> Array:
-    """Return the scatter of each signal by the median of its size, shape (C,)."""
+    """Return the scatter of each signal from the median of its absolute values, shape (C,)."""
     sizes = [np.abs(rest[:, i][mask[:, i] > 0.0]) for i in range(mask.shape[1])]
     return np.array([max(1.4826 * float(np.median(one)), LEAST_SCATTER) for one in sizes])
 
@@ -195,22 +195,22 @@ def fit(
     start_scale: Array,
     evaluations: int = 20,
 ) -> Fit:
-    """Estimate parameters, by the method of Levenberg and Marquardt.
+    """Estimate parameters by the Levenberg-Marquardt method.
 
     Parameters
     ----------
     residuals
-        What is to be small.
+        The residuals to minimise.
     parameters
-        What is to be estimated, p of them.
+        The p parameters to estimate.
     starts
-        First guess of the windows' own, shape (B, L).
+        First guess of the initial states of the windows, shape (B, L).
     clusters
-        The log that a window is of, shape (B,).
+        Index of the log of each window, shape (B,).
     start_scale
-        Of the changes of a start, shape (L,).
+        Scale of the changes of a start, shape (L,).
     evaluations
-        Of the Jacobian, at most.
+        Largest number of evaluations of the Jacobian.
     """
     scales = np.array([one.scale for one in parameters])
     steps, own_steps = STEP * scales, STEP * start_scale
@@ -249,15 +249,16 @@ def fit(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Reduced:
-    """The linear least squares about a point, the windows' own starts eliminated.
+    """The linear least-squares problem about a point, with the starts of the windows eliminated.
 
     Attributes
     ----------
     slopes, rest
-        Weighted derivatives by the shared parameters, less what the starts can do for them, and
-        weighted residuals, shapes (B, R, p) and (B, R).
+        Weighted derivatives with respect to the shared parameters, projected off those with respect
+        to the starts, and weighted residuals, shapes (B, R, p) and (B, R).
     shared, q, r
-        Weighted derivatives before that, and the QR decomposition of those by the starts.
+        Weighted derivatives before the projection, and the QR decomposition of those with respect
+        to the starts.
     """
 
     slopes: Array
@@ -268,18 +269,18 @@ class _Reduced:
 
     @property
     def matrix(self) -> Array:
-        """Of Gauss and Newton, shape (p, p)."""
+        """Gauss-Newton matrix, shape (p, p)."""
         found: Array = np.einsum("bri,brj->ij", self.slopes, self.slopes)
         return found
 
     @property
     def gradient(self) -> Array:
-        """Of half the cost, shape (p,)."""
+        """Gradient of half the cost, shape (p,)."""
         found: Array = np.einsum("bri,br->i", self.slopes, self.rest)
         return found
 
     def step(self, damping: float, free: NDArray[np.bool_]) -> Array:
-        """Return the step of the shared parameters, those that are free, shape (p,)."""
+        """Return the step of the shared parameters, zero unless free, shape (p,)."""
         matrix = self.matrix[np.ix_(free, free)]
         found = np.zeros(len(free))
         damped = matrix + damping * np.diag(np.diag(matrix))
@@ -287,7 +288,7 @@ class _Reduced:
         return found
 
     def own_step(self, step: Array) -> Array:
-        """Return the step of the starts that goes with one of the shared parameters, (B, L)."""
+        """Return the step of the starts for a step of the shared parameters, shape (B, L)."""
         rest = self.rest + self.shared @ step
         right = np.swapaxes(self.q, 1, 2) @ rest[..., None]
         found: Array = np.linalg.solve(self.r, right)[..., 0].astype(np.float64)
@@ -295,7 +296,7 @@ class _Reduced:
 
 
 def _reduced(shared: Array, own: Array, rest: Array, weights: Array) -> _Reduced:
-    """Return the linear least squares about a point; derivatives as of `derivatives`."""
+    """Return the linear least-squares problem about a point, from the result of `derivatives`."""
     root = np.sqrt(weights)
     shared, own = root[..., None] * shared, root[..., None] * own
     q, r = np.linalg.qr(own)
@@ -311,18 +312,21 @@ def with_uncertainty_of(
     *,
     start_scale: Array,
 ) -> Fit:
-    """Return a fit whose covariance has that of what it took as known.
+    """Return a fit whose covariance includes that of the parameters taken as known.
 
     Parameters
     ----------
     errors
-        ``errors(shared, known, starts)``: as of `fit_to_scatter`, with the estimates of `known`.
+        ``errors(shared, known, starts)``: as in `fit_to_scatter`, with the estimates of `known`.
     mask
-        As of `fit_to_scatter`.
+        As in `fit_to_scatter`.
+    fit
+        The fit to which the covariance is added.
     known
-        Of other data, or other signals: their errors are taken to be independent.
+        Fit of the known parameters to other data or signals, whose errors are taken to be
+        independent.
     start_scale
-        As of `fit`.
+        As in `fit`.
     """
     p = len(fit.values)
     scales = np.array([one.scale for one in (*fit.parameters, *known.parameters)])
@@ -344,16 +348,16 @@ def with_uncertainty_of(
 def fitted_starts(
     residuals: Callable[[Array], Array], starts: Array, start_scale: Array, *, rounds: int = 6
 ) -> Array:
-    """Return the starts that make residuals of the windows least, by Gauss-Newton.
+    """Return the starts that minimise the residuals of the windows, by Gauss-Newton.
 
     Parameters
     ----------
     residuals
-        Of the starts, shape (B, L) to (B, R).
+        Function from the starts to the residuals, shape (B, L) to (B, R).
     starts
         First guess, shape (B, L).
     start_scale
-        Of the changes of a start, shape (L,).
+        Scale of the changes of a start, shape (L,).
     """
     for _ in range(rounds):
         rest = residuals(starts)
@@ -374,19 +378,19 @@ def derivatives(
     steps: Array,
     own_steps: Array,
 ) -> tuple[Array, Array]:
-    """Return the derivatives by the shared parameters and by the starts, by differences.
+    """Return the finite-difference derivatives in the shared parameters and in the starts.
 
     Parameters
     ----------
     base
-        The residuals themselves, shape (B, R).
+        The residuals at the point, shape (B, R).
     steps, own_steps
-        Shapes (p,) and (L,).
+        Steps of the shared parameters and of the starts, shapes (p,) and (L,).
 
     Returns
     -------
     shared, own
-        Shapes (B, R, p) and (B, R, L).
+        The derivatives, shapes (B, R, p) and (B, R, L).
     """
     by_shared = np.empty((*base.shape, len(shared)))
     for i, step in enumerate(steps):
@@ -399,7 +403,7 @@ def derivatives(
 def _own_slopes(
     residuals: Callable[[Array], Array], starts: Array, base: Array, steps: Array
 ) -> Array:
-    """Return the derivatives by the starts, shape (B, R, L)."""
+    """Return the derivatives with respect to the starts, shape (B, R, L)."""
     slopes = np.empty((*base.shape, starts.shape[1]))
     for i, step in enumerate(steps):
         ahead = starts.copy()
@@ -409,13 +413,13 @@ def _own_slopes(
 
 
 def _weights(rest: Array) -> Array:
-    """Return how much a residual counts, by its size."""
+    """Return the robust weight of each residual."""
     weights: Array = 1.0 / np.sqrt(1.0 + (rest / ROBUST) ** 2)
     return weights
 
 
 def _cost(rest: Array) -> float:
-    """Return the sum of squares, of what is large its size."""
+    """Return the sum of the squares of small residuals and the absolute values of large ones."""
     with np.errstate(over="ignore", invalid="ignore"):
         cost = float(np.sum(2.0 * ROBUST**2 * (np.sqrt(1.0 + (rest / ROBUST) ** 2) - 1.0)))
     return cost if np.isfinite(cost) else np.inf
@@ -430,9 +434,9 @@ def _covariance(
 ) -> tuple[Array, int]:
     """Return the covariance of the shared parameters, and its degrees of freedom.
 
-    The sandwich of Huber and White for clustered observations: its bread is the inverse of the
-    curvature, its filling the scatter of what the clusters contribute to the gradient; with the
-    corrections for few clusters and for what is estimated.
+    The sandwich estimator of Huber and White for clustered observations: the bread is the inverse
+    of the curvature, the meat the scatter of the contributions of the clusters to the gradient,
+    corrected for few clusters and for the number of estimated parameters.
     """
     weights = _weights(rest)
     curvature = weights**3  # the derivative of a residual's influence, ``weights * rest``
@@ -444,7 +448,7 @@ def _covariance(
     if len(groups) >= FEW_CLUSTERS:
         scores = np.array([scores[clusters == group].sum(axis=0) for group in groups])
     degrees = max(1, len(scores) - 1)
-    known = np.count_nonzero(np.abs(own).sum(axis=2))  # readings that are masked depend on nothing
+    known = np.count_nonzero(np.abs(own).sum(axis=2))  # masked readings depend on nothing
     left = max(1, known - int(free.sum()) - own.shape[0] * own.shape[2])
     meat = scores.T @ scores * (len(scores) / degrees) * (max(1, known - 1) / left)
     covariance = np.zeros((len(free), len(free)))

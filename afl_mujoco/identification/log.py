@@ -16,20 +16,20 @@ from afl_mujoco.files import atomic_file
 from afl_mujoco.identification.description import UNITS, Description
 
 MOST_BYTES = 100_000_000
-"""Of a file that is read."""
+"""Largest size of a file that is read."""
 
 LEAST_ROWS = 50
-"""Of a log: a second at 50 Hz."""
+"""Least number of rows of a log: a second at 50 Hz."""
 
 PERIOD_DIFFERENCE = 0.1
-"""Relative difference up to which the period of a log is its nominal one."""
+"""Largest relative difference between the period of a log and the nominal period."""
 
 LARGEST = 1e20
-"""Number in a log: nanoseconds since 1970 are below it."""
+"""Bound on the numbers in a log: nanoseconds since 1970 are below it."""
 
 JITTER = 0.05
-"""Scatter of time stamps about a period up to which the device is taken to be regular, and the
-stamps to be late by chance [period]."""
+"""Scatter of time stamps about a regular period up to which the device is taken to be regular and
+its stamps to be late at random [period]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,25 +39,26 @@ class Log:
     Attributes
     ----------
     name
-        Of its file, without the ending.
+        Name of its file, without the suffix.
     time
-        Since the first row [s], shape (N,); of a device whose stamps only scatter, its own period
-        counted on.
+        Time since the first row [s], shape (N,); multiples of the device's own period if its stamps
+        only scatter about them.
     phi
-        Readings of the angle [rad], shape (N,), upright at the zero that the description gives;
-        where there is a dead zone, those above it less 2 pi, so that they grow from end to end.
+        Readings of the angle [rad], shape (N,), upright at the zero that the description gives; if
+        there is a dead zone, the readings above it less 2 pi, so that they grow from end to end.
     turns
-        Whole turns to add, shape (N,): the angle goes on where a reading jumps from end to end.
+        Whole turns to add, shape (N,): the angle is continuous where a reading jumps from end to
+        end.
     valid
-        Where the angle's reading says something, shape (N,).
+        Where the reading of the angle is valid, shape (N,).
     z
         Position of the cart [m], shape (N,).
     command
-        Held from a row's time to the next, shape (N,).
+        Command, held from the time of a row to that of the next, shape (N,).
     period, jitter
         Time between two rows, and the scatter of the stamps about it [s].
     missing
-        How many rows are missing.
+        Number of missing rows.
     """
 
     name: str
@@ -73,12 +74,12 @@ class Log:
 
     @property
     def duration(self) -> float:
-        """From the first row to the last [s]."""
+        """Time from the first row to the last [s]."""
         return float(self.time[-1])
 
     @property
     def angle(self) -> NDArray[np.float64]:
-        """The angle without turns, as far as the readings tell it, across the dead zone a line."""
+        """The unwrapped angle [rad] from the valid readings, linear across the dead zone."""
         there = self.valid
         known = self.phi[there] + 2.0 * np.pi * self.turns[there]
         return np.interp(self.time, self.time[there], known)
@@ -97,7 +98,7 @@ def read_log(path: str | Path, description: Description) -> Log:
     Raises
     ------
     AflMujocoError
-        If it cannot be read, or is no log that can be used; the message names file, rule and value.
+        If it cannot be read or is not a usable log; the message names file, rule and value.
     """
     path = Path(path)
     table = _read(path, list(description.columns.values()))
@@ -108,23 +109,23 @@ def read_log(path: str | Path, description: Description) -> Log:
 
 
 def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log]:
-    """Read logs, of a folder every CSV file in it, in the order of their names.
+    """Read logs from files, or from all CSV files of a folder in the order of their names.
 
     Raises
     ------
     AflMujocoError
-        As of `read_log`; if a folder has none, or two have one name.
+        As in `read_log`; also if a folder has no log, or two logs have the same name.
     """
     files: list[Path] = []
     for path in map(Path, paths):
         found = sorted(path.glob("*.csv")) if path.is_dir() else [path]
         if not found:
-            raise FileError(str(path), "must hold logs, *.csv")
+            raise FileError(str(path), "must contain logs, *.csv")
         files += found
     stems = [file.stem for file in files]
     for stem in stems:
         if stems.count(stem) > 1:
-            raise InvalidValueError("log", "must be given once, by one name", stem)
+            raise InvalidValueError("name of a log", "must be unique", stem)
     return [read_log(file, description) for file in files]
 
 
@@ -135,7 +136,7 @@ def write_log(
     z: NDArray[np.float64],
     command: NDArray[np.float64],
 ) -> None:
-    """Write a log whose columns are named as a description has them by default, in SI units.
+    """Write a log in SI units, with the default column names of a description.
 
     Parameters
     ----------
@@ -152,14 +153,14 @@ def write_log(
 
 
 def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Description) -> Log:
-    """Return a log of its columns, or raise if nothing can be learnt from it.
+    """Return a log from its columns, or raise if it cannot be used for identification.
 
     Parameters
     ----------
     name
-        Of the log.
+        Name of the log.
     table
-        Its columns by header, shape (N,), in the units of the description.
+        Columns of the log by header, shape (N,), in the units of the description.
     """
     d = description
     columns = {signal: table[header] for signal, header in d.columns.items()}
@@ -175,10 +176,10 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
     raw = columns["phi"]
     zone = d.phi.dead_zone
     valid = np.ones(len(raw), bool) if zone is None else (raw <= zone[0]) | (raw >= zone[1])
-    unit = 2.0 * math.pi / abs(d.phi.radians)  # of a turn
+    unit = 2.0 * math.pi / abs(d.phi.radians)  # one turn, in the unit of the readings
     span = float(np.ptp(raw))
     if zone is not None and span > 1.01 * unit:
-        rule = f"must lie within a turn, {unit:.4g} {d.phi.unit} (or its unit is another)"
+        rule = f"must lie within a turn, {unit:.4g} {d.phi.unit} (or its unit is wrong)"
         raise InvalidValueError(d.phi.column, rule, f"a range of {span:.4g}")
     middle = math.inf if zone is None else 0.5 * (zone[0] + zone[1])
     zero = d.phi.zero - unit if d.phi.zero > middle else d.phi.zero
@@ -199,14 +200,15 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
 def _clock(
     stamps: NDArray[np.float64], description: Description
 ) -> tuple[NDArray[np.float64], float, float, int]:
-    """Return time, period and jitter [s], and how many rows are missing; or raise."""
+    """Return time, period and jitter [s], and the number of missing rows, or raise."""
     d = description
     time = UNITS["time"][d.time.unit] * (stamps - stamps[0])
     steps = np.diff(time)
     if not (steps > 0.0).all():
         row = int(np.argmin(steps > 0.0)) + 2
-        how = "stands still" if steps[row - 2] == 0.0 else "runs back"
-        raise InvalidValueError(d.time.column, "must grow from row to row", f"{how} in row {row}")
+        how = "no change" if steps[row - 2] == 0.0 else "a decrease"
+        rule = "must increase from row to row"
+        raise InvalidValueError(d.time.column, rule, f"{how} in row {row}")
     period = float(np.median(steps))
     if abs(period / d.period - 1.0) > PERIOD_DIFFERENCE:
         rule = f"must be near the period of the description, {d.period:g} s"
@@ -223,14 +225,14 @@ def _clock(
 def _require_motion(
     phi: NDArray[np.float64], z: NDArray[np.float64], description: Description
 ) -> None:
-    """Raise where a signal does not move: nothing is known of what it says."""
+    """Raise if a signal is constant, because nothing can be identified from it."""
     d = description
     for signal, values, count, header in (
         ("angle", np.unwrap(phi), d.angle_count, d.phi.column),
         ("position", z, d.position_count, d.z.column),
     ):
         if len(values) == 0 or np.ptp(values) <= 3.0 * count or np.ptp(values) == 0.0:
-            raise InvalidValueError(header, f"must move: the {signal} is constant in this log")
+            raise InvalidValueError(header, f"must vary: the {signal} is constant in this log")
 
 
 def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
@@ -238,21 +240,21 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     try:
         size = path.stat().st_size
         if size > MOST_BYTES:
-            rule = f"must be at most {MOST_BYTES // 10**6} MB: cut it into logs of minutes"
+            rule = f"must be at most {MOST_BYTES // 10**6} MB: split it into logs of a few minutes"
             raise InvalidValueError(str(path), rule, f"{size / 1e6:.0f} MB")
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = csv.reader(line for line in file if line.strip() and not line.startswith("#"))
             first = [name.strip() for name in next(lines, [])]
             for header in headers:
                 if first.count(header) > 1:
-                    raise FileError(f"{path}: column {header!r}", "must stand there once")
+                    raise FileError(f"{path}: column {header!r}", "must occur only once")
                 if header not in first:
-                    rule = f"is missing; there are {', '.join(first)}{meant(header, first)}"
+                    rule = f"is missing; the columns are {', '.join(first)}{meant(header, first)}"
                     raise FileError(f"{path}: column {header!r}", rule)
             places = [first.index(header) for header in headers]
             rows = [[row[i] for i in places] for row in lines if row]
     except (UnicodeDecodeError, csv.Error, IndexError):
-        raise FileError(str(path), "is no table of numbers, separated by commas") from None
+        raise FileError(str(path), "is not a table of numbers separated by commas") from None
     except OSError as error:
         raise FileError.cannot_be("read", path, error) from None
     try:

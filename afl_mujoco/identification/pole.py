@@ -4,9 +4,9 @@ For a rigid pole on a cart,
 
     phi'' = w2 sin(phi) + (k / g) w2 z'' cos(phi) - c phi' - d sign(phi'),
 
-with the gravity term w2 = 3 g / (4 l) for a uniform rod, and k = 1 whatever the pole. In
-``p = phi' - (k w2 / g) z' cos(phi)`` the acceleration of the cart does not appear, only its
-velocity, which recorded positions give far better.
+with the gravity term w2 = 3 g / (4 l) for a uniform rod, and k = 1 for any pole. The equation for
+``p = phi' - (k w2 / g) z' cos(phi)`` does not contain the acceleration of the cart, only its
+velocity, which recorded positions determine far better.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from afl_mujoco.identification.windows import Windows, stride_of
 Array = NDArray[np.float64]
 
 HARMONICS = 4
-"""Of the angle, in which the readings of a sensor with a dead zone may depart from a line."""
+"""Number of harmonics of the angle in the nonlinearity of a sensor with a dead zone."""
 
 SLOW = 0.05
-"""Below it [rad/s] dry friction in the hinge goes through zero smoothly."""
+"""Rate of the hinge below which its dry friction passes smoothly through zero [rad/s]."""
 
 START_SCALE = np.array([0.01, 0.1])
-"""Of changes of a start (phi, phi_dot) [rad, rad/s]."""
+"""Scale of the changes of a start (phi, phi_dot) [rad, rad/s]."""
 
 
 def parameters_of(description: Description) -> list[Parameter]:
-    """Return what is estimated of the pole and of the two sensors.
+    """Return the parameters of the pole and of the two sensors.
 
-    Scale and linearity of the angle are among it only where the sensor has a dead zone: one that
-    goes all the way round counts its turns.
+    They include scale and linearity of the angle only if the sensor has a dead zone: a sensor that
+    covers the whole turn counts its turns.
     """
     w2, reach = description.nominal.gravity_term, max(2.0 * description.period, 0.04)
     found = [
@@ -84,16 +84,16 @@ def parameters_of(description: Description) -> list[Parameter]:
 
 
 NONE = {"angle_scale": 1.0}
-"""What is taken of a parameter that is not estimated."""
+"""Values of parameters that are not estimated."""
 
 
 def linearity(values: Mapping[str, float], angles: Array) -> Array:
-    """Return how far readings are off a straight line at some angles [rad].
+    """Return the deviation of readings from a straight line at some angles [rad].
 
     Parameters
     ----------
     values
-        Of the parameters; those of the linearity may be missing.
+        Values of the parameters; those of the linearity may be missing.
     """
     off = np.zeros_like(angles)
     for k in range(1, HARMONICS + 1):
@@ -104,12 +104,12 @@ def linearity(values: Mapping[str, float], angles: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drive:
-    """The recorded motion of the carts over windows.
+    """The recorded motion of the cart over windows.
 
     Attributes
     ----------
     windows
-        Of the logs.
+        Windows of the logs.
     gravity
         g [m/s^2].
     """
@@ -132,7 +132,7 @@ class Drive:
         Parameters
         ----------
         values
-            Of the parameters.
+            Values of the parameters.
         starts
             (phi, phi_dot) at the first rows, shape (B, 2).
         """
@@ -145,12 +145,12 @@ class Drive:
         return at_rows(w, track[..., 0], track[..., 1], 0.0)
 
     def velocities(self, skew: float, compliance: float) -> Array:
-        """Return the carts' velocities on the half steps of the windows [m/s], (B, 2 steps + 1).
+        """Return the cart's velocity on the half steps of the windows [m/s], (B, 2 steps + 1).
 
         Parameters
         ----------
         skew, compliance
-            As of `parameters_of`.
+            As in `parameters_of`.
         """
         w = self.windows
         found = np.empty((w.count, 2 * w.steps + 1))
@@ -172,9 +172,9 @@ def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
     Parameters
     ----------
     values
-        Of the parameters.
+        Values of the parameters.
     angles, turns
-        Angles [rad], and the whole turns of them.
+        Angles [rad], and the whole turns in them.
     """
     v = {**NONE, **values}
     read: Array = (angles - 2.0 * np.pi * turns - v["angle_offset"]) / v["angle_scale"]
@@ -182,14 +182,14 @@ def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
 
 
 def at_rows(windows: Windows, values: Array, rates: Array, late: float) -> Array:
-    """Return what a simulation passes through at the rows of the windows, shape (B, n).
+    """Return a simulated signal interpolated at the rows of the windows, shape (B, n).
 
     Parameters
     ----------
     values, rates
-        On the steps of the windows, and their derivatives, shape (B, steps + 1).
+        The signal on the steps of the windows, and its derivative, shape (B, steps + 1).
     late
-        How much later than their rows [s].
+        How much later than the rows the signal is taken [s].
     """
     w = windows
     place = (w.time - w.time[:, :1] + late) / w.step
@@ -221,7 +221,7 @@ def pole_motion(starts, drives, step, w2, c, d):
     drives
         ``(k w2 / g) z'`` on the half steps [rad/s], shape (B, 2 steps + 1).
     step
-        In s.
+        Length of a step [s].
     w2, c, d
         Gravity term [1/s^2], viscous [1/s] and dry friction [rad/s^2].
     """

@@ -1,4 +1,4 @@
-"""Predictions of recordings: the state fitted to the readings before, the error some time after."""
+"""Predictions of recordings: a state fitted to past readings, and the errors some time later."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ AWAY = 0.5
 """Angle from upright beyond which a small error does not grow by itself [rad]."""
 
 LONG_GAP = 5.0
-"""Times the spacing of rows from which on a gap is no part of a prediction."""
+"""Gap between two rows, in units of their spacing, from which a prediction is left out."""
 
 SEEN = 5
-"""Readings of the angle that a fitted state needs."""
+"""Number of readings of the angle that a fitted state needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,9 +33,9 @@ class Starts:
     Attributes
     ----------
     windows
-        Of what is fitted and what is predicted, one for each start.
+        Windows of the rows that are fitted and predicted, one for each start.
     past
-        Rows to which the state is fitted; the last of them is the start.
+        Number of rows to which the state is fitted; the last of them is the start.
     """
 
     windows: Windows
@@ -43,12 +43,12 @@ class Starts:
 
     @property
     def before(self) -> Array:
-        """1 where a reading of the angle is fitted, shape (B, n)."""
+        """1 where a reading of the angle is fitted, else 0, shape (B, n)."""
         w = self.windows
         return w.valid * (np.arange(w.valid.shape[1]) < self.past)
 
     def rows(self, horizon: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the row nearest to so long after the start [s], and whether it is near, (B,)."""
+        """Return the row nearest to a time after the start [s], and whether it is near, (B,)."""
         t = self.windows.time
         distance = np.abs(t - t[:, self.past - 1 : self.past] - horizon)
         found: NDArray[np.int64] = np.argmin(distance, axis=1)
@@ -61,11 +61,11 @@ def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) ->
     Parameters
     ----------
     past
-        Length of what is fitted [s].
+        Length of the rows that are fitted [s].
     longest
         Longest horizon [s].
     every
-        Between two starts [s].
+        Time between two starts [s].
     """
     period = min(log.period for log in logs)
     spacing = stride_of(period) * period
@@ -77,24 +77,24 @@ def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """What is left of a prediction after some time.
+    """Errors of predictions after some time.
 
     Attributes
     ----------
     horizon
-        After the start [s].
+        Time after the start [s].
     rms_phi, rms_z
-        Root of the mean squared error [rad, m]; None of what was not predicted.
+        Root of the mean squared error [rad, m]; None for a signal that was not predicted.
     counts_phi, counts_z
         The same in counts of the sensors [1]; None without a resolution.
     explained_phi, explained_z
-        Share of variance explained, of the angle without its turns [1].
+        Share of variance explained, for the angle without its turns [1].
     away_phi
-        `counts_phi` where start and end are `AWAY` from upright.
+        `counts_phi` of predictions whose start and end are more than `AWAY` from upright.
     clear_phi
-        The same, of starts before which no reading of the angle is missing.
+        The same, for starts before which no reading of the angle is missing.
     starts, away
-        How many there are, in all and away from upright.
+        Number of starts, in all and away from upright.
     """
 
     horizon: float
@@ -120,20 +120,20 @@ def errors_of(
     position: bool = True,
     whole: bool = False,
 ) -> tuple[Errors, ...]:
-    """Return the errors of what was predicted, by horizon.
+    """Return the errors of predictions for each horizon.
 
     Parameters
     ----------
     predicted
-        Readings of position and angle, shape (B, 2, n).
+        Predicted readings of position and angle, shape (B, 2, n).
     horizons
-        In s.
+        Horizons [s].
     values
-        Scale and offset of the angle, by which readings are angles.
+        Scale and offset of the angle, which turn readings into angles.
     position
-        Whether the position was predicted at all.
+        Whether the position was predicted.
     whole
-        Whether to leave out the starts about which a row is missing: its command is not known.
+        Whether to leave out starts whose window lacks a row, since its command is not known.
     """
     w, d, v = starts.windows, description, {**pole.NONE, **values}
     there, first = np.arange(w.count), starts.past - 1
@@ -169,12 +169,12 @@ def errors_of(
 def predicted_by_pole(
     starts: Starts, values: Mapping[str, float], description: Description
 ) -> Array:
-    """Return what the angle's sensor will read, the motion of the cart known, shape (B, n).
+    """Return the predicted readings of the angle for a known motion of the cart, shape (B, n).
 
     Parameters
     ----------
     values
-        Of the parameters of the pole.
+        Values of the parameters of the pole.
     """
     w = starts.windows
     driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
@@ -198,16 +198,16 @@ def predicted_by_rig(
     *,
     workers: int = 1,
 ) -> tuple[Array, Array]:
-    """Return what the sensors will read, the commands known, and the states at the starts.
+    """Return the predicted readings for known commands, and the states at the starts.
 
     Parameters
     ----------
     values
-        Of the parameters of pole and rig.
+        Values of the parameters of pole and rig.
     scatter
-        Of position and angle, by which their readings are weighed [m, rad].
+        Scatter of position and angle, which weights their readings [m, rad].
     workers
-        Threads; the numbers do not depend on it.
+        Number of threads; the results do not depend on it.
 
     Returns
     -------
@@ -242,7 +242,7 @@ def predicted_by_rig(
 
 
 def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> Array:
-    """Return what the sensors will read if nothing accelerates, shape (B, 2, n).
+    """Return the predicted readings without any acceleration, shape (B, 2, n).
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> A
 
 
 def _first_rows(windows: Windows, rows: int) -> Windows:
-    """Return windows cut off after some rows."""
+    """Return the first rows of windows."""
     names = ("time", "phi", "turns", "z", "valid")
     return replace(windows, **{name: getattr(windows, name)[:, :rows] for name in names})
 
@@ -271,7 +271,7 @@ def _within_turn(angle: Array) -> Array:
 
 
 def _count(resolution: float) -> float:
-    """Return a resolution, a small one where there is none."""
+    """Return a resolution, or a small one if there is none."""
     return resolution if resolution > 0.0 else 1e-6
 
 

@@ -25,11 +25,11 @@ from mujoco import rollout  # isort: skip
 Array = NDArray[np.float64]
 
 START_SCALE = np.array([0.001, 0.01, 0.05, 0.1])
-"""Of changes of a start (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s]."""
+"""Scale of the changes of a start (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s]."""
 
 
 def parameters_of(description: Description) -> list[Parameter]:
-    """Return what is estimated of the cart and its drive."""
+    """Return the parameters of the cart and its drive."""
     n, period, limit = description.nominal, description.period, description.command.limit
     whole = n.cart_mass + n.pole_mass
     gain, decay = n.force / whole, min(max(n.rail_damping / whole, 1.0), 20.0)
@@ -54,17 +54,17 @@ def parameters_of(description: Description) -> list[Parameter]:
 
 
 def physical(values: Mapping[str, float], description: Description) -> dict[str, float]:
-    """Return what ratios of motion are for a pole of the given mass: masses, forces, frictions.
+    """Return masses, forces and frictions from identified ratios, for a pole of the given mass.
 
     Parameters
     ----------
     values
-        Of the parameters of pole and rig.
+        Values of the parameters of pole and rig.
 
     Returns
     -------
     physical
-        ``half_length`` [m], ``cart_mass`` [kg], ``force`` [N] of one of the command,
+        ``half_length`` [m], ``cart_mass`` [kg], ``force`` [N] per unit of command,
         ``rail_damping`` [N s/m], ``rail_friction`` [N], ``hinge_damping`` [N m s/rad],
         ``hinge_friction`` [N m].
     """
@@ -84,7 +84,7 @@ def physical(values: Mapping[str, float], description: Description) -> dict[str,
 
 
 FRICTIONS = ("rail_damping", "rail_friction", "hinge_damping", "hinge_friction")
-"""What MuJoCo has of it; one that is estimated below nought, within its error, is none."""
+"""Frictions of the MuJoCo model; a friction estimated as negative, within its error, is zero."""
 
 
 def model_of(
@@ -95,7 +95,7 @@ def model_of(
     Parameters
     ----------
     values
-        Of the parameters of pole and rig.
+        Values of the parameters of pole and rig.
     """
     n, found = description.nominal, physical(values, description)
     plant = CartPoleParameters(
@@ -115,11 +115,11 @@ class Rig:
     Attributes
     ----------
     windows
-        Of the logs.
+        Windows of the logs.
     description
-        Of the cart-pole.
+        Description of the cart-pole.
     workers
-        Threads; the numbers do not depend on it.
+        Number of threads; the results do not depend on it.
     """
 
     windows: Windows
@@ -133,31 +133,31 @@ class Rig:
         object.__setattr__(self, "_model", model)
 
     def readings(self, values: Mapping[str, float], starts: Array) -> Array:
-        """Return what the sensors read at the rows of the windows, shape (B, 2, n).
+        """Return the readings of the sensors at the rows of the windows, shape (B, 2, n).
 
         Parameters
         ----------
         values
-            Of the parameters of pole and rig.
+            Values of the parameters of pole and rig.
         starts
             (z, phi, z_dot, phi_dot) at the first rows, shape (B, 4).
 
         Returns
         -------
         readings
-            Of the position [m] and the angle [rad].
+            Readings of the position [m] and the angle [rad].
         """
         return self.read(values, self.motion(values, starts))
 
     def read(self, values: Mapping[str, float], track: Array) -> Array:
-        """Return what the sensors read along a motion, shape (B, 2, n).
+        """Return the readings of the sensors along a motion, shape (B, 2, n).
 
         Parameters
         ----------
         values
-            Of the parameters of pole and rig.
+            Values of the parameters of pole and rig.
         track
-            Of `motion`.
+            Result of `motion`.
         """
         w, v = self.windows, values
         z, phi, z_dot, phi_dot = np.moveaxis(track, -1, 0)
@@ -176,7 +176,7 @@ class Rig:
         Parameters
         ----------
         values, starts
-            As of `readings`.
+            As in `readings`.
         """
         forces = self.forces(values)
         plant, imperfections = model_of(values, self.description)
@@ -214,14 +214,15 @@ def _impulses(times, commands, lag, when):
     Parameters
     ----------
     times, commands
-        From each time on its command, shape (N,); the first before it too, and settled.
+        Times [s] and the commands that hold from each of them on, shape (N,); before the first
+        time the first command holds, and the lag has settled.
     lag
         Time constant [s].
     when
-        Shape (B, K), ascending in each row.
+        Times of the integral [s], shape (B, K), ascending in each row.
     """
     count = len(times)
-    behind, whole = np.empty(count), np.zeros(count)  # of the lag, and the integral, at each time
+    behind, whole = np.empty(count), np.zeros(count)  # lagged command and integral at each time
     behind[0] = commands[0]
     for i in range(count - 1):
         length = times[i + 1] - times[i]

@@ -1,4 +1,4 @@
-"""The recordings of a real cart-pole that come with the package, and what was identified of it."""
+"""The recordings of a real cart-pole that come with the package, and the estimates from them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ FOLDER = Path(__file__).parent / "data" / "cartpole"
 """Recordings, their origin and licence, their description, and the estimates."""
 
 FIT, CHOOSE = FOLDER / "fit", FOLDER / "validate"
-"""The recordings that are identified on, and those that the model is judged on by default."""
+"""The recordings used for identification, and those used by default to judge the model."""
 
 DESCRIPTION, ESTIMATES = FOLDER / "description.toml", FOLDER / "estimates.json"
 
 
 def load_estimates(path: Path = ESTIMATES) -> Identified:
-    """Return estimates that `afl-mujoco identify` wrote."""
+    """Return the estimates in a file that `afl-mujoco identify` wrote."""
     from afl_mujoco.identification import pole, rig
     from afl_mujoco.identification.identify import Identified
 
-    wrong, again = "are no estimates of afl-mujoco identify", "run afl-mujoco identify"
+    wrong, again = "has no estimates of afl-mujoco identify", "run afl-mujoco identify"
     found = read_json(path, Identified, wrong, again)
     known = pole.parameters_of(found.description)
     if found.drive is not None:
@@ -33,7 +33,7 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
     expected = [one.name for one in known]
     for step in (found.pole, found.drive):
         if step is not None and not step.is_sound:
-            rule = f"must be as it writes them: {again}"
+            rule = f"must be as that command writes them: {again}"
             raise FileError(f"{path} {wrong}: correlations and scatter", rule)
     for one in known:
         value = found.values.get(one.name, one.low)
@@ -42,5 +42,5 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
             raise FileError(f"{path} {wrong}: {one.name}", bounds, value)
     if list(found.values) != expected:
         named = ", ".join({*expected} ^ {*found.values}) or "their order"
-        raise FileError(f"{path} {wrong}: {named}", f"must be as it writes them: {again}")
+        raise FileError(f"{path} {wrong}: {named}", f"must be as that command writes them: {again}")
     return found

@@ -28,13 +28,15 @@ from afl_mujoco.simulation.trajectory import Trajectory
 
 
 def require_loggable(scenario: Scenario, controller: Controller, simulator: str) -> None:
-    """Raise unless a run can be written as a log: of sampled mode, M and l kept, none estimated."""
+    """Raise unless a run can be a log: in sampled mode, with constant M and l and no estimator."""
     if simulator != "sampled":
         raise InvalidValueError("simulator", "must be sampled for a log", repr(simulator))
     if controller.estimates:
-        raise InvalidValueError("controller of a log", "must not estimate", controller.name)
+        raise InvalidValueError(
+            "controller of a log", "must not use the estimator", controller.name
+        )
     if len({*scenario.cart_mass.values}) > 1 or len({*scenario.half_length.values}) > 1:
-        raise InvalidValueError("scenario of a log", "must keep M and l", scenario.name)
+        raise InvalidValueError("scenario of a log", "must keep M and l constant", scenario.name)
 
 
 def write_run(
@@ -42,15 +44,16 @@ def write_run(
 ) -> list[Path]:
     """Write a sampled run as a log and its description; return the two files.
 
-    Readings are those that the controller got, of its sensors with their noise and resolution, and
-    commands those that it gave, cut off at the force limit, before any delay or lag of the drive.
+    The readings are those that the controller got, with the noise and resolution of its sensors.
+    The commands are those that it gave, cut off at the force limit, before any delay or lag of the
+    drive.
 
     Parameters
     ----------
     run
-        Of the scenario under the controller, as `require_loggable` allows.
+        Run of the scenario under the controller, as `require_loggable` allows.
     stem
-        How the names of the files begin.
+        Beginning of the names of the files.
     """
     settings = run.provenance["settings"]
     prepared = prepare(
@@ -80,12 +83,12 @@ def write_run(
 
 
 def description_of(scenario: Scenario, period: float, limit: float) -> Description:
-    """Return what the columns of a log of a scenario mean, and what is known of its cart-pole.
+    """Return the description of a log of a scenario and its cart-pole.
 
     Parameters
     ----------
     period
-        Of its rows [s].
+        Time between two rows [s].
     limit
         Largest command [N].
     """

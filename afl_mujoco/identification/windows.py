@@ -1,4 +1,4 @@
-"""Logs cut into windows of equal numbers of rows, each of which starts anew: multiple shooting."""
+"""Logs cut into windows of equal numbers of rows, each with its own start: multiple shooting."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification.log import Log
 
 SEEN = 6
-"""Readings of the angle that a window must have among its first rows, for a state to start from."""
+"""Readings of the angle that a window must have among its first rows, to find its initial state."""
 
 FINE = 0.01
-"""Readings closer together [s] are left out: one of several is read, all commands count."""
+"""Readings that are closer together [s] are thinned out; all commands are used."""
 
 GAP = 1.5
-"""Times the spacing of two rows from which on one is missing between them."""
+"""Gap between two rows, in units of their spacing, from which a row is missing between them."""
 
 STEP = 5e-3
-"""Of a simulation, about [s]: a whole part of the time from a reading to the next."""
+"""Approximate step of a simulation [s]: a whole fraction of the time between two readings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,19 +31,19 @@ class Windows:
     Attributes
     ----------
     logs
-        All of them.
+        All logs.
     log, first
-        Which log a window is of, and its first row, shape (B,).
+        Index of the log of each window, and its first row in the log, shape (B,).
     time, phi, turns, z
-        As of `Log`, shape (B, n).
+        As in `Log`, shape (B, n).
     valid
-        1 where the angle's reading says something, shape (B, n).
+        1 where the reading of the angle is valid, else 0, shape (B, n).
     starts
-        A first guess of the states (z, phi, z_dot, phi_dot), shape (B, 4).
+        First guess of the initial states (z, phi, z_dot, phi_dot), shape (B, 4).
     spacing
-        Between two rows that are read [s].
+        Time between two rows that are used [s].
     step
-        Of a simulation [s].
+        Step of a simulation [s].
     """
 
     logs: Sequence[Log]
@@ -60,34 +60,34 @@ class Windows:
 
     @property
     def whole(self) -> NDArray[np.bool_]:
-        """Which have every row, shape (B,)."""
+        """Which windows lack no row, shape (B,)."""
         found: NDArray[np.bool_] = np.diff(self.time, axis=1).max(axis=1) < GAP * self.spacing
         return found
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of windows."""
         return len(self.log)
 
     def some(self, every: int) -> Windows:
-        """Return one of so many windows."""
+        """Return every n-th window, with n = `every`."""
         names = ("log", "first", "time", "phi", "turns", "z", "valid", "starts")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
     def finer(self, times: int) -> Windows:
-        """Return the windows with a step that is so many times smaller."""
+        """Return the windows with a step that is `times` smaller."""
         return replace(self, step=self.step / times)
 
     @property
     def steps(self) -> int:
-        """Steps of a simulation that reaches the last row of each, and a period beyond it."""
+        """Number of steps of a simulation to the last row of every window, and a period beyond."""
         longest = float((self.time[:, -1] - self.time[:, 0]).max())
         spare = float(np.diff(self.time, axis=1).max())
         return int(np.ceil((longest + spare) / self.step - 1e-6))
 
 
 def stride_of(period: float) -> int:
-    """Return of how many rows one is read, at a time between rows [s]."""
+    """Return n if every n-th row is read, for a time between rows [s]."""
     return max(1, round(FINE / period))
 
 
@@ -105,15 +105,15 @@ def cut(
     Parameters
     ----------
     length
-        Of a window [s].
+        Length of a window [s].
     every
-        Between the starts of two [s].
+        Time between the starts of two windows [s].
     seen, head
-        Readings of the angle that a window must have among so many of its first rows; one with
-        fewer is left out.
+        Number of readings of the angle that a window must have among its first `head` rows; a
+        window with fewer is left out.
     gap
-        From one row to the next, in their spacing, from which on a window is left out: what was
-        commanded in between is not known.
+        Gap between two rows, in units of their spacing, from which a window is left out: the
+        command in the gap is not known.
     """
     period = min(log.period for log in logs)
     stride = stride_of(period)
@@ -128,9 +128,7 @@ def cut(
         and np.diff(log.time[first : first + reach : stride]).max() < gap * stride * log.period
     ]
     if not places:
-        rule = (
-            f"must be longer than {length:g} s, one of them at least, the angle known at its start"
-        )
+        rule = f"must include one longer than {length:g} s whose angle is known at its start"
         raise InvalidValueError("logs", rule)
     parts = [slice(first, first + reach, stride) for _, first in places]
 
@@ -155,7 +153,7 @@ def cut(
 
 
 def _start(log: Log, part: slice) -> list[float]:
-    """Return a state near that of the first row: parabolas through the rows that follow."""
+    """Return a state near that of the first row, from parabolas through the rows that follow."""
     near = slice(part.start, min(part.start + SEEN * part.step, part.stop), part.step)
     time = log.time[near] - log.time[part.start]
     phi, z = (np.polyfit(time, values[near], 2) for values in (log.angle, log.z))

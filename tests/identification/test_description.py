@@ -44,12 +44,12 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
         ('unit = "deg"', 'unit = "dge"', "phi.unit must be one of rad, deg, turn, got 'dge'; did"),
         ("resolution = 0.1", "resolution = -1.0", "resolution must not be negative, got -1"),
         ("resolution = 0.1", "resolutoin = 0.1", "resolutoin is not a known key"),
-        ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must grow, got [2.0, 1.0]"),
+        ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must increase, got [2.0, 1.0]"),
         ("resolution = 0.1", "sign = 2", "sign must be 1 or -1, got 2"),
-        ("resolution = 0.1", 'column = "z"', "column must be one signal alone, got 'z'"),
+        ("resolution = 0.1", 'column = "z"', "column must be for one signal alone, got 'z'"),
         ("pole_mass = 0.1", "pole_mass = nan", "pole_mass"),
         ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
-        ("[nominal]", "[nominal", "is no description of a log"),
+        ("[nominal]", "[nominal", "is not a description of a log"),
     ],
 )
 def test_what_breaks_a_rule_is_named(tmp_path: Path, before: str, after: str, message: str) -> None:

@@ -72,14 +72,14 @@ def test_gravity_tells_degrees_from_radians(unit: str, factor: float) -> None:
     with pytest.raises(AflMujocoError) as error:
         require_radians(logs, wrong)
     other = "deg" if unit == "rad" else "rad"
-    assert f"unit of phi must be '{other}' by its gravity term" in str(error.value)
+    assert f"unit of phi must be '{other}' according to gravity" in str(error.value)
 
 
 def test_a_position_in_the_wrong_unit_is_named(logs) -> None:
     wrong = [replace(log, z=1e-3 * log.z) for log in logs[:3]]
     with pytest.raises(AflMujocoError) as error:
         identify(wrong, TRUTH.description)
-    assert "coupling k cannot be so far from what a pole must have; check the units" in str(
+    assert "coupling k must be near the expected value for a pole; check the units" in str(
         error.value
     )
 

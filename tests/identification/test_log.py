@@ -92,7 +92,7 @@ def test_degrees_of_a_sensor_with_a_dead_zone_are_more_than_a_turn() -> None:
         log_of("mine", {**columns, "angle": np.degrees(columns["angle"])}, description)
     said = str(error.value)
     assert said.startswith(
-        "angle must lie within a turn, 6.283 rad (or its unit is another), got a range"
+        "angle must lie within a turn, 6.283 rad (or its unit is wrong), got a range"
     )
 
 
@@ -112,7 +112,7 @@ def change(columns, name: str, row: int, value: float) -> dict[str, np.ndarray]:
     ("name", "row", "value", "message"),
     [
         ("phi", 7, np.nan, "phi must be numbers below 1e+20, got nan in row 8"),
-        ("time", 5, 0.0, "time must grow from row to row, got runs back in row 6"),
+        ("time", 5, 0.0, "time must increase from row to row, got a decrease in row 6"),
         ("command", 3, 1.5, "command must be within 1, got 1.5"),
     ],
 )
@@ -125,8 +125,8 @@ def test_a_value_that_breaks_a_rule(columns, name: str, row: int, value: float, 
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"phi": 0.3}, "phi must move: the angle is constant in this log"),
-        ({"z": 0.0}, "z must move: the position is constant in this log"),
+        ({"phi": 0.3}, "phi must vary: the angle is constant in this log"),
+        ({"z": 0.0}, "z must vary: the position is constant in this log"),
     ],
 )
 def test_a_signal_that_does_not_move(columns, changed: dict[str, float], message: str) -> None:
@@ -139,7 +139,7 @@ def test_a_signal_that_does_not_move(columns, changed: dict[str, float], message
 def test_time_that_stands_still(columns) -> None:
     time = columns["time"].copy()
     time[9] = time[8]
-    with pytest.raises(AflMujocoError, match=r"time must grow .* stands still in row 10"):
+    with pytest.raises(AflMujocoError, match=r"time must increase .* got no change in row 10"):
         log_of("mine", {**columns, "time": time}, PLAIN)
 
 
@@ -158,7 +158,7 @@ def test_a_column_that_is_missing_with_what_was_meant(tmp_path: Path, columns) -
     with pytest.raises(AflMujocoError) as error:
         read_log(path, PLAIN)
     said = str(error.value)
-    assert "column 'command' is missing; there are time, phi, z, comand; did you mean" in said
+    assert "column 'command' is missing; the columns are time, phi, z, comand; did you mean" in said
 
 
 @pytest.mark.parametrize("text", ["", "time,phi,z,command\n1,2,three,4\n", "\x00\xff"])
@@ -177,10 +177,10 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, columns, monkeypat
 
 def test_folders_without_logs_and_names_that_come_twice(tmp_path: Path, columns) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(AflMujocoError, match=r"empty must hold logs, \*\.csv"):
+    with pytest.raises(AflMujocoError, match=r"empty must contain logs, \*\.csv"):
         read_logs([tmp_path / "empty"], PLAIN)
     path = written(tmp_path, columns)
-    with pytest.raises(AflMujocoError, match="log must be given once, by one name, got mine"):
+    with pytest.raises(AflMujocoError, match="name of a log must be unique, got mine"):
         read_logs([path, path], PLAIN)
     with pytest.raises(AflMujocoError, match=r"none\.csv cannot be read: no such file"):
         read_logs([tmp_path / "none.csv"], PLAIN)

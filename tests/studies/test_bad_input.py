@@ -198,15 +198,15 @@ CASES = {
         (["still.csv"], "description must be given with logs"),
         (["--description", "rig.toml"], "logs must be given with a description"),
         (["still.csv", "--description", "none.toml"], "none.toml cannot be read: no such file"),
-        (["still.csv", "--description", "rig.toml"], "phi must move: the angle is constant"),
+        (["still.csv", "--description", "rig.toml"], "phi must vary: the angle is constant"),
         (["real.toml", "--description", "rig.toml"], "real.toml: column 'time' is missing"),
         (["still.csv", "--description", "real.toml"], "real.toml: period is missing"),
     ],
     "hardware": [
-        (["--logs", "taken"], "taken must hold logs, *.csv"),
+        (["--logs", "taken"], "taken must contain logs, *.csv"),
         (["--draws", "-1"], "draws must lie in 0 to 100000, got -1"),
         (["--estimates", "none.json", "--logs", "taken"], "none.json cannot be read: no such"),
-        (["--estimates", "real.toml", "--logs", "taken"], "real.toml are no estimates of afl-muj"),
+        (["--estimates", "real.toml", "--logs", "taken"], "real.toml has no estimates of afl-muj"),
     ],
     "estimation": [
         (["--seeds", "0"], "seeds must be at least 1, got 0"),

@@ -131,7 +131,7 @@ def test_estimates_that_were_changed_by_hand_are_refused(tmp_path: Path, command
     code, output, errors = command_line("hardware", "--estimates", "cut.json", "--logs", ".")
     assert (code, output) == (2, "") and errors.count("\n") == 1
     assert (
-        "cut.json are no estimates of afl-mujoco identify: correlations and scatter must" in errors
+        "cut.json has no estimates of afl-mujoco identify: correlations and scatter must" in errors
     )
 
 
