@@ -49,7 +49,7 @@ def open_cluster(address: str) -> Iterator[Executor]:
     try:
         asyncio.run(identity())  # a client that fails would stay half open
         client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
-    except Exception as error:  # whatever Dask makes of an address, or of the answer there
+    except Exception as error:  # any error of Dask with the address or the answer there
         raise _error(address, f"cannot be used: {_reason(error)}") from None
 
     def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:

@@ -29,7 +29,7 @@ WINDOW = 0.5
 """Length of the windows that are fitted [s]: three times the time constant of a pole of 0.4 m."""
 
 COARSE = 4
-"""The first guess of the drive uses one of so many windows."""
+"""The first guess of the drive uses one window in this many."""
 
 ENOUGH = 60
 """Number of windows that a first guess needs."""
@@ -366,7 +366,7 @@ def _fit_drive(
     starts: Array,
     workers: int,
 ) -> Fit:
-    """Fit some parameters of cart and drive to one of so many windows."""
+    """Fit some parameters of cart and drive to every n-th window, with n = `every`."""
     w = windows.some(every)
     whole, measured, mask = _whole(w, description, workers)
     names = [one.name for one in parameters]

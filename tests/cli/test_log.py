@@ -30,7 +30,10 @@ def test_what_cannot_be_is_refused_in_a_line_and_nothing_is_written(
     for arguments, message in (
         (("log", "one.csv"), "description must be given: logs and their description together"),
         (("log", "--description", "x.toml"), "logs must be given: logs and their description"),
-        (("simulate", "step-step", "--log"), "scenario of a log must keep M and l, got step-step"),
+        (
+            ("simulate", "step-step", "--log"),
+            "scenario of a log must keep M and l constant, got step-step",
+        ),
     ):
         code, output, errors = command_line(*arguments, "--out", "out")
         assert (code, output) == (2, "")

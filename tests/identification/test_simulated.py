@@ -70,7 +70,7 @@ def test_what_cannot_be_a_log_is_refused() -> None:
     lqr = find_controller("lqr")
     with pytest.raises(AflMujocoError, match="simulator must be sampled for a log, got 'exact'"):
         require_loggable(RIG, lqr, "exact")
-    with pytest.raises(AflMujocoError, match="scenario of a log must keep M and l"):
+    with pytest.raises(AflMujocoError, match="scenario of a log must keep M and l constant"):
         require_loggable(SCENARIOS["step-step"], lqr, "sampled")
-    with pytest.raises(AflMujocoError, match="controller of a log must not estimate"):
+    with pytest.raises(AflMujocoError, match="controller of a log must not use the estimator"):
         require_loggable(RIG, find_controller("adaptive-estimated"), "sampled")

@@ -33,7 +33,7 @@ def load_attribute(spec: str) -> Any:
         raise InvalidValueError(thing, "must be module:attribute")
     folder = os.getcwd()
     if folder not in sys.path:
-        sys.path.append(folder)  # last, lest a file of the user's hide an installed module
+        sys.path.append(folder)  # last, so that no user file hides an installed module
     try:
         found: Any = importlib.import_module(module_name)
     except ModuleNotFoundError as error:

@@ -212,7 +212,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         self.dm_environment.physics.free()
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and whatever else the settings ask for."""
+        """Return time, force, and what the settings add."""
         physics = self.dm_environment.physics
         known = {"time": float(physics.time()), "force": float(physics.control()[0])}
         if self.parameters == PRIVILEGED:

@@ -328,7 +328,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         return observed(np.concatenate([self._seen, *told], axis=1), self.scale)
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and whatever else the settings ask for, as `SyncVectorEnv` does."""
+        """Return time, force, and what the settings add, as `SyncVectorEnv` does."""
         known = {"time": self._instants * self._timestep, "force": self._forces.copy()}
         if self._first.parameters == PRIVILEGED:
             known["parameters"] = self._told.copy()

@@ -90,8 +90,7 @@ def run_rollouts(
     """Run one controller on many scenarios, each as `simulate_mujoco` does in sampled mode.
 
     A run depends on its scenario alone, which includes its seed: it is the same to the last bit
-    whatever the other runs and the number of threads, and as in `simulate_mujoco` with the same
-    settings.
+    with any other runs, on any number of threads, and in `simulate_mujoco` with the same settings.
 
     Parameters
     ----------
