@@ -494,7 +494,7 @@ def require_radians(logs: Sequence[Log], description: Description) -> None:
 
 
 def _share_explained(logs: Sequence[Log], factor: float) -> float:
-    """Return how much of the curvature of the angle gravity and the cart explain."""
+    """Return the share of the curvature of the angle that gravity and the cart explain."""
     left, curvature = [], []
     for log in logs:
         angle, t = np.unwrap(factor * log.phi), log.time

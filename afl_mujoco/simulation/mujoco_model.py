@@ -77,7 +77,7 @@ ADDRESSES = np.dtype(
         )
     ]
 )
-"""Where compiled code finds MuJoCo's structures, and the numbers in them that it uses."""
+"""Record of the addresses of MuJoCo's structures and of their numbers that compiled code uses."""
 
 
 @kernel
