@@ -95,7 +95,7 @@ def test_an_imperfection_is_declared_once(package: Path) -> None:
 
 
 def test_a_shipped_controller_touches_one_folder(package: Path) -> None:
-    insert(package / "control" / "names.py", ')\n"""State feedbacks', ', "toy"')
+    insert(package / "control" / "names.py", ')\n"""State feedback controllers', ', "toy"')
     toy = '    catalogue.append(replace(catalogue[-1], name="toy"))\n'
     insert(package / "control" / "catalogue.py", "    return {controller.name:", toy)
     run(package, "-c", CONTROLLER_LOOK)
