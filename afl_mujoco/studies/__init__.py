@@ -1,1 +1,1 @@
-"""The studies: one folder each, found by `registry`; what two of them need lies beside them."""
+"""The studies, one folder each, found by `registry`; shared code is beside the folders."""

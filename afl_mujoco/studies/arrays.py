@@ -1,4 +1,4 @@
-"""A result as plain data and arrays: JSON holds the one, an npz the other."""
+"""A result as plain data, kept in JSON, and arrays, kept in an npz."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def _store(array: NDArray[Any], info: SerializationInfo) -> str:
-    """Set an array apart, and return what no text of a result is in its place."""
+    """Store an array, and return a placeholder that differs from any text of a result."""
     context: Any = info.context
     mark = f"\0{len(context)}"
     context[mark] = np.asarray(array)
@@ -35,11 +35,11 @@ def _fetch(value: Any, info: ValidationInfo) -> NDArray[Any]:
 
 
 Array = Annotated[NDArray[Any], PlainValidator(_fetch), PlainSerializer(_store)]
-"""A field of a result that is kept in the npz beside the JSON, by the name of its place."""
+"""A field of a result that is kept in the npz beside the JSON, under its path in the result."""
 
 
 def packed(result: object) -> tuple[dict[str, Any], Arrays]:
-    """Return a result as plain data, and its arrays by the names that stand for them."""
+    """Return a result as plain data, and its arrays by the names that replace them."""
     stored: Arrays = {}
     data = as_plain(result, stored)
     named: Arrays = {}
@@ -47,12 +47,12 @@ def packed(result: object) -> tuple[dict[str, Any], Arrays]:
 
 
 def unpacked(kind: type, data: Mapping[str, Any], arrays: Arrays) -> Any:
-    """Return a result of a type from what `packed` made of it, or raise ValueError."""
+    """Return a result of a type from the output of `packed`, or raise ValueError."""
     return parse_json(json.dumps(data), kind, arrays)
 
 
 def _name(value: Any, place: tuple[str, ...], stored: Arrays, named: Arrays) -> Any:
-    """Return plain data in which each array is called by its place, and collect the arrays."""
+    """Return plain data with each array replaced by its path, and collect the arrays."""
     if isinstance(value, str) and value in stored:
         name = "/".join(place)
         named[name] = stored[value]

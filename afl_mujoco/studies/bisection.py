@@ -11,8 +11,8 @@ import numpy as np
 from afl_mujoco.errors import InvalidValueError
 
 LOWER, UPPER, BRACKETED = "lower", "upper", "bracketed"
-"""What is known of a threshold: a lower bound, where it holds on the whole range; an upper bound,
-where it holds nowhere on it; both."""
+"""What is known about a threshold: a lower bound, if the property holds on the whole range; an
+upper bound, if it holds nowhere on it; or both."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,11 +24,12 @@ class Threshold:
     bound
         `LOWER`, `UPPER` or `BRACKETED`.
     holds_at
-        Harshest level found at which it and everything more benign that was tried holds.
+        Harshest level found such that it and every more benign level tried hold.
     fails_at
         Most benign level found at which it does not hold.
     islands
-        How many harsher levels of the scan hold again: with any, the property is not monotone.
+        Number of harsher levels tried that hold again; if there are any, the property is not
+        monotone.
     """
 
     bound: str
@@ -55,15 +56,16 @@ def find_threshold(
     *,
     closer: int = 0,
 ) -> Threshold:
-    """Return where a property is lost first.
+    """Return the first level at which a property is lost.
 
     Parameters
     ----------
     tolerance
         Largest relative width of the bracket, unless no level lies within it [1].
     closer
-        So many levels just more benign than the bracket, half the tolerance apart, must hold too,
-        or the bracket moves there: what is not monotone may be lost between two of the scan.
+        Number of levels just more benign than the bracket, half the tolerance apart, that must hold
+        too; otherwise the bracket moves there. A property that is not monotone may be lost
+        between two levels of the scan.
     """
     known: dict[float, bool] = {}
 
@@ -120,7 +122,7 @@ def _descended(
     snapped: Callable[[float], float],
     closer: int,
 ) -> tuple[float, float]:
-    """Move a bracket to the benign side until so many levels beside it hold."""
+    """Move a bracket to the benign side until the `closer` levels beside it hold."""
     level, clean, lost = good, 0, False
     while clean < closer:
         level = eased(level)

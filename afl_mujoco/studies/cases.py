@@ -28,7 +28,7 @@ DEPLOYED = "mujoco sampled"
 """The simulator in which requirements are judged."""
 
 DECISIVE = "mujoco continuous"
-"""The one whose metrics count: the controller as published, in MuJoCo."""
+"""The simulator whose metrics count: the controller as published, in MuJoCo."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Settings:
     control_period
         How long sampled mode holds the control [s].
     full
-        Whether to make the refinement studies as well.
+        Whether to run the refinement studies as well.
     """
 
     timestep: float = 1e-3
@@ -60,11 +60,11 @@ class Run:
     Attributes
     ----------
     scenario, controller, simulator
-        What was simulated, in what.
+        What was simulated, and in which simulator.
     outcome
         How it ended.
     metrics
-        Its figures.
+        Its metrics.
     """
 
     scenario: str
@@ -75,7 +75,7 @@ class Run:
 
 
 def case_name(case: Case) -> str:
-    """Return what a progress bar calls a case."""
+    """Return the name of a case in a progress bar."""
     return f"{case[0].name} / {case[1].name}"
 
 
@@ -98,7 +98,7 @@ def closed_loop_runs(
 def reported_runs(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
 ) -> tuple[Run, ...]:
-    """Return the runs of `REPORTED` with their metrics, the objective aside."""
+    """Return the runs of `REPORTED` with their metrics, except the objective."""
     return tuple(
         Run(
             scenario=scenario.name,

@@ -1,23 +1,23 @@
-"""What every study is: a configuration, a run, a result that is kept as JSON, sections.
+"""The parts of every study: a configuration, a run, a result kept as JSON, and sections.
 
 A study is a package of this folder:
 
 ``study.py``
-    Its configuration, a frozen dataclass: the fields are the options of the command, each with a
-    default, ``quick`` among them in what ``make robustness`` runs; their docstrings are its help,
-    that of the class has an example. ``check`` raises at what breaks a rule, before anything slow;
-    ``run`` returns the result. `STUDY` names them. It is imported by ``--help``: what is slow to
-    import is imported inside the functions.
+    Its configuration is a frozen dataclass. The fields are the options of the command, each with
+    a default; ``quick`` is one of them in the studies that ``make robustness`` runs. Their
+    docstrings are the help texts; that of the class has an example. ``check`` raises if a rule is
+    broken, before anything slow; ``run`` returns the result. `STUDY` names them. ``--help``
+    imports this module, so slow imports belong inside the functions.
 ``result.py``
     ``Result``, a frozen dataclass of types that pydantic supports, and of `Array`.
 ``sections.py``
-    ``sections(result)``: the only place that puts the study into words; ``verdict(result)`` for a
-    study that judges, whose command ends with it and fails where it does; ``opening(result)`` for
-    one that runs controllers on scenarios: what a page shows of them before anything else.
+    ``sections(result)`` is the only place that puts the study into words. A study that judges has
+    ``verdict(result)``: its command ends with the verdict, and fails if the verdict does. A study
+    that runs controllers on scenarios has ``opening(result)``: what a page shows first.
 ``films.py``
     Only for a study that can film what it ran: ``films(result, command)`` returns what to film,
-    once the result has been written; films of an earlier run go, for they would stand beside
-    numbers that are not theirs.
+    once the result has been written. Films of an earlier run are removed: they do not belong to
+    the new numbers.
 ``files.py``
     Only for a study that writes more than figures: ``require(folder)`` raises before the run,
     ``write(result, folder)`` returns what it wrote.
@@ -54,7 +54,7 @@ ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENA
 """A scenario by name or file, before the options."""
 
 ScenarioIfAny = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
-"""The same, which may be left out."""
+"""The same, but optional."""
 
 ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by name: {KNOWN}")]
 """Controllers by name."""
@@ -65,7 +65,7 @@ def silent(doing: str, done: int, total: int) -> None:
 
 
 def counted(progress: Progress, doing: str, total: int) -> Callable[[object], None]:
-    """Return what reports one part more at each call, whatever it is called with."""
+    """Return a function that reports one more part done at each call and ignores its argument."""
     done = itertools.count(1)
     return lambda _: progress(doing, next(done), total)
 
@@ -77,22 +77,22 @@ class Study:
     Attributes
     ----------
     name
-        Of its command.
+        Name of its command.
     title
-        In the contents of a report.
+        Title in the contents of a report.
     order
-        Place among the studies, the least first.
+        Position among the studies, lowest first.
     schema
-        Of its result: raised whenever an older file can no longer be read.
+        Version of its result file, raised whenever an older file can no longer be read.
     stem
-        How the names of its files begin; its name by default.
+        Beginning of its file names; its name by default.
     configuration
         The dataclass of its options.
     check
-        ``check(configuration)`` raises at what breaks a rule, before anything slow.
+        ``check(configuration)`` raises if a rule is broken, before anything slow.
     run
         ``run(configuration, progress=..., workers=..., cluster=...)`` returns the result; the
-        command has those of the options ``--workers`` and ``--cluster`` that it takes.
+        command has the options ``--workers`` and ``--cluster`` if ``run`` takes them.
     """
 
     name: str
@@ -105,16 +105,16 @@ class Study:
     stem: str = ""
 
     def __post_init__(self) -> None:
-        """Name the files after the study where nothing else is said."""
+        """Name the files after the study unless a stem is given."""
         object.__setattr__(self, "stem", self.stem or self.name)
 
     @property
     def command(self) -> str:
-        """What makes its result."""
+        """The command that makes its result."""
         return f"afl-mujoco {self.name}"
 
     def takes(self, option: str) -> bool:
-        """Return whether its run has an option."""
+        """Return whether its ``run`` takes an option."""
         return option in inspect.signature(self.run).parameters
 
     @property
@@ -124,22 +124,22 @@ class Study:
         return found
 
     def sections(self, result: Any) -> Sequence[Section]:
-        """Return what a report says of a result."""
+        """Return what a report says about a result."""
         found: Sequence[Section] = self._module("sections").sections(result)
         return found
 
     def verdict(self, result: Any) -> Verdict | None:
-        """Return whether what a result judges holds; None if it judges nothing."""
+        """Return the verdict of a result, or None if the study judges nothing."""
         judge = getattr(self._module("sections"), "verdict", None)
         return judge(result) if judge else None
 
     def opening(self, result: Any) -> Sequence[Block]:
-        """Return what a page opens with, nothing if the study has no such thing."""
+        """Return what a page opens with; empty if the study has no opening."""
         show = getattr(self._module("sections"), "opening", None)
         return show(result) if show else ()
 
     def require_folder(self, folder: Path) -> None:
-        """Raise if what the folder holds would be lost, or is in the way of its files."""
+        """Raise if the folder holds files that would be lost, or that block the study's files."""
         if self._has("files"):
             self._module("files").require(folder)
         if self._has("films"):
@@ -148,16 +148,16 @@ class Study:
             load_listing(folder, REMOVE)
 
     def write_files(self, result: Any, folder: Path) -> list[Path]:
-        """Write what it has besides its figures; return what that is."""
+        """Write the study's files besides its figures, if any, and return their paths."""
         return list(self._module("files").write(result, folder)) if self._has("files") else []
 
     def write_films(self, result: Any, folder: Path, command: str) -> list[Path]:
-        """Film what was run, if the study does and it was asked for; return the films.
+        """Film what was run, if the study can and films were asked for; return their paths.
 
         Parameters
         ----------
         command
-            What made the result, and so the films.
+            Command that made the result, and so the films.
         """
         if not self._has("films"):
             return []

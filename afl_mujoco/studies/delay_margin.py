@@ -1,4 +1,4 @@
-"""The delay margin of a linearised loop that holds its force, and the least over some scenarios."""
+"""The delay margin of a linearised loop with a held force, and the least over some scenarios."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from afl_mujoco.studies.linearization import linearize
 from afl_mujoco.studies.loop_margins import loop_margins
 
 PERIOD = 1e-3
-"""Control period by default [s]."""
+"""Default control period [s]."""
 
 EVERY = 0.1
-"""How often a schedule is looked at [s]."""
+"""Interval at which a schedule is sampled [s]."""
 
 
 def delay_margin(
@@ -28,14 +28,15 @@ def delay_margin(
     period: float = PERIOD,
     imperfections: Imperfections = IDEAL,
 ) -> float | None:
-    """Return the delay margin [s] of a linearised loop that holds its force; None without one.
+    """Return the delay margin [s] of a linearised loop with a held force; None if it has none.
 
     Parameters
     ----------
     period
         How long the force is held [s].
     imperfections
-        As of `linear_part`; the margin is what it bears besides their delay.
+        Only those in `LINEAR` count; the margin is the additional delay that the loop tolerates
+        besides theirs.
     """
     loop = linearize(controller, plant, imperfections)
     margins = loop_margins(loop, period, imperfections.delay)
@@ -63,7 +64,7 @@ class LeastMargin:
 
 
 def least_margin(unit: tuple[Controller, tuple[Scenario, ...]]) -> LeastMargin | None:
-    """Return the least delay margin over the plants of some scenarios, looked at every `EVERY`."""
+    """Return the least delay margin over the plants of some scenarios, sampled every `EVERY`."""
     controller, scenarios = unit
     plants = {plant for scenario in scenarios for plant in _plants_of(scenario)}
     try:

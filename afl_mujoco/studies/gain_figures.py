@@ -38,7 +38,7 @@ def draw_gain_table(table: GainTable, fits: dict[str, GainFunction]) -> Figure:
     Parameters
     ----------
     fits
-        Gain functions to draw over it, by what the legend says; the first is the paper's.
+        Gain functions to draw over it, by their label in the legend; the first is the paper's.
     """
     figure = new_figure(11.0, 8.6)
     grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.15))
@@ -96,14 +96,14 @@ def _draw_slopes(axes: Axes, table: GainTable, fits: dict[str, GainFunction]) ->
 
 
 def gains_figure(name: str) -> blocks.Figure:
-    """Return the table and the functions that come with the package."""
+    """Return the figure of the table and the functions that come with the package."""
     table = GainTable.shipped()
     spans = [f"{SYMBOLS[gain]} {_span(table.column(gain))}" for gain in GAIN_NAMES]
     return blocks.Figure(
         name=name,
         title="Optimal gains and the functions fitted to them",
         caption="Analogue of the paper's Figs. 2 to 4: the gains that minimise the objective (O1) "
-        f"for each of {len(table.rows)} plants, found anew (surface), beside the paper's gain "
+        f"for each of {len(table.rows)} plants, searched again (surface), with the paper's gain "
         "functions (wires); below, the slope λ over the half-length for some cart masses, with "
         "the functions fitted to it.",
         alt="Three surfaces over M and l, each with a wire frame, and below them a panel of λ "
@@ -113,18 +113,18 @@ def gains_figure(name: str) -> blocks.Figure:
 
 
 def _draw_shipped() -> Figure:
-    """Draw what comes with the package."""
+    """Draw the table and the functions that come with the package."""
     text = shipped_file("gain_functions.json").read_text("utf-8")
     return draw_gain_table(GainTable.shipped(), _fits(json.loads(text)))
 
 
 def _span(values: NDArray[np.float64]) -> str:
-    """Say between what some values lie."""
+    """Return the range of some values in words."""
     return f"{values.min():.4g} to {values.max():.4g}"
 
 
 def _fits(functions: Mapping[str, Any]) -> dict[str, GainFunction]:
-    """Return the gain functions of a gain_functions.json and the paper's, by what a legend says."""
+    """Return the gain functions of a gain_functions.json and the paper's, by legend label."""
     squares = {
         fit["gain"]: tuple(fit["coefficients"])
         for fit in functions["fits"]

@@ -1,4 +1,4 @@
-"""What studies of measured cart-poles show alike: estimates in tables, a log beside the model."""
+"""Parts shared by studies of measured cart-poles: tables of estimates, a log beside the model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from afl_mujoco.identification.pole import linearity
 Array = NDArray[np.float64]
 
 MOST_PAIRS = 4
-"""Of correlated estimates that are named."""
+"""Largest number of pairs of correlated estimates that are named."""
 
 
 def estimates_table(caption: str, estimates: Sequence[Estimate]) -> Table:
@@ -51,14 +51,14 @@ def _interval(estimate: Estimate) -> str:
 
 
 def nominal_table(identified: Identified) -> Table:
-    """Return masses, forces and frictions beside what the owners say."""
+    """Return masses, forces and frictions beside the values that the owners give."""
     n = identified.description.nominal
     given = {
         "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,
         "rail_damping": n.rail_damping, "hinge_damping": n.hinge_damping,
     }  # fmt: skip
     return Table(
-        caption=f"For a pole of {short(n.pole_mass)} kg, which motion alone cannot tell",
+        caption=f"For a pole of {short(n.pole_mass)} kg; motion alone does not determine it",
         columns=(
             Column("Quantity"),
             Column("Unit"),
@@ -83,13 +83,13 @@ def indistinct(identified: Identified) -> list[str]:
     """Say what the logs cannot tell apart, a sentence each."""
     steps: list[Step] = [identified.pole, *([identified.drive] if identified.drive else [])]
     told = [
-        "Motion alone tells ratios of masses and forces: all of them are in proportion to the "
-        "mass of the pole that is given.",
-        "The back-EMF of a motor and viscous friction of the rail act alike and count as one; so "
-        "do the mass of the cart and the inertia of its drive.",
-        "A short lag of the drive acts like a delay: it is estimated only where it shows.",
+        "Motion alone determines only ratios of masses and forces: all of them scale with the "
+        "given mass of the pole.",
+        "The back-EMF of a motor and the viscous friction of the rail act alike and are "
+        "estimated as one; so are the mass of the cart and the inertia of its drive.",
+        "A short lag of the drive acts like a delay: it is estimated only if the logs resolve it.",
         "A wrong scale of the position and a wrong coupling look the same: k is 1 for any rigid "
-        "pole, so that what it is off by is the scale of the position.",
+        "pole, so the deviation of k from 1 is the error of the position scale.",
     ]
     titles = {one.name: one.title for step in steps for one in step.estimates}
     pairs = [pair for step in steps for pair in step.alike if not _is_linearity(pair)]
@@ -98,7 +98,8 @@ def indistinct(identified: Identified) -> list[str]:
         named = [f"{titles[a]} and {titles[b]} ({r:.2f})" for a, b, r in strongest]
         named += [f"{len(pairs) - MOST_PAIRS} more pairs"] if len(pairs) > MOST_PAIRS else []
         told.append(
-            f"Highly correlated, so known together better than apart: {listed(named, 'and')}."
+            "Highly correlated, so known better in combination than individually: "
+            f"{listed(named, 'and')}."
         )
     bound = [
         f"{one.title} ({short(one.value)}{'' if one.unit == '1' else f' {one.unit}'})"
@@ -108,15 +109,15 @@ def indistinct(identified: Identified) -> list[str]:
     ]
     if bound:
         told.append(
-            f"On the bound of what was allowed, without an interval: {listed(bound, 'and')}."
+            f"On the bound of the allowed range, without an interval: {listed(bound, 'and')}."
         )
     if identified.drive is None:
-        told.append("The command is constant in every log: nothing is known of cart and drive.")
+        told.append("The command is constant in every log: cart and drive cannot be identified.")
     return told
 
 
 def linearity_text(identified: Identified) -> str:
-    """Say how far the angle's sensor is off a straight line; nothing where it is taken as one."""
+    """Say how far the angle sensor deviates from a line; empty if it is taken as linear."""
     values = identified.values
     if "sin_1" not in values:
         return ""
@@ -125,11 +126,11 @@ def linearity_text(identified: Identified) -> str:
     count = identified.description.angle_count
     size = f"{short(1e3 * float(np.abs(off).max()), 2)} mrad"
     counts = f", {short(float(np.abs(off).max()) / count, 2)} counts" if count else ""
-    return f"The readings of the angle are off a straight line by up to {size}{counts}."
+    return f"The angle readings deviate from a straight line by up to {size}{counts}."
 
 
 def _is_linearity(pair: tuple[str, str, float]) -> bool:
-    """Return whether one of a pair is of the sensor's linearity, where such pairs are no news."""
+    """Return whether a pair involves the sensor's linearity, where correlation is expected."""
     return any(name.startswith(("sin_", "cos_")) for name in pair[:2])
 
 

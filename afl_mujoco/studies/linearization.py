@@ -15,20 +15,20 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward
 
 STEP = 1e-5
-"""Step of the central differences [m, rad, m/s, rad/s, N]: their error falls with its square, that
-of rounding rises with its inverse; here both are near 1e-10."""
+"""Step of the central differences [m, rad, m/s, rad/s, N]: their error falls with its square, the
+rounding error grows with its inverse; here both are near 1e-10."""
 
 COARSER = 10.0
-"""How many times longer the second step is, with which the first is compared."""
+"""Ratio of a second, longer step, with which the first is compared, to the first."""
 
 AGREEMENT = 1e-5
-"""Largest relative difference between the two: the longer step's own error is near 1e-7."""
+"""Largest relative difference between the two results: the longer step's error is near 1e-7."""
 
 REST = 1e-9
 """Largest force at upright [N]."""
 
 KINK = 1e-3
-"""Largest difference between a controller's slopes to either side of upright, relative to its
+"""Largest difference between a controller's slopes on either side of upright, relative to its
 largest slope: central differences do not see a kink, whatever their step."""
 
 _UPRIGHT = np.zeros(4)
@@ -43,12 +43,12 @@ class Loop:
     Attributes
     ----------
     a, b
-        The plant: A, shape (4, 4), and B, shape (4,), the input a force [N]; a row and a column
-        more where the actuator lags.
+        The plant: A, shape (4, 4), and B, shape (4,), the input a force [N]; with one more row and
+        column if the actuator lags.
     k
         The controller: K, shape (4,) or (5,).
     disagreement
-        Largest relative difference of A, B and K from those by a step ten times longer.
+        Largest relative difference of A, B and K from those with a step ten times longer.
     """
 
     a: Array
@@ -71,7 +71,7 @@ LINEAR = (
     "delay", "actuator_lag", "rail_damping", "hinge_damping", "rail_armature", "hinge_armature",
     "tip_mass_share", "pole_radius", "mass_error", "length_error", "control_period",
 )  # fmt: skip
-"""Imperfections that a linear loop has."""
+"""Imperfections that a linear loop can have."""
 
 
 def linear_part(imperfections: Imperfections) -> Imperfections:
@@ -87,8 +87,8 @@ def linearize(
     Parameters
     ----------
     imperfections
-        As of `linear_part`: passive physics, wrong M and l, and the actuator's lag, whose state
-        follows those of the plant. Delay and hold are for `loop_margins`.
+        Only those in `LINEAR` count: passive physics, wrong M and l, and the actuator's lag, whose
+        state follows those of the plant. `loop_margins` handles delay and hold.
     """
     r = linear_part(imperfections)
     dynamics = plant_dynamics(CartPoleModel(plant, imperfections=r))
@@ -127,7 +127,7 @@ def linearize(
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
         raise InvalidValueError(thing, rule, f"{disagreement:.1e}")
     if not kink <= KINK:
-        rule = f"must have slopes to either side that differ by at most {KINK:g} of the largest"
+        rule = f"must have slopes on either side that differ by at most {KINK:g} of the largest"
         raise InvalidValueError(thing, rule, f"{kink:.1e}")
     loop = Loop(a, b[:, 0], k[0], disagreement)
     return loop if r.actuator_lag == 0.0 else _lagging(loop, r.actuator_lag)
@@ -159,9 +159,9 @@ def jacobian(function: Callable[[Array], Array], point: Array, step: float) -> A
     Parameters
     ----------
     function
-        Of an array, shape (inputs,), to an array, shape (outputs,).
+        Maps an array, shape (inputs,), to an array, shape (outputs,).
     point
-        Where, shape (inputs,).
+        Where to take the derivative, shape (inputs,).
     """
     columns = [
         (function(point + offset) - function(point - offset)) / (2.0 * step)
@@ -171,7 +171,7 @@ def jacobian(function: Callable[[Array], Array], point: Array, step: float) -> A
 
 
 def _bend(function: Callable[[Array], Array], point: Array, step: float) -> Array:
-    """Return how far the slopes to either side differ, shape (outputs, inputs)."""
+    """Return how far the slopes on either side differ, shape (outputs, inputs)."""
     middle = 2.0 * function(point)
     columns = [
         (function(point + offset) + function(point - offset) - middle) / step

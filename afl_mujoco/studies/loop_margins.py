@@ -1,7 +1,7 @@
 """Stability margins of a linear loop broken where the force enters the plant.
 
-They are python-control's; what is added is the choice of the worst of several crossovers, and the
-sampled loop, which is carried to a continuous one that has the same margins.
+They come from python-control. Added here are the choice of the worst of several crossovers and
+the sampled loop, which is transformed into a continuous loop with the same margins.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.studies.linearization import Loop
 
 COARSE, FINE = 80, 40
-"""Frequencies at which the disk margin is looked for: over all, then around the least of them."""
+"""Numbers of frequencies at which the disk margin is sought: overall, then near the minimum."""
 
 BEYOND = 100.0
-"""How far below the slowest and above the fastest pole these reach, as a factor."""
+"""Factor by which these frequencies reach below the slowest and above the fastest pole."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """What a stable loop can bear before it is unstable, one thing at a time.
+    """What a stable loop tolerates before it becomes unstable, one change at a time.
 
     Attributes
     ----------
     gain_decrease, gain_increase
         Factors of the loop gain between which it stays stable: below 1, above 1. The plant is
-        unstable, so too little gain loses it; ``inf`` if no increase does.
+        unstable, so too little gain destabilises the loop; ``inf`` if no increase does.
     phase
         Least additional lag or lead at a crossover [deg].
     delay
@@ -45,9 +45,9 @@ class Margins:
         Size alpha of the largest disk of simultaneous changes of gain and phase, by the peak of
         (S - T)/2.
     disk_gain
-        The factor of gain, up and down, that the disk holds.
+        The factor of gain, up and down, that the disk contains.
     disk_phase
-        The phase, lag and lead, that the disk holds [deg].
+        The phase, lag and lead, that the disk contains [deg].
     """
 
     gain_decrease: float
@@ -68,11 +68,11 @@ def loop_margins(
     Parameters
     ----------
     control_period
-        How long the force is held [s]; ``None`` for a continuous controller. The delay that the
-        hold itself costs, half a period, is then no longer in the margin; a delay of whole
-        periods is stable exactly up to it.
+        How long the force is held [s]; ``None`` for a continuous controller. The delay of
+        the hold itself, half a period, is then no longer part of the margin; with a delay of
+        whole periods the loop is stable exactly up to the margin.
     delay
-        Transport delay of a held force [s]; the delay margin is what it bears besides.
+        Transport delay of a held force [s]; the delay margin is the additional delay besides it.
     """
     if control_period is None:
         if not loop.stable:
@@ -89,14 +89,14 @@ def loop_margins(
 def held_plant(loop: Loop, period: float, delay: float = 0.0) -> tuple[Array, Array]:
     """Return A and B of the plant from sample to sample, its force held in between.
 
-    With a delay, the forces that are under way follow the states, the latest first.
+    With a delay, the pending forces follow the states, the latest first.
 
     Parameters
     ----------
     period
-        From sample to sample [s].
+        Time between two samples [s].
     delay
-        From when a force is commanded to when it acts [s].
+        Time from when a force is commanded to when it acts [s].
     """
     whole = math.floor(delay / period + SNAP)
     late = max(delay - whole * period, 0.0)

@@ -19,7 +19,7 @@ from afl_mujoco.document.style import BLACK, BLUE, GREEN, GREY, ORANGE, TIME, co
 from afl_mujoco.scenario.scenario import Scenario
 
 MOST = 6
-"""How many controllers are drawn."""
+"""Largest number of controllers that are drawn."""
 
 _PANELS = ("z [m]", "φ [rad]", "F [N]")
 
@@ -51,26 +51,26 @@ def opening_blocks(
     Parameters
     ----------
     name
-        Of the figure's files.
+        Name of the figure's files.
     scenario
-        What is drawn.
+        The scenario that is drawn.
     runs
-        By controller, on that scenario; the first `MOST` are drawn.
+        Runs on that scenario, by controller; the first `MOST` are drawn.
     needs
-        Of every run, on any scenario.
+        What each run needed, on any scenario.
     """
     drawn = dict(list(runs.items())[:MOST])
     blocks: list[Block] = []
     if drawn:
         left_out = len(runs) - len(drawn)
-        more = f" The other {left_out} stand in the table below." if left_out else ""
+        more = f" The table below also has the other {left_out}." if left_out else ""
         blocks.append(
             Figure(
                 name=name,
                 title=f"The system, and the controllers on {scenario.name}",
                 caption=(
-                    f"Cart and pole at the start, to scale{_pale(scenario)}; over time as deployed "
-                    f"in MuJoCo.{more}"
+                    f"Left: cart and pole at the start, to scale{_pale(scenario)}. Right: each run "
+                    f"over time, as deployed in MuJoCo.{more}"
                 ),
                 alt=f"{_plant(scenario)} Curves of {', '.join(drawn)}.",
                 draw=partial(draw_opening, scenario, drawn),
@@ -79,12 +79,12 @@ def opening_blocks(
     several = len({need.scenario for need in needs}) > 1
     blocks.append(
         Table(
-            caption="What each run needs of a rig",
+            caption="What each run requires of the hardware",
             columns=(
                 *([Column("Scenario")] if several else []),
                 Column("Controller"),
-                Column("Travel to either side", "m", number=True),
-                Column("Force", "N", number=True),
+                Column("Largest |z|", "m", number=True),
+                Column("Largest |F|", "N", number=True),
                 Column("Outcome"),
             ),
             rows=[
@@ -168,9 +168,9 @@ def _draw_system(axis: Axes, scenario: Scenario) -> None:
 
 
 def _pale(scenario: Scenario) -> str:
-    """Say what is pale in the picture, if anything is."""
+    """Say what the pale pole in the picture is, if there is one."""
     longest = scenario.plants.half_length[1]
-    return ", pale the longest pole" if longest > 1.001 * scenario.half_length.at(0.0) else ""
+    return " (pale: the longest pole)" if longest > 1.001 * scenario.half_length.at(0.0) else ""
 
 
 def _from(z: float, tip: NDArray[np.float64]) -> tuple[list[float], list[float]]:
@@ -179,13 +179,13 @@ def _from(z: float, tip: NDArray[np.float64]) -> tuple[list[float], list[float]]
 
 
 def _span(bounds: tuple[float, float]) -> str:
-    """Say from where to where a number goes, or what it is throughout."""
+    """Return the range of a number, or its value if it is constant."""
     low, high = (short(x) for x in bounds)
     return low if low == high else f"{low} to {high}"
 
 
 def _plant(scenario: Scenario) -> str:
-    """Say what the system is."""
+    """Describe the system."""
     mass, length, pole_mass, _ = scenario.plants
     return (
         f"A cart of {_span(mass)} kg on a rail with a pole of {short(pole_mass)} kg, "

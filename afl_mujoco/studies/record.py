@@ -28,14 +28,14 @@ from afl_mujoco.studies.contract import Progress, Study, counted, silent
 from afl_mujoco.studies.registry import studies
 
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
-"""Whose versions are kept."""
+"""Packages whose versions are recorded."""
 
 
 PAGE = "report.html"
-"""The page of a folder: beside a new result an old one would mislead."""
+"""The page of a folder, removed with an old result: beside a new one it would mislead."""
 
 HEADER = ("schema", "study", "command", "versions", "files")
-"""What stands before the fields of a result."""
+"""Keys that precede the fields of a result."""
 
 
 def versions() -> dict[str, str]:
@@ -60,11 +60,11 @@ class Record:
     study, result
         The study, and what it found.
     command
-        What found it, as typed into a shell.
+        Command that made it, as typed into a shell.
     versions
-        Of the packages that did.
+        Versions of `PACKAGES` and of Python with which it was made.
     files
-        Beside its JSON, once it has been read.
+        Names of the files beside its JSON; empty unless the record was read from a folder.
     """
 
     study: Study
@@ -75,7 +75,7 @@ class Record:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Whether what it judged holds; None if it judges nothing."""
+        """The verdict; None if the study judges nothing."""
         return self.study.verdict(self.result)
 
     @property
@@ -85,7 +85,7 @@ class Record:
 
     @property
     def sections(self) -> list[Section]:
-        """What a report says of it, with the command that made it."""
+        """What a report says about it, with the command that made it."""
         first, *rest = self.study.sections(self.result)
         made = Command("Made by", self.command)
         return [replace(first, blocks=(*first.blocks, made)), *rest]
@@ -101,15 +101,15 @@ def save_record(
 ) -> list[Path]:
     """Write a record in place of an older one of its study, and return what was written.
 
-    Every file is complete before the older record goes; the JSON, which names the others, is last.
-    Where a figure cannot be drawn the rest is written all the same, and the error raised then.
+    Every file is complete before the older record is removed; the JSON, which names the others, is
+    written last. If a figure cannot be drawn, the rest is still written before the error is raised.
 
     Parameters
     ----------
     figures
         Whether to draw the figures.
     workers
-        Processes that draw them; the files do not depend on it.
+        Number of processes that draw them; the files do not depend on it.
     """
     study, sections = record.study, record.sections
     result, arrays = packed(record.result)
@@ -146,7 +146,7 @@ def _judged(record: Record) -> list[Section]:
 
 
 def _digest(path: Path) -> str:
-    """Return what tells the content of a file from any other."""
+    """Return a digest of the content of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -175,14 +175,14 @@ def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]
 def load_record(study: Study, folder: Path) -> Record:
     """Return the record of a study in a folder."""
     path, again = folder / f"{study.stem}.json", f"run {study.command}"
-    with reading(path, f"is no result of {study.command}", again):
+    with reading(path, f"is not a result of {study.command}", again):
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
         found = (data["study"], data["schema"])
         if found != (study.name, study.schema):
             rule = f"it must be of {study.name!r} and have schema {study.schema}"
             raise ValueError(f"{rule}, got {found[0]!r} and {found[1]!r}")
         if not isinstance(data["command"], str):
-            raise ValueError("command must be a text")
+            raise ValueError("command must be a string")
         arrays = _arrays(folder / f"{study.stem}.npz")
         given = {key: value for key, value in data.items() if key not in HEADER}
         result = unpacked(study.result_type, given, arrays)
@@ -191,14 +191,14 @@ def load_record(study: Study, folder: Path) -> Record:
         for name, digest in files.items():
             if _is_of(study, name) and (folder / name).is_file():
                 if _digest(folder / name) != digest:
-                    raise ValueError(f"{name} beside it must be as it was written")
+                    raise ValueError(f"{name} beside it must be unchanged since it was written")
     return Record(
         study=study, result=result, command=data["command"], versions=versions, files=tuple(files)
     )
 
 
 def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:
-    """Return every record that a folder holds, but for one study's; the folder may be missing."""
+    """Return every record in a folder, except one study's; the folder may be missing."""
     there = [s for s in studies().values() if (folder / f"{s.stem}.json").is_file()]
     return [load_record(study, folder) for study in there if study.name != leave_out]
 
@@ -207,7 +207,7 @@ def remove_record(study: Study, folder: Path) -> None:
     """Remove an older record: its JSON, the files beside it that it lists, the page made of it."""
     path = folder / f"{study.stem}.json"
     try:
-        with reading(path, "is no record"):
+        with reading(path, "is not a record"):
             listed = [str(name) for name in json.loads(path.read_text(encoding="utf-8"))["files"]]
     except FileError:
         listed = []
@@ -230,13 +230,13 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _no_number(name: str) -> NoReturn:
-    """Refuse what JSON does not know."""
-    raise ValueError(f"{name} is no number of JSON")
+    """Refuse a number that JSON does not have."""
+    raise ValueError(f"{name} is not a JSON number")
 
 
 @contextmanager
 def _staging(folder: Path) -> Iterator[Path]:
-    """Give a folder for files that are moved to `folder` when all of them are written."""
+    """Yield a temporary folder for files that move to `folder` once all of them are written."""
     try:
         made = tempfile.TemporaryDirectory(dir=folder, prefix=".", ignore_cleanup_errors=True)
     except OSError as error:

@@ -16,17 +16,17 @@ IN_WORDS = {
     "max_position": "|z| at most",
     "max_angle": "|φ| at most",
     "max_force": "|F| at most",
-    "settling_time": "at rest after",
+    "settling_time": "settles within",
     "recover_within": "recovers within",
 }
 """Each requirement in words."""
 
 MOST = 3
-"""How many runs that miss a requirement a verdict names."""
+"""Largest number of runs that a verdict names as missing a requirement."""
 
 
 def in_words(scenario: Scenario) -> list[str]:
-    """Return what a scenario requires besides to complete, each in a few words."""
+    """Return what a scenario requires besides completion, each in a few words."""
     asked = scenario.requirements
     limits = {name: getattr(asked, name) for name in UNITS if name != "completes"}
     return [
@@ -52,7 +52,7 @@ def tally(runs: Sequence[JudgedRun]) -> str:
 
 
 def _ending(run: JudgedRun) -> str:
-    """Say how a run ended that did not complete."""
+    """Say how a run ended if it did not complete."""
     return "" if run.outcome == COMPLETED else f" ({run.outcome.partition(':')[0]})"
 
 
@@ -73,21 +73,21 @@ def finding(runs: Sequence[JudgedRun]) -> str:
 def _miss(one: Judgement) -> str:
     """Say how a run that completed misses a requirement."""
     if one.value is None and one.left is not None:
-        return f"“{_asked(one)}”, not within the {short(one.limit - one.left)} s there were"
+        return f"“{_asked(one)}”, not within the {short(one.limit - one.left)} s available"
     return f"“{_asked(one)}” with {_with_unit(one.value, one.unit)}"
 
 
 def requirements_table(runs: Sequence[JudgedRun], *, scenarios: bool = False) -> Table:
-    """Return every requirement of every run, and how much is left; with a column of scenarios."""
+    """Return every requirement of every run with its margin; add a column of scenarios if asked."""
     first = (Column("Scenario"),) if scenarios else ()
     return Table(
-        caption="Requirements: how much is left, negative where one is not met",
+        caption="Requirements and margins; a negative margin means that one is not met",
         columns=(
             *first,
             Column("Controller"),
             Column("Requirement"),
-            Column("Was", number=True),
-            Column("Left", number=True),
+            Column("Value", number=True),
+            Column("Margin", number=True),
         ),
         rows=[(run.scenario, *row) if scenarios else row for run in runs for row in _rows_of(run)],
         stacked=True,
@@ -114,5 +114,5 @@ def _asked(one: Judgement) -> str:
 
 
 def _with_unit(value: float | None, unit: str) -> str:
-    """Return a figure with its unit, or what stands where there is none."""
+    """Return a number with its unit, or the sign for a missing one."""
     return MISSING if value is None else f"{short(value)} {unit}"

@@ -181,7 +181,7 @@ def _never_as_none(table: Any) -> Any:
 
 def load_result(path: Path) -> Result:
     """Read what `save_result` wrote; the scores are computed anew."""
-    with reading(path, "is no result of bench_optimisers.py"):
+    with reading(path, "is not a result of bench_optimisers.py"):
         data = json.loads(path.read_text(encoding="utf-8"))
         problems = [dict(problem) for problem in data["problems"]]
         optima = [problem.pop("optimum") for problem in problems]

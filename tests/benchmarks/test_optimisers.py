@@ -201,7 +201,7 @@ def test_a_result_comes_back_from_its_file(tiny: Result, tmp_path) -> None:
 
 def test_a_file_of_something_else_is_refused(tmp_path) -> None:
     (tmp_path / "result.json").write_text("{}")
-    with pytest.raises(FileError, match=r"is no result of bench_optimisers\.py"):
+    with pytest.raises(FileError, match=r"is not a result of bench_optimisers\.py"):
         load_result(tmp_path / "result.json")
 
 

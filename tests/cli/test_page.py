@@ -131,7 +131,7 @@ def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_pat
         write_page(tmp_path, tmp_path)
     (tmp_path / "report.json").write_text("{}")
     for refuse in (write_page, require_page):
-        with pytest.raises(FileError, match=r"report\.json is no result of afl-mujoco validate"):
+        with pytest.raises(FileError, match=r"report\.json is not a result of afl-mujoco validate"):
             refuse(tmp_path, tmp_path)
     require_page(tmp_path, tmp_path, leave_out="validate")  # it will be replaced
     (tmp_path / PAGE).mkdir()

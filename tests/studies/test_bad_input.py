@@ -128,7 +128,7 @@ def test_a_result_of_another_schema_names_the_command_that_makes_it_anew(
     text = json.dumps({"schema": 0, "study": name, "command": "", "files": []})
     (folder / f"{STEMS[name]}.json").write_text(text)
     said = refuses("report")
-    assert f"validation/{STEMS[name]}.json is no result of afl-mujoco {name}: " in said
+    assert f"validation/{STEMS[name]}.json is not a result of afl-mujoco {name}: " in said
     assert said.endswith(f"got '{name}' and 0: run afl-mujoco {name}")
     other = "margins" if name != "margins" else "estimation"
     assert f"run afl-mujoco {name}" in refuses(other)  # before anything slow

@@ -151,7 +151,7 @@ def test_files_of_another_run_are_refused(tmp_path: Path, name: str) -> None:
     save_record(study_results.record("attraction"), tmp_path)
     with (tmp_path / name).open("ab") as file:
         file.write(b" ")
-    with pytest.raises(FileError, match=f"{name} beside it must be as it was written"):
+    with pytest.raises(FileError, match=f"{name} beside it must be unchanged since it was written"):
         load_records(tmp_path)
 
 
@@ -167,18 +167,18 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "rule"),
     [
-        ("{", "is no result of afl-mujoco margins: "),
-        ("[]", "is no result of afl-mujoco margins: "),
+        ("{", "is not a result of afl-mujoco margins: "),
+        ("[]", "is not a result of afl-mujoco margins: "),
         ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 4, got 'mar"),
         ('{"schema": 4, "study": "ladder"}', "must be of 'margins' and have schema 4, got 'ladder"),
         ('{"schema": 4, "study": "margins"}', "'command' is missing"),
-        ('{"schema": 4, "study": "margins", "command": 3}', "command must be a text"),
+        ('{"schema": 4, "study": "margins", "command": 3}', "command must be a string"),
         (
             '{"schema": 4, "study": "margins", "command": "", "versions": {}, "files": {}, '
             '"control_period": "long"}',
             "control_period must be a number, got 'long'",
         ),
-        ('{"schema": NaN}', "NaN is no number of JSON"),
+        ('{"schema": NaN}', "NaN is not a JSON number"),
     ],
 )
 def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(

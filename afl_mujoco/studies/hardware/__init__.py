@@ -1,1 +1,1 @@
-"""A measured cart-pole: how far the identified model predicts it, and what it would survive."""
+"""A measured cart-pole: how well the identified model predicts it, and what controllers do."""

@@ -20,7 +20,7 @@ _MARKS = {"nominal": "s", "uncoupled": "^", "constant_velocity": "v"}
 
 
 def draw_recording(result: Result) -> Figure:
-    """Draw a recording, and what was predicted of it half a second at a time."""
+    """Draw a recording, and its predictions half a second at a time."""
     r = result.recorded
     predicted = list(zip(r.predicted_time, r.predicted_z, r.predicted_phi, strict=True))
     horizons, z, phi = result.band
@@ -28,7 +28,7 @@ def draw_recording(result: Result) -> Figure:
 
 
 def draw_residuals(result: Result) -> Figure:
-    """Draw what the predictions of a recording are off."""
+    """Draw the errors of the predictions of a recording."""
     r = result.recorded
     figure = new_figure(9.0, 4.2)
     axes = figure.subplots(2, 1, sharex=True)
@@ -41,15 +41,15 @@ def draw_residuals(result: Result) -> Figure:
         ):  # fmt: skip
             axis.plot(when, 1e3 * (predicted[k] - read[rows]), color=VERMILION, linewidth=1.2)
             axis.plot(when[0], 0.0, ".", color=BLACK, markersize=5.0)
-    axes[0].set_ylabel("z off by [mm]")
-    axes[1].set_ylabel("φ off by [mrad]")
+    axes[0].set_ylabel("error of z [mm]")
+    axes[1].set_ylabel("error of φ [mrad]")
     axes[1].set_xlabel(TIME)
     axes[1].set_xlim(float(r.time[0]), float(r.time[-1]))
     return figure
 
 
 def draw_horizons(result: Result) -> Figure:
-    """Draw the rms error against the horizon, of the model and of those that know less."""
+    """Draw the rms error against the horizon, of the model and of the baselines."""
     figure = new_figure(9.0, 4.0)
     axes = figure.subplots(1, 2)
     for axis, name, label in (

@@ -19,19 +19,19 @@ from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.hardware.result import Survival
 
 CONTROLLERS = ("adaptive", "adaptive-retuned", "lqr")
-"""The paper's, the same with gains found here, and a baseline."""
+"""The paper's controller, the same with gains found here, and a baseline."""
 
 ANGLES = (1, 2, 3, 5, 7, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 65, 70, 75, 80)
-"""Angles of a start that are tried, in degrees, to either side."""
+"""Starting angles that are tried, to either side [deg]."""
 
 AS_IT_IS = "as it is"
 
 TIMESTEP = 1e-3
-"""Longest physics step [s]: a whole part of the control period."""
+"""Longest physics step [s]; the step that is used divides the control period."""
 
 
 def changes(scenario: Scenario) -> dict[str, Scenario]:
-    """Return a cart-pole as it is, and with what is a limit to it relaxed, by what that is."""
+    """Return a cart-pole as it is, and with its limits relaxed, by the name of the change."""
     r = scenario.imperfections
     rail, force = r.rail_half_length, r.force_limit
     longer = {} if rail is None else {"rail_half_length": 4.0 * rail}
@@ -63,9 +63,9 @@ def outlook(
     Parameters
     ----------
     count, seed
-        Of cart-poles drawn from the distribution of the estimates.
+        Number of cart-poles drawn from the distribution of the estimates, and the seed for it.
     workers
-        Threads; the numbers do not depend on it.
+        Number of threads; the results do not depend on it.
     """
     base = with_values(identified, identified.values)
     drawn = drawn_scenarios(identified, count, seed)
@@ -88,7 +88,7 @@ def outlook(
 
 
 def _largest_angle(scenario: Scenario, controller: Controller, workers: int) -> float:
-    """Return the largest angle of a start that is survived with all the smaller ones [rad]."""
+    """Return the largest starting angle that is survived, as are all smaller ones [rad]."""
     starts = [
         replace(scenario, initial_state=(0.0, sign * math.radians(angle), 0.0, 0.0))
         for angle in ANGLES
@@ -113,7 +113,7 @@ def _run(scenarios: Sequence[Scenario], controller: Controller, workers: int) ->
 
 
 def _survives(runs: Rollouts, index: int) -> bool:
-    """Return whether a run ends upright, the cart never at the end of its rail."""
+    """Return whether a run ends upright and the cart never reaches the end of its rail."""
     return runs.outcome(index).kind == COMPLETED and math.isnan(float(runs.stop_time[index]))
 
 

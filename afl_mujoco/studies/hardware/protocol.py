@@ -28,13 +28,13 @@ class Prediction:
     Attributes
     ----------
     horizons
-        After a start [s].
+        Times after a start [s].
     past
-        Length of the readings before it to which its state is fitted [s].
+        Length of the readings before a start to which its state is fitted [s].
     every
-        Between two starts [s].
+        Time between two starts [s].
     spoilt
-        What becomes of readings in the dead zone.
+        How readings in the dead zone are treated.
     """
 
     horizons: tuple[float, ...]

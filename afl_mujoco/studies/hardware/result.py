@@ -1,4 +1,4 @@
-"""What recordings say of the identified model."""
+"""What recordings say about the identified model."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class Term:
     Attributes
     ----------
     value, low, high
-        The estimate, and its interval of 95 %.
+        The estimate, and its 95 % interval.
     expected
         What the equations demand; None where they leave it open.
     unit, title
-        Of it.
+        Its unit and its title.
     """
 
     value: float
@@ -38,13 +38,14 @@ class Judged:
     Attributes
     ----------
     id, statement, measure, limit, reason
-        As of the protocol.
+        As in the protocol.
     value
-        What was measured; None where these recordings cannot tell.
+        What was measured; None if these recordings cannot decide it.
     at_least
         Whether the value must reach the limit; else it must not exceed it.
     suspected
-        What is behind a value that does not hold; empty for one that does.
+        Suspected cause of a statement that does not hold, or why it is not decided; empty for one
+        that holds.
     """
 
     id: str
@@ -58,7 +59,7 @@ class Judged:
 
     @property
     def holds(self) -> bool:
-        """Whether the statement does; what cannot be told does not."""
+        """Whether the statement holds; one that is not decided does not."""
         if self.value is None:
             return False
         return self.value >= self.limit if self.at_least else self.value <= self.limit
@@ -73,10 +74,12 @@ class Survival:
     controller
         Its name.
     angles
-        Largest angle of the start from which, and from every smaller one that was tried, it ends
-        upright without meeting the end of its rail [rad], by what is changed; 0 if from none.
+        By the name of a change, the largest starting angle from which it ends upright without
+        reaching the end of its rail, as it does from every smaller one that was tried [rad]; 0 if
+        there is none.
     runs, survived
-        On cart-poles drawn from the estimates, the pole leaning a little.
+        Number of runs on cart-poles drawn from the estimates, the pole slightly tilted at the
+        start, and how many of them survived.
     """
 
     controller: str
@@ -92,13 +95,13 @@ class Recorded:
     Attributes
     ----------
     name
-        Of the recording.
+        Name of the recording.
     time, z, phi, command
         Its readings as states [s, m, rad], NaN where there is none, and its command, shape (N,).
     starts
         Instants of the starts [s], shape (S,).
     predicted_time, predicted_z, predicted_phi
-        From each start on, shape (S, n).
+        Predictions from each start on [s, m, rad], shape (S, n).
     """
 
     name: str
@@ -114,30 +117,30 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Result:
-    """What recordings say of the identified model.
+    """What recordings say about the identified model.
 
     Attributes
     ----------
     source
         Where the recordings are.
     logs
-        Their names.
+        Names of the recordings.
     fitted
-        Those of them that the estimates were fitted to: they prove nothing.
+        Names of those that the estimates were fitted to: they prove nothing.
     identified
         The estimates.
     terms
-        Of the equations of the pole, by name: gravity, coupling, and its friction.
+        Terms of the pole's equation, by name: gravity, coupling and friction.
     held_out
-        Errors of the whole in MuJoCo, the command known, by horizon.
+        Errors of the whole cart-pole in MuJoCo, given the command, by horizon.
     whole
-        The same of starts about which no row is missing: of a row that is, the command is unknown.
+        The same for starts around which no row is missing; the command of a missing row is unknown.
     pole
-        Errors of the pole alone, the motion of the cart known.
+        Errors of the pole alone, given the motion of the cart.
     baselines
-        Errors of other models, the command known, by name.
+        Errors of other models, given the command, by name.
     statements
-        Of the protocol.
+        The statements of the protocol, judged.
     speeds
         Largest abs(z') [m/s] and abs(phi') [rad/s], of any reading.
     reach, turned
@@ -150,7 +153,7 @@ class Result:
         What controllers would do on that cart-pole; empty if nothing was drawn, or the estimates
         are too uncertain to draw from.
     film
-        Whether a film is made.
+        Whether a recording is filmed.
     """
 
     source: str
@@ -177,6 +180,6 @@ class Result:
         return all(one.holds for one in self.statements)
 
     def __repr__(self) -> str:
-        """Say how it came out, in a line."""
+        """Summarise the outcome in one line."""
         held = sum(one.holds for one in self.statements)
         return f"<{len(self.logs)} recordings: {held} of {len(self.statements)} statements hold>"

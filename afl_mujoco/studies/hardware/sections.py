@@ -64,7 +64,7 @@ def _recordings(count: int) -> str:
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of a validation."""
+    """Return what a report says about a validation."""
     blocks: list[Block] = [
         Finding("Measured hardware", _finding(result)),
         Text(_range(result)),
@@ -78,23 +78,23 @@ def sections(result: Result) -> list[Section]:
         Figure(
             name="hardware-recording",
             title=f"{result.recorded.name}, measured and predicted",
-            caption="Dots: measured; none in the dead zone of the angle. Lines: MuJoCo under the "
-            "recorded command, half a second from each fitted state; bands: twice the rms error "
-            "of all recordings after that time.",
+            caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
+            "recorded command, for half a second from each fitted state. Bands: twice the rms "
+            "error of all recordings after that time.",
             alt=f"{len(result.recorded.starts)} predictions of half a second over the readings",
             draw=partial(draw_recording, result),
         ),
         Figure(
             name="hardware-residuals",
-            title="What these predictions are off",
-            caption="Predicted less measured; dots: where a prediction starts.",
+            title="Errors of these predictions",
+            caption="Predicted minus measured; dots: where a prediction starts.",
             alt="Errors of the predictions of the recording above over time",
             draw=partial(draw_residuals, result),
         ),
         Figure(
             name="hardware-horizons",
             title="Error against horizon",
-            caption="All recordings. Near upright an error of the angle grows by e every "
+            caption="All recordings. Near upright an angle error grows by a factor of e every "
             f"{short(1.0 / math.sqrt(result.terms['gravity'].value), 2)} s.",
             alt=_finding(result),
             draw=partial(draw_horizons, result),
@@ -107,20 +107,20 @@ def sections(result: Result) -> list[Section]:
         blocks.append(
             Text(
                 "The estimates are too uncertain to say what controllers would do: identify from "
-                "more logs, or livelier ones."
+                "more logs, or from logs with more motion."
             )
         )
     return [Section("Measured hardware", "hardware", blocks)]
 
 
 def _finding(result: Result) -> str:
-    """Say the main thing in a sentence."""
+    """Say the main finding in a sentence."""
     at = next(one for one in result.held_out if one.horizon == 0.5)
     return (
         f"From the command alone MuJoCo predicts {short(at.horizon)} s of "
         f"{_recordings(len(result.logs))} of {result.identified.description.name} to "
-        f"{short(1e3 * (at.rms_z or 0.0), 2)} mm and {short(1e3 * at.rms_phi, 2)} mrad rms: "
-        f"{percent(at.explained_z, 3)} and {percent(at.explained_phi, 3)} of the variance."
+        f"{short(1e3 * (at.rms_z or 0.0), 2)} mm and {short(1e3 * at.rms_phi, 2)} mrad rms, "
+        f"or {percent(at.explained_z, 3)} and {percent(at.explained_phi, 3)} of the variance."
     )
 
 
@@ -132,9 +132,9 @@ def _range(result: Result) -> str:
         f"Recordings of {result.source}: |z| up to {short(result.reach, 2)} m, speeds up to "
         f"{short(v, 2)} m/s and {short(w, 2)} rad/s, angles over a range of up to "
         f"{short(math.degrees(result.turned), 3)}°. States are fitted to "
-        f"the {short(p.past)} s before each start, one every {short(p.every)} s. The protocol, "
-        "statements and limits, is the one that was fixed before a recording that comes with the "
-        "package and was not fitted was predicted."
+        f"the {short(p.past)} s before each start, one every {short(p.every)} s. The protocol "
+        "(statements and limits) was fixed before any prediction of the recordings that come with "
+        "the package and were not fitted."
     )
 
 
@@ -146,7 +146,7 @@ def _warnings(result: Result) -> list[Block]:
     return [
         Text(
             f"{_recordings(len(result.fitted))} of these {has} of recordings that the estimates "
-            "were fitted to: what follows is no proof where they are the same."
+            "were fitted to. If they are the same recordings, what follows is no proof."
         )
     ]
 
@@ -191,10 +191,10 @@ def _verdict(judged: Judged) -> Cell:
 
 
 def _whole(result: Result) -> list[Block]:
-    """Return the errors without the starts about which a row is missing, if there are any."""
+    """Return the errors without the starts around which a row is missing, if there are any."""
     if [one.starts for one in result.whole] == [one.starts for one in result.held_out]:
         return []
-    caption = "The same without the starts about which a row, and its command, is missing"
+    caption = "The same without the starts around which a row, and so its command, is missing"
     return [_errors(caption, result.whole)]
 
 
@@ -229,14 +229,14 @@ def _errors(caption: str, errors: Sequence[Errors]) -> Table:
 
 
 def _share(value: float | None) -> str:
-    """Return a share of variance in percent; one below nought explains nothing."""
+    """Return a share of variance in percent; one below zero explains nothing."""
     return MISSING if value is None else "< 0" if value < 0.0 else short(100.0 * value, 4)
 
 
 def _pole(result: Result) -> Table:
     """Return the errors of the pole alone."""
     return Table(
-        caption="The pole alone, the motion of the cart known",
+        caption="The pole alone, given the motion of the cart",
         columns=(
             Column("Horizon", "s", number=True),
             Column("φ", "mrad", number=True),
@@ -260,7 +260,7 @@ def _pole(result: Result) -> Table:
 
 
 def _baselines(result: Result) -> Table:
-    """Return the errors of models that know less beside those of the model."""
+    """Return the errors of the baselines beside those of the model."""
     names = {"": "identified, in MuJoCo", **NAMES}
     found = {"": result.held_out, **result.baselines}
     horizons = [one.horizon for one in result.held_out]
@@ -283,14 +283,14 @@ def _baselines(result: Result) -> Table:
 def _terms(result: Result) -> Table:
     """Return the terms of the pole's equation."""
     return Table(
-        caption="Term by term, estimated anew from these recordings alone",
+        caption="Term by term, estimated again from these recordings alone",
         columns=(
             Column("Term"),
             Column("Unit"),
             Column("Estimate", number=True),
             Column("95 % interval", number=True),
-            Column("Demanded", number=True),
-            Column("Off by", "%", number=True),
+            Column("Expected", number=True),
+            Column("Deviation", "%", number=True),
         ),
         rows=[
             (
@@ -321,9 +321,9 @@ def _outlook(result: Result) -> Section:
     """Return what controllers would do on that cart-pole."""
     found = result.survival
     table = Table(
-        caption="Largest start from which a controller, as deployed on this cart-pole, ends "
-        "upright and never meets the end of its rail [deg]",
-        columns=(Column("What is changed"), *(Column(s.controller, number=True) for s in found)),
+        caption="Largest starting angle from which a controller, as deployed on this cart-pole, "
+        "ends upright and never reaches the end of its rail [deg]",
+        columns=(Column("Change"), *(Column(s.controller, number=True) for s in found)),
         rows=[
             (what, *(f"{math.degrees(s.angles[what]):.0f}" for s in found))
             for what in found[0].angles
@@ -331,9 +331,8 @@ def _outlook(result: Result) -> Section:
     )
     said = [f"`{s.controller}` survives {s.survived} of {s.runs}" for s in found]
     text = (
-        f"On cart-poles drawn from the distribution of the estimates, the pole within "
-        f"{math.degrees(TILT):.1f}° of "
-        f"upright: {listed(said, 'and')}."
+        f"On cart-poles drawn from the distribution of the estimates, the pole starting within "
+        f"{math.degrees(TILT):.1f}° of upright: {listed(said, 'and')}."
     )
     return Section(
         "What controllers would do on it",
@@ -343,15 +342,15 @@ def _outlook(result: Result) -> Section:
 
 
 def _outlook_finding(result: Result) -> str:
-    """Say which controllers would balance it, from where, and what would help the others."""
+    """Say which controllers balance it, from which angles, and which change helps most."""
     parts = []
     for s in result.survival:
         now = math.degrees(s.angles[AS_IT_IS])
         best = max(s.angles, key=lambda what: s.angles[what])
         then = math.degrees(s.angles[best])
         name = f"`{s.controller}`"
-        said = f"{name} holds from up to {now:.0f}°" if now else f"{name} does not hold from 1°"
+        said = f"{name} balances from up to {now:.0f}°" if now else f"{name} fails even from 1°"
         if then > now:
-            said += f" ({then:.0f}° if: {best})"
+            said += f" ({then:.0f}° with the change “{best}”)"
         parts.append(said)
     return f"As deployed, {listed(parts, 'and')}."

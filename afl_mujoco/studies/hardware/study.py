@@ -18,29 +18,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware:
-    """Judge the identified model by recordings of a real cart-pole that it was not fitted to.
+    """Judge the identified model on recordings of a real cart-pole that it was not fitted to.
 
     Example: afl-mujoco hardware --logs my-logs --estimates renders/my-rig/estimates.json
 
-    Errors by horizon, each term of the equations, verdicts by a protocol that was fixed before; and
-    what controllers would do on that very cart-pole. Exit code 0 if every statement holds, 1 if one
-    does not.
+    Reports the errors by horizon, each term of the equations, verdicts by a protocol that was fixed
+    beforehand, and what controllers would do on that cart-pole. The exit code is 0 if every
+    statement holds, and 1 if one does not.
     """
 
     logs: str = ""
     """Folder of recordings; by default those that come with the package and were not fitted."""
     estimates: str = ""
-    """What `afl-mujoco identify` found; by default of the cart-pole that comes with the package."""
+    """Estimates that `afl-mujoco identify` wrote; by default those that come with the package."""
     draws: int = 200
     """Cart-poles drawn from the distribution of the estimates, on which controllers run."""
     seed: int = 1
-    """Of the draws."""
+    """Seed of the draws."""
     film: bool = False
-    """Film a recording as MuJoCo sees it, the measurement beside it."""
+    """Film a recording as MuJoCo predicts it, with the measurement behind it."""
 
 
 def check(configuration: Hardware) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     c = configuration
     if not 0 <= c.draws <= MOST_DRAWS:
         raise InvalidValueError("draws", f"must lie in 0 to {MOST_DRAWS}", c.draws)
@@ -54,7 +54,7 @@ def check(configuration: Hardware) -> None:
 
 
 def run(configuration: Hardware, *, progress: Progress = silent, workers: int = 1) -> Result:
-    """Judge."""
+    """Judge the model on the recordings."""
     from afl_mujoco.studies.hardware.validation import validate
 
     c = configuration
@@ -77,7 +77,7 @@ def _asked(configuration: Hardware) -> tuple[list[Log], Identified, str]:
     if c.estimates and not c.logs:
         raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
     if identified.drive is None:
-        raise InvalidValueError("estimates", "must be of cart and drive too: vary the command")
+        raise InvalidValueError("estimates", "must include cart and drive: vary the command")
     folder = Path(c.logs) if c.logs else CHOOSE
     logs = read_logs([folder], identified.description)
     return logs, identified, c.logs or _name(folder)

@@ -37,7 +37,7 @@ from afl_mujoco.studies.hardware.result import Judged, Recorded, Result, Term
 Array = NDArray[np.float64]
 
 BAND = 26
-"""Horizons up to half a second at which the band of a prediction is measured."""
+"""Number of horizons up to half a second at which the band of a prediction is measured."""
 
 NO_REACTION = 1e-6
 """Mass ratio at which the cart does not feel the pole."""
@@ -54,20 +54,20 @@ def validate(
     workers: int = 1,
     progress: Progress = silent,
 ) -> Result:
-    """Judge an identified model by recordings.
+    """Judge an identified model on recordings.
 
     Parameters
     ----------
     logs
         The recordings.
     identified
-        With a drive.
+        The estimates, which must include the drive.
     source
         Where the recordings are.
     draws, seed
-        Of cart-poles from the distribution of the estimates.
+        Number of cart-poles drawn from the distribution of the estimates, and the seed for it.
     workers
-        Threads; the numbers do not depend on it.
+        Number of threads; the results do not depend on it.
     """
     d, values, protocol = identified.description, identified.values, load_protocol()
     require_radians(logs, d)
@@ -81,7 +81,7 @@ def validate(
     progress("judging", 2, 6)
     drive = identified.drive
     if drive is None or drive.scatter_z is None:
-        raise InvalidValueError("estimates", "must be of cart and drive too")
+        raise InvalidValueError("estimates", "must include cart and drive")
     scatter = (drive.scatter_z, drive.scatter_phi)
     read, states = predicted_by_rig(starts, values, d, scatter, workers=workers)
     held_out = errors_of(starts, read, p.horizons, values, d)
@@ -122,7 +122,7 @@ def validate(
 
 
 def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
-    """Return the terms of the pole's equation, estimated anew from the recordings alone."""
+    """Return the terms of the pole's equation, estimated again from the recordings alone."""
     found, _ = identify_pole(cut(logs, WINDOW, WINDOW), identified.description)
     expected = {
         "gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0,
@@ -168,7 +168,7 @@ def _baselines(
     protocol: Prediction,
     workers: int,
 ) -> dict[str, tuple[Errors, ...]]:
-    """Return the errors of models that know less, as the protocol has them."""
+    """Return the errors of the baselines of the protocol."""
     d, values = identified.description, identified.values
     nominal = nominal_values(identified)
     owners, _ = predicted_by_rig(starts, nominal, d, scatter, workers=workers)
@@ -213,7 +213,7 @@ def _judge(
             _off(gravity),
             _width(gravity),
             False,
-            "the length that is given, or the hinge",
+            "the given length, or the hinge",
         ),
         "coupling": (_off(coupling), _width(coupling), False, "the scale of the position"),
         "pole-0.2": (driven.away_phi, 0.0, False, why),
@@ -224,7 +224,7 @@ def _judge(
     for one in load_protocol().statements:
         value, width, at_least, suspected = measured[one.id]
         if value is None:
-            suspected = "not decided: these recordings never go there, or have no resolution"
+            suspected = "not decided: these recordings never get there, or have no known resolution"
         elif width > one.limit:
             value, suspected = None, "not decided: the interval is wider than the limit"
         found = Judged(
@@ -236,12 +236,12 @@ def _judge(
 
 
 def _off(term: Term) -> float | None:
-    """Return the relative difference of a term from what is demanded."""
+    """Return the relative difference of a term from its expected value."""
     return None if term.expected is None else abs(term.value / term.expected - 1.0)
 
 
 def _width(term: Term) -> float:
-    """Return half the interval of a term, relative to what is demanded."""
+    """Return half the interval of a term, relative to its expected value."""
     return 0.5 * (term.high - term.low) / abs(term.expected or 1.0)
 
 

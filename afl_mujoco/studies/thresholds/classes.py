@@ -22,7 +22,7 @@ CLASSES = (
 
 def level_text(imperfection: Imperfection, level: float) -> str:
     """Return a level [SI] in the unit of its imperfection, with two digits."""
-    digits = 3 if imperfection.name == COMBINED.name else 2  # near 1 a third one counts
+    digits = 3 if imperfection.name == COMBINED.name else 2  # near 1 a third digit matters
     return short(imperfection.scale * level, digits)
 
 
@@ -36,7 +36,7 @@ def threshold_text(imperfection: Imperfection, threshold: Threshold) -> str:
 
 
 def reached(threshold: Threshold) -> float:
-    """Return the level of a threshold: of the failure, or the last one tried."""
+    """Return the level of a threshold: that of the failure, or the last one tried."""
     level = threshold.holds_at if threshold.fails_at is None else threshold.fails_at
     if level is None:
         raise ValueError("a threshold needs a level")
@@ -44,7 +44,7 @@ def reached(threshold: Threshold) -> float:
 
 
 def tolerated(imperfection: Imperfection, sweep: Sweep) -> float:
-    """Return how many times the reference level was seen to be survived; 0 for none."""
+    """Return how many times the reference level was survived at most; 0 if no level was."""
     level = sweep.survives.holds_at
     if level is None:
         return 0.0

@@ -21,7 +21,7 @@ from afl_mujoco.studies.thresholds.imperfections import BY_NAME
 from afl_mujoco.studies.thresholds.result import Result, Verdict
 
 COLOURS = (VERMILION, "#F3C65F", "#BFE0F5", BLUE)
-"""Of the classes of a threshold, the worst first; light ones carry black text."""
+"""Colours of the classes of a threshold, the worst first; light ones carry black text."""
 
 ENDINGS = {"settled": BLUE, "upright, not settled": ORANGE, "failed": VERMILION}
 """How a run ends, and its colour."""

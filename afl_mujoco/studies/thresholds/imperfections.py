@@ -16,7 +16,7 @@ BY_NAME: Mapping[str, Imperfection] = MappingProxyType({one.name: one for one in
 """The imperfections by name."""
 
 RAIL = "rail"
-"""What is not combined with the rest: it alone decides for a controller that does not know it."""
+"""Not combined with the rest: the rail alone decides for a controller that does not know it."""
 
 COMBINED = Imperfection(
     name="combined", title="all combined but the rail", unit="×", fields={},
@@ -36,7 +36,7 @@ def find_imperfection(name: str) -> Imperfection:
 def added() -> tuple[Imperfection, ...]:
     """Return the imperfections that can be present at once, in their order.
 
-    Left out is one that sets only what an earlier one has set: it would contradict it.
+    One that sets only what an earlier one has set is left out: it would contradict the earlier one.
     """
     found, set_before = [], set[str]()
     for one in IMPERFECTIONS:

@@ -33,10 +33,11 @@ class Verdict:
         Whether every run survived and ended within the bands of `sampled.loop`; where the scenario
         has requirements, the same as survival.
     failure
-        How the first run failed, survival before settling; empty if none did.
+        How the first failed run failed: the first that did not survive, else the first that did not
+        settle; empty if none failed.
     scenario, time
-        Which that was, and when it ended or reached the stop [s]; None if none failed, or what it
-        missed is a requirement on the whole run.
+        Scenario of that run, and when it ended or reached the end stop [s]; None if none failed.
+        The time is also None if the run completed but misses a requirement.
     metrics
         The largest of each of `sweep.METRICS` over the runs; None where a run has none.
     message
@@ -62,11 +63,11 @@ class Sweep:
     imperfection, controller
         Their names.
     reference
-        At the level of the reference hardware.
+        Verdict at the level of the reference hardware.
     survives, settles
-        Up to where the controller survives, and settles.
+        Thresholds up to which the controller survives, and settles.
     failure
-        At the least level found at which it does not survive; None if it always does.
+        Verdict at the mildest level found at which it does not survive; None if it always does.
     """
 
     imperfection: str
@@ -84,16 +85,16 @@ class Settings:
     Attributes
     ----------
     scenarios
-        Names of the scenarios, in all of which each level must be survived.
+        Names of the scenarios; each level must be survived in all of them.
     seeds
         How many seeds of noise must be survived where there is noise.
     scan
-        Levels of the scan of each imperfection; and how many levels beside the threshold of
-        survival, half the tolerance apart, must be survived.
+        Number of levels in the scan of each imperfection; also the number of levels beside the
+        threshold of survival, half the tolerance apart, that must be survived.
     tolerance
         Relative width to which bisection narrows a threshold [1].
     integrator, timestep
-        MuJoCo's, the step [s] where the imperfection does not set it.
+        MuJoCo's integrator, and its step [s] unless the imperfection sets it.
     """
 
     scenarios: tuple[str, ...] = ()
@@ -113,23 +114,23 @@ class Result:
     settings
         How they were searched.
     controllers, imperfections
-        In their order; of the controllers those that survive without any imperfection added.
+        In their order; only controllers that survive without any added imperfection.
     failing
-        The others, with what becomes of them.
+        Verdicts on the other controllers, by name.
     sweeps
         Each controller under each imperfection, by imperfection and then by controller.
     added
         Names of the imperfections that were added one after another, at their reference level.
     combined
-        By controller, the verdict with the first, the first two ... of `added`; empty if all
-        combined was not asked for.
+        By controller, the verdicts with the first imperfection of `added`, with the first two,
+        and so on; empty if the combination of all was not asked for.
     scenarios
-        In all of which each level must be survived.
+        The scenarios; each level must be survived in all of them.
     delay_margins
         Least delay margin of the linearised loop of each controller over the plants of the
-        scenarios, if the delay was among the imperfections and they have none of their own; not of
-        a controller with the
-        estimator, nor of a Python controller, which may be stateful.
+        scenarios; only if the delay was among the imperfections and the scenarios have no
+        imperfections of their own. Controllers with the estimator, and Python controllers, which
+        may be stateful, have none.
     """
 
     settings: Settings
@@ -144,7 +145,7 @@ class Result:
 
     @property
     def endless(self) -> bool:
-        """Whether no scenario has an end to its rail."""
+        """Whether the rail of every scenario is endless."""
         return all(one.imperfections.rail_half_length is None for one in self.scenarios)
 
     @property

@@ -63,7 +63,7 @@ _EQUAL = 1.05  # thresholds closer than this factor count as equal
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of the thresholds."""
+    """Return what a report says about the thresholds."""
     blocks: list[Block] = [*findings(result), Text(_meaning(result))]
     if result.controllers:
         blocks += [_thresholds_figure(result), _overview(result), _details(result)]
@@ -75,7 +75,7 @@ def sections(result: Result) -> list[Section]:
 
 
 def _meaning(result: Result) -> str:
-    """Say what it is to survive and to settle, and to what the imperfections are added."""
+    """Say what surviving and settling mean, and what the imperfections are added to."""
     text = (
         "To *survive*: no pole falls, no run diverges, no cart reaches an end stop. To "
         f"*settle*: at the end |z| stays within {short(1e2 * BAND_Z)} cm and |φ| within "
@@ -83,16 +83,16 @@ def _meaning(result: Result) -> str:
     )
     for scenario in result.scenarios:
         if asked := in_words(scenario):
-            text += f" On {scenario.name} to survive and to settle is to meet its requirements: "
-            text += f"{listed(asked, 'and')}."
+            text += f" On {scenario.name}, to survive and to settle means to meet its "
+            text += f"requirements: {listed(asked, 'and')}."
         if scenario.imperfections != IDEAL:
-            text += f" Each imperfection is on top of those of {scenario.name} itself, in place of "
+            text += f" Each imperfection is added to those of {scenario.name} itself, or replaces "
             text += f"one of the same key: {departures_text(scenario.imperfections)}."
     return text
 
 
 def _failing(result: Result) -> str:
-    """Say what it is not to survive."""
+    """Say what it means not to survive."""
     if result.required:
         return "a requirement of the scenario is not met"
     return "the pole falls, the run diverges or the cart reaches an end stop"
@@ -117,7 +117,7 @@ def _fails_already(result: Result, name: str, verdict: Verdict) -> str:
     on = verdict.scenario or listed(result.settings.scenarios, "and")
     why = f" ({verdict.message})" if verdict.message else ""
     return (
-        f"Without any imperfection added the {name} controller fails on {on} already: "
+        f"The {name} controller fails on {on} even without any added imperfection: "
         f"{_how(verdict)}{why}."
     )
 
@@ -131,7 +131,7 @@ def _holds(result: Result, ours: str) -> str:
     survived = sum(sweep.reference.survives for sweep in sweeps)
     settled = sum(sweep.reference.settles for sweep in sweeps)
     ample = sum(tolerated(*pair) >= 10.0 for pair in zip(single, sweeps, strict=True))
-    without = _endless(result, " and without a rail's end")
+    without = _endless(result, " and on an endless rail")
     several = len(single) > 1
     of = f"{len(single)} single imperfections, each" if several else "one single imperfection,"
     return (
@@ -152,7 +152,7 @@ def _breaks(result: Result, ours: str) -> str:
     if not failing:
         return "Nothing, within the ranges that were tried."
     if all(sweep.survives.bound == UPPER for _, sweep in sweeps.values()):
-        return "Everything that was tried, at its mildest."
+        return "Everything that was tried, even at its mildest level."
     text = ""
     if RAIL in failing and not failing[RAIL][1].reference.survives:
         text = _rail(*failing.pop(RAIL))
@@ -164,17 +164,17 @@ def _breaks(result: Result, ours: str) -> str:
 
 
 def _endless(result: Result, words: str) -> str:
-    """Return words that are true of a rail without an end."""
+    """Return words that are true only of an endless rail."""
     return words if result.endless else ""
 
 
 def _rail(rail: Imperfection, sweep: Sweep) -> str:
-    """Say that the reference rail is too short, and which is not."""
+    """Say that the reference rail is too short, and which rail is not."""
     level = level_text(rail, rail.reference)
-    text = f"The rail: {level} m to either side, the reference, is too short"
+    text = f"The rail: the reference of {level} m to either side is too short"
     if sweep.survives.bound == UPPER:
         return text
-    return f"{text}; the least is {threshold_text(rail, sweep.survives)} m"
+    return f"{text}; the shortest that suffices is {threshold_text(rail, sweep.survives)} m"
 
 
 def _clause(one: Imperfection, sweep: Sweep) -> str:
@@ -207,7 +207,7 @@ def _thresholds(result: Result, ours: str) -> str:
         subject = "" if fatal else f"the {ours} controller "
         parts.append(f"{subject}survives {listed(harmless, 'and')}, the harshest tried")
     if (one := result.imperfection(COMBINED.name)) is not None:
-        but = _endless(result, ", but for the rail's end,")
+        but = _endless(result, ", except the end of the rail,")
         parts.append(_all_combined(one, result.sweep(one.name, ours), but))
     if not parts:
         return "Delay, control period, force limit and noise were not tried."
@@ -221,7 +221,7 @@ def _thresholds(result: Result, ours: str) -> str:
 
 
 def _all_combined(one: Imperfection, sweep: Sweep, but: str) -> str:
-    """Say at how many times the reference all imperfections combined are too much.
+    """Say at what multiple of the reference all imperfections combined are too much.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def _all_combined(one: Imperfection, sweep: Sweep, but: str) -> str:
 
 
 def _bound(one: Imperfection, threshold: Threshold) -> str:
-    """Return a threshold as a sentence has it: 5, more than 5, less than 5."""
+    """Return a threshold for use in a sentence: 5, more than 5, less than 5."""
     return threshold_text(one, threshold).replace("> ", "more than ").replace("< ", "less than ")
 
 
@@ -279,10 +279,10 @@ def _thresholds_figure(result: Result) -> Figure:
     ]
     return Figure(
         name="thresholds",
-        title="From where each controller no longer survives",
+        title="Level at which each controller no longer survives",
         caption=(
-            f"Scenario {listed(result.settings.scenarios, 'and')}. In each cell the level, in the "
-            f"unit of its row, from which {_failing(result)}, by bisection to "
+            f"Scenario {listed(result.settings.scenarios, 'and')}. Each cell gives the level, "
+            f"in the unit of its row, from which {_failing(result)}, bisected to "
             f"{100.0 * result.settings.tolerance:g} %. The colour compares it with the reference "
             "hardware, whose level is given beside each imperfection. ~ : at that level the "
             "controller survives but does not settle."
@@ -325,9 +325,9 @@ def _overview(result: Result) -> Table:
     """Return the thresholds of survival: a row for each imperfection."""
     return Table(
         caption=(
-            f"From where each controller no longer survives "
-            f"{listed(result.settings.scenarios, 'and')}; on the reference hardware it fails "
-            "where marked ✗, and has little to spare or does not settle where marked ◐"
+            f"Level at which each controller no longer survives "
+            f"{listed(result.settings.scenarios, 'and')}. ✗: it fails on the reference "
+            "hardware; ◐: it survives there with little to spare, or does not settle"
         ),
         columns=(
             Column("Imperfection"),
@@ -356,10 +356,10 @@ def _cell(one: Imperfection, sweep: Sweep) -> Cell:
 def _details(result: Result) -> Table:
     """Return one row for each imperfection and controller."""
     return Table(
-        summary="Every imperfection and controller: thresholds, and on the reference hardware",
+        summary="Every imperfection and controller: thresholds, and the reference hardware",
         caption=(
-            "From where each controller no longer survives, and what happens there; from where it "
-            "no longer settles; and what it does on the reference hardware"
+            "Level at which each controller no longer survives, and how it fails there; level at "
+            "which it no longer settles; and its result on the reference hardware"
         ),
         columns=(
             Column("Imperfection"),
@@ -421,11 +421,11 @@ def _delays(result: Result) -> Section:
         "thresholds-delay",
         (
             Text(
-                "The delay margin is of small motions on a plant that does not change, the least "
-                "over the plants that the scenario goes through. The run starts far from upright "
-                "and passes its worst plant within seconds: a loop that is unstable there may "
-                "survive, and one that is stable may fail from the start. Where the ratio is far "
-                "from 1 the linearisation is not valid for such a run."
+                "The delay margin applies to small motions on a plant that does not change; it is "
+                "the least over the plants that the scenario goes through. The run starts far "
+                "from upright and passes its worst plant within seconds: a loop that is unstable "
+                "there may survive, and one that is stable may fail from the start. Where the "
+                "ratio is far from 1 the linearisation is not valid for such a run."
             ),
             Table(
                 caption="Least delay margin, and the delay at which the controller fails",

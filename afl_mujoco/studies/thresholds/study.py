@@ -16,10 +16,10 @@ CONTROLLERS = (
     f"{SUBJECT}{ESTIMATED}",
     *BASELINES,
 )
-"""Studied by default."""
+"""Controllers that are studied by default."""
 
 DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
-"""Seeds, levels of the scan and tolerance, where not given otherwise."""
+"""Seeds, levels of the scan and tolerance, unless given otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +28,11 @@ class Thresholds:
 
     Example: afl-mujoco thresholds step-step --controllers adaptive lqr --imperfections delay noise
 
-    Each imperfection is one departure from the ideal loop. For each the study runs the level of
-    the reference hardware, good but ordinary in a laboratory, and finds by bisection the level
-    from which the pole falls, the run diverges or the cart reaches an end stop; then all of them
-    combined. Writes thresholds.json and figures. The whole takes some ten minutes on two cores.
+    Each imperfection is one departure from the ideal loop. For each of them the study runs the
+    level of the reference hardware (good but ordinary laboratory equipment), and finds by
+    bisection the level from which the pole falls, the run diverges or the cart reaches an end
+    stop. It then does the same with all of them combined. Writes thresholds.json and figures. A
+    full run takes about ten minutes on two cores.
     """
 
     scenarios: ScenarioNames = ()
@@ -41,13 +42,13 @@ class Thresholds:
     imperfections: tuple[str, ...] = ()
     """Imperfections by name; all, and all of them combined, by default."""
     seeds: int | None = None
-    """Seeds of the noise, all of which must be survived; 4 by default."""
+    """Number of noise seeds, all of which must be survived; 4 by default."""
     scan: int | None = None
-    """Levels of the scan before bisection; 13 by default."""
+    """Number of levels in the scan before bisection; 13 by default."""
     tolerance: float | None = None
     """Relative width to which bisection narrows a threshold; 0.02 by default."""
     quick: bool = False
-    """2 seeds, 7 levels and a tolerance of 0.2, where not given otherwise."""
+    """2 seeds, 7 levels and a tolerance of 0.2, unless given otherwise."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     gain_labels: str = "table2"
@@ -55,7 +56,7 @@ class Thresholds:
 
 
 def check(configuration: Thresholds) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     from afl_mujoco.studies.thresholds.sweep import request_of
 
     request_of(configuration)
@@ -68,7 +69,7 @@ def run(
     workers: int = 1,
     cluster: str | None = None,
 ) -> Result:
-    """Find the thresholds; who computes does not change a bit."""
+    """Find the thresholds; workers and cluster do not change a bit of them."""
     from afl_mujoco.studies.thresholds.sweep import find_thresholds, request_of
 
     request = request_of(configuration)

@@ -50,7 +50,7 @@ NOISE = {field for one in IMPERFECTIONS if one.seeded for field in one.fields}
 """Fields of a scenario's imperfections that draw random numbers."""
 
 METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
-"""Metrics of a run, in SI units, as of `Rollouts`."""
+"""Metrics of a run, in SI units, as in `Rollouts`."""
 
 
 Scenarios = tuple[Scenario, ...]
@@ -96,7 +96,7 @@ def run_bare(unit: tuple[Controller, Scenarios, Settings]) -> Verdict:
 def sweep_combined(unit: tuple[Controller, Scenarios, Settings]) -> tuple[Verdict, ...]:
     """Return the verdicts on one controller as the imperfections of `added` are added in turn.
 
-    The n-th has the first n of them; its level is n.
+    The n-th verdict is with the first n of them; its level is n.
     """
     controller, scenarios, settings = unit
     found = []
@@ -124,14 +124,14 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Imperfections]) -> list
 
 
 def _on_top(own: Imperfections, added: Imperfections) -> Imperfections:
-    """Return imperfections with those of others in place of theirs, and another seed."""
+    """Return imperfections overridden by those that are added; their seeds add up."""
     return replace(own, **{**departures(added), "seed": own.seed + added.seed})
 
 
 def judge(
     level: float, scenarios: Sequence[Scenario], controller: Controller, settings: Settings
 ) -> Verdict:
-    """Return the verdict on a controller at a level, over the scenarios that stand for it."""
+    """Return the verdict on a controller at a level, over the scenarios of that level."""
     timestep, integrator = settings.timestep, settings.integrator
     try:
         runs = run_rollouts(scenarios, controller, timestep=timestep, integrator=integrator)
@@ -165,7 +165,7 @@ def _refused(level: float, message: str) -> Verdict:
 def _failure(runs: Rollouts, index: int) -> str:
     """Return how a run failed; empty if it did not.
 
-    Where its scenario has requirements, a run that completed fails by the one that it misses most.
+    If its scenario has requirements, a run that completed fails by the one it misses by the most.
     """
     outcome = runs.outcome(index)
     if judged := runs.requirements[index]:
@@ -224,7 +224,7 @@ def require(
     settings: Settings,
     imperfections: Sequence[str],
 ) -> tuple[str, ...]:
-    """Return the names of the imperfections, or raise at what breaks a rule."""
+    """Return the names of the imperfections, or raise if a rule is broken."""
     names = names_of(imperfections)
     require_distinct("controller", [controller.name for controller in controllers])
     require_distinct("scenario", [scenario.name for scenario in scenarios])

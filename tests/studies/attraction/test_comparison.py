@@ -128,7 +128,7 @@ def test_an_npz_that_is_cut_off_is_named_in_one_line(small: Comparison, tmp_path
     save_record(Record(study=study, result=result_of([small]), command="x"), tmp_path)
     path = tmp_path / "attraction.npz"
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(FileError, match=r"is no result of .*: run afl-mujoco attraction$"):
+    with pytest.raises(FileError, match=r"is not a result of .*: run afl-mujoco attraction$"):
         load_record(study, tmp_path)
     path.unlink()
     with pytest.raises(FileError, match=r"must be the name of an array of the npz"):

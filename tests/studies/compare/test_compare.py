@@ -144,7 +144,7 @@ def test_the_words_are_those_of_the_runs(result) -> None:
     (section,) = sections(result)
     findings = [block for block in section.walk() if isinstance(block, Finding)]
     assert "Of 2 controllers `lqr` meets every requirement; `adaptive` misses" in findings[0].text
-    assert "“at rest after 5.5 s”" in findings[0].text
+    assert "“settles within 5.5 s”" in findings[0].text
     tables = [block for block in section.walk() if isinstance(block, Table)]
     rows = [[getattr(cell, "text", cell) for cell in row] for row in tables[0].rows]
     assert rows[0] == ["lqr", "runs to the end 6 s", "6 s", "0 s (0 %)"]

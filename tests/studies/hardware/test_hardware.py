@@ -90,8 +90,9 @@ def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
 def test_the_outlook_says_who_survives_and_what_would_help() -> None:
     text = to_markdown(sections(hardware()))
     assert (
-        "`lqr` does not hold from 1° (29° if: rail x4) and `adaptive` holds from up to 11°" in text
-    )
+        "`lqr` fails even from 1° (29° with the change “rail x4”) and "
+        "`adaptive` balances from up to 11°"
+    ) in text
     assert "`lqr` survives 3 of 20" in text
     assert "What controllers would do" not in to_markdown(
         sections(replace(hardware(), survival=()))

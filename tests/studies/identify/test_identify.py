@@ -51,14 +51,14 @@ def test_the_command_writes_estimates_a_scenario_and_a_figure(rig: Path, command
 def test_every_part_of_a_result_is_said() -> None:
     text = to_markdown(sections(identified()))
     assert "scale of the angle" in text and "sin_1" not in text
-    assert "off a straight line by up to" in text
-    assert "all of them are in proportion to the mass of the pole" in text
-    assert "On the bound of what was allowed" in text and "dry friction (0" in text
+    assert "deviate from a straight line by up to" in text
+    assert "all of them scale with the given mass of the pole" in text
+    assert "On the bound of the allowed range" in text and "dry friction (0" in text
     assert "compare identified.toml" in text
 
 
 def test_without_a_drive_nothing_is_said_of_one() -> None:
     one = replace(load_estimates(), drive=None, physical=())
     text = to_markdown(sections(replace(identified(), identified=one, shown=None)))
-    assert "The command is constant in every log: nothing is known of cart and drive." in text
+    assert "The command is constant in every log: cart and drive cannot be identified." in text
     assert "Cart and drive" not in text and "identified.toml" not in text

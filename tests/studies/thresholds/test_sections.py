@@ -34,19 +34,20 @@ def test_the_findings_say_what_holds_what_breaks_and_at_what() -> None:
         "What holds", "What breaks first", "At what threshold", "Compared with LQR",
     ]  # fmt: skip
     assert said["What holds"] == (
-        "Of 4 single imperfections, each at the level of the reference hardware and without a "
-        "rail's end, the adaptive controller survives 4, settles under 3, and survives 2 even at "
+        "Of 4 single imperfections, each at the level of the reference hardware and on an "
+        "endless rail, the adaptive controller survives 4, settles under 3, and survives 2 even at "
         "ten times that level."
     )
     assert said["What breaks first"] == (
-        "The rail: 1 m to either side, the reference, is too short; the least is 3.7 m; on an "
-        "endless rail, rail damping: at 7.3 N s/m, 1.5 times the reference, the pole falls."
+        "The rail: the reference of 1 m to either side is too short; the shortest that suffices is "
+        "3.7 m; on an endless rail, rail damping: at 7.3 N s/m, 1.5 times the reference, "
+        "the pole falls."
     )
     assert said["At what threshold"] == (
         "The adaptive controller fails at a delay of 47 ms or a force limit of 10 N; survives a "
-        "control period of 50 ms, the harshest tried; with all imperfections combined, but for "
-        "the rail's end, it fails at 1.1 times the reference levels and no longer settles at 0.33 "
-        "times. Thresholds are bisected to 2 % on step-step, with 4 seeds of noise."
+        "control period of 50 ms, the harshest tried; with all imperfections combined, except "
+        "the end of the rail, it fails at 1.1 times the reference levels and no longer settles "
+        "at 0.33 times. Thresholds are bisected to 2 % on step-step, with 4 seeds of noise."
     )
     assert said["Compared with LQR"] == (
         "The adaptive controller tolerates more than LQR under 3 of 6 imperfections, as much "
@@ -65,7 +66,7 @@ def test_a_rail_that_suffices_is_not_what_breaks_first() -> None:
     assert said["What breaks first"].startswith("Rail damping: at 7.3 N s/m, 1.5 times")
     said = found(rail=(UPPER, 100.0, False))
     assert said["What breaks first"].startswith(
-        "The rail: 1 m to either side, the reference, is too short; on an endless rail, rail"
+        "The rail: the reference of 1 m to either side is too short; on an endless rail, rail"
     )
 
 
