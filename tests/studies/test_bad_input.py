@@ -169,7 +169,7 @@ CASES = {
         (["--integrator", "verlet"], "integrator must be one of "),
         (["--keep", "-1"], "keep must be at least 0, got -1"),
         (["--cluster", "nowhere"], "cluster must be the address of a Dask scheduler"),
-        (["--out", "taken"], "taken/montecarlo/notes.txt is not of this study"),
+        (["--out", "taken"], "taken/montecarlo/notes.txt was not written by this study"),
     ],
     "attraction": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),

@@ -1,1 +1,1 @@
-"""Regions of attraction: from where each controller settles, by the equations and in MuJoCo."""
+"""Regions of attraction: from which starts each controller settles, by equations and in MuJoCo."""

@@ -33,7 +33,7 @@ class Comparison:
     mujoco: AttractionMap
 
     def __post_init__(self) -> None:
-        """Check that the maps belong together."""
+        """Raise if the maps do not belong together."""
         a, b = self.ode, self.mujoco
         if a.controller != b.controller:
             rule = f"must be {a.controller!r} in both maps"
@@ -46,27 +46,27 @@ class Comparison:
         """Return for each grid point `AGREE`, `ON_BORDER` or `INSIDE`, shape (rows, columns).
 
         A grid point whose outcomes differ is on the border if, in either map, one of its up to
-        eight neighbours has another outcome than it: a finer grid would move it. The rest are
-        inside: their cause is wider than the spacing of the grid.
+        eight neighbours has a different outcome: a finer grid would move it. The others are
+        inside: the regions in which they differ are wider than the spacing of the grid.
         """
         differs = self.ode.outcome != self.mujoco.outcome
         border = on_border(self.ode.outcome) | on_border(self.mujoco.outcome)
         return np.where(differs, np.where(border, ON_BORDER, INSIDE), AGREE).astype(np.uint8)
 
     def transitions(self) -> NDArray[np.int64]:
-        """Return how many grid points end so by the equations (row) and so in MuJoCo (column)."""
+        """Count grid points by their outcome by the equations (row) and in MuJoCo (column)."""
         count = len(OUTCOMES)
         pairs = count * self.ode.outcome.ravel().astype(np.int64) + self.mujoco.outcome.ravel()
         return np.bincount(pairs, minlength=count**2).reshape(count, count)
 
 
 def on_border(outcome: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return whether one of a grid point's up to eight neighbours has another outcome than it.
+    """Return whether one of a grid point's up to eight neighbours has a different outcome.
 
     Parameters
     ----------
     outcome
-        Of a map, shape (rows, columns).
+        Outcomes of a map, shape (rows, columns).
     """
     rows, columns = outcome.shape
     padded = np.pad(outcome, 1, mode="edge")

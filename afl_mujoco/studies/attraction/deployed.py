@@ -1,4 +1,4 @@
-"""From which starts a controller copes with a scenario as deployed, with all that it has."""
+"""From which starts a controller copes with a scenario as deployed, imperfections included."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WORDS = {
 """How a run ends, by its code; with requirements, and without."""
 
 FAILED = 3
-"""The code of a run whose controller raises or has no force, besides those of `grid.OUTCOMES`."""
+"""Code of a run whose controller raises or returns no force, besides those of `grid.OUTCOMES`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,9 +41,9 @@ class StartMap:
     own
         (phi, phi_dot) at which the scenario itself starts [rad, rad/s].
     timestep, integrator
-        MuJoCo's [s].
+        MuJoCo's step [s] and integrator.
     shares
-        Of the grid points, by how they end, as of `WORDS` [1].
+        Shares of the grid points by how they end, as in `WORDS` [1].
     angles, rates
         phi(0) [rad], shape (columns,), and phi_dot(0) [rad/s], shape (rows,).
     outcome
@@ -73,7 +73,7 @@ def map_starts(
     threads: int,
     progress: Callable[[int], None],
 ) -> StartMap:
-    """Run a controller from every start; the numbers do not depend on the threads.
+    """Run a controller from every start; the results do not depend on the threads.
 
     Parameters
     ----------
@@ -108,13 +108,13 @@ def map_starts(
 
 
 def _started(scenario: Scenario, angle: float, rate: float) -> Scenario:
-    """Return a scenario from another start."""
+    """Return a scenario with another start."""
     z, _, z_dot, _ = scenario.initial_state
     return replace(scenario, initial_state=(z, angle, z_dot, rate))
 
 
 def _alone(start: Scenario, controller: Controller, judged: bool, settings: Any) -> int:
-    """Return how a run of a Python controller ends, which may fail."""
+    """Return how a run of a Python controller ends; the controller may fail."""
     try:
         return _outcome(run_rollouts([start], controller, **settings), 0, judged)
     except ControllerError:

@@ -28,19 +28,19 @@ from afl_mujoco.studies.attraction.deployed import WORDS, StartMap
 
 FALLEN_COLOUR, UNDECIDED_COLOUR = "#D55E00", "#000000"
 AGREE_COLOUR, BORDER_COLOUR, INSIDE_COLOUR = "#EDEDED", "#E69F00", "#0072B2"
-"""Of Okabe and Ito, distinct to the colour-blind, and greys."""
+"""Colours of Okabe and Ito, distinct to the colour-blind, and greys."""
 
 GOOD_COLOUR, MISSED_COLOUR = "#56B4E9", "#F0E442"
-"""Of a scenario's map."""
+"""Colours of a scenario's map."""
 
 SHADES = "Blues"
-"""Of the time to settle, the lightest first."""
+"""Colour map of the time to settle, the lightest first."""
 
 LABELS = {
     True: ("pole angle at the start φ₀ [rad]", "its rate at the start φ₀′ [rad/s]"),
     False: ("cart mass M [kg]", "half-length l [m]"),
 }
-"""Of the axes: of a map over states, and of one over plants."""
+"""Labels of the axes: of a map over states, and of one over plants."""
 
 
 def draw_attraction(comparisons: Sequence[Comparison]) -> Figure:
@@ -101,7 +101,7 @@ def draw_starts(maps: Sequence[StartMap]) -> Figure:
 
 
 def _latest(comparisons: Sequence[Comparison]) -> float:
-    """Return the time that the darkest shade stands for: a whole number of seconds."""
+    """Return the time that the darkest shade means: a whole number of seconds."""
     times = [
         found.time[found.outcome == SETTLED]
         for comparison in comparisons
@@ -132,7 +132,7 @@ def _edges(
 
 
 def _draw_map(axes: Axes, found: AttractionMap, latest: float, by: str) -> None:
-    """Draw outcomes, and how long it took to settle."""
+    """Draw outcomes, and times to settle."""
     image: NDArray[np.float64] = _shades()(found.time / latest)
     for code, colour in ((FALLEN, FALLEN_COLOUR), (UNDECIDED, UNDECIDED_COLOUR)):
         image[found.outcome == code] = matplotlib.colors.to_rgba(colour)
@@ -153,13 +153,13 @@ def _draw_disagreement(axes: Axes, comparison: Comparison) -> None:
 
 
 def _show(axes: Axes, image: NDArray[np.float64], grid: Grid) -> None:
-    """Draw one colour a grid point."""
+    """Draw one colour for each grid point."""
     axes.grid(False)
     axes.imshow(image, extent=_extent(grid), origin="lower", aspect="auto", interpolation="nearest")
 
 
 def _legend() -> list[Patch]:
-    """Return what the colours say that have no scale."""
+    """Return the legend of the colours that have no scale."""
     said = (
         (FALLEN_COLOUR, "fallen"),
         (UNDECIDED_COLOUR, "undecided at the horizon"),

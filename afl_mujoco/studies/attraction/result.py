@@ -28,13 +28,13 @@ class Map:
     Attributes
     ----------
     shares
-        Of the grid points, by how they ended [1].
+        Shares of the grid points by how they ended [1].
     largest_time, largest_peak_z, largest_peak_force
-        Over the grid points that settled [s, m, N]; None without any.
+        Largest values over the grid points that settled [s, m, N]; None if none did.
     settings
         Criterion, method and steps.
     outcome, time, peak_z, peak_force
-        Of each grid point, as of `AttractionMap`.
+        Values of each grid point, as in `AttractionMap`.
     """
 
     shares: dict[str, float]
@@ -50,14 +50,14 @@ class Map:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disagreement:
-    """How many grid points end differently; those on a border would move with a finer grid.
+    """Numbers of grid points that end differently; a finer grid would move those on a border.
 
     Attributes
     ----------
     differ, on_border, inside
-        Counts of grid points; the first is the sum of the others.
+        Numbers of grid points; the first is the sum of the others.
     ode_to_mujoco
-        Counts by how a grid point ends by the equations, then in MuJoCo.
+        Numbers of grid points by their outcome by the equations, then in MuJoCo.
     """
 
     differ: int
@@ -73,15 +73,15 @@ class MapPair:
     Attributes
     ----------
     plane, controller
-        What the map is drawn over, and the controller's name.
+        Plane of the map, and the controller's name.
     points
-        How many there are.
+        Number of grid points.
     pole_mass, gravity
         m [kg] and g [m/s^2].
     ode, mujoco, disagreement
-        What was found.
+        The two maps, and how they differ.
     columns, rows, starts, plants
-        As of `Grid`.
+        As in `Grid`.
     """
 
     plane: str
@@ -131,7 +131,7 @@ class Result:
     maps
         Each controller on each plane, by the equations and in MuJoCo; empty with a scenario.
     starts
-        Each controller on the scenario, if one was asked for.
+        Map of each controller on the scenario, if one was given.
     """
 
     maps: tuple[MapPair, ...]

@@ -22,11 +22,11 @@ WORDS = {
         "over plants (M, l)",
     ),
 }
-"""Of a plane: the name of its figure, its title, and what it is drawn over."""
+"""For each plane: the name of its figure, its title, and what it is drawn over."""
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of the maps."""
+    """Return what a report says about the maps."""
     if result.starts:
         return [Section("Regions of attraction", "attraction", _of_a_scenario(result.starts))]
     planes = dict.fromkeys(pair.plane for pair in result.maps)
@@ -37,23 +37,24 @@ def sections(result: Result) -> list[Section]:
 
 
 def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
-    """Return what there is to say of a scenario's maps."""
+    """Return what a report says about a scenario's maps."""
     first = maps[0]
     good, *others = ENDINGS[first.judged]
     angle, rate = short(float(first.angles[-1])), short(float(first.rates[-1]))
     reach = f"starts up to {angle} rad and {rate} rad/s"
-    said = "; ".join(f"{one.controller} from {percent(one.shares[good], 3)}" for one in maps)
+    said = "; ".join(f"{one.controller} {percent(one.shares[good], 3)}" for one in maps)
     words = {"meets all": "meets all requirements"}.get(good, good)
-    text = f"On {first.scenario}, of {reach} to either side, a controller {words}: {said}."
+    text = f"On {first.scenario}, share of {reach} to either side from which each controller "
+    text += f"{words}: {said}."
     return [
-        Finding("Where it may start", text),
+        Finding("Starting region", text),
         Figure(
             name="attraction-starts",
             title=f"From which starts each controller {words} on {first.scenario}",
             caption=(
-                f"A run of MuJoCo for each point, as deployed, steps of {1e3 * first.timestep:g} "
-                f"ms ({first.integrator}), with schedules, disturbances and imperfections. The "
-                "cross is the start of the scenario itself."
+                f"One run in MuJoCo for each point, as deployed, with steps of "
+                f"{1e3 * first.timestep:g} ms ({first.integrator}), schedules, disturbances and "
+                "imperfections. The cross marks the start of the scenario itself."
             ),
             alt=text,
             draw=partial(draw_starts, maps),
@@ -73,13 +74,13 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
 
 
 def _finding(result: Result) -> str:
-    """Say what share of each map settles, and how many grid points disagree away from a border."""
+    """Say what share of each map settles, and how many grid points differ away from a border."""
     said = (
         f"{pair.controller} {percent(pair.mujoco.shares['settled'], 3)} "
         f"{WORDS[pair.plane][2].replace('over', 'of the')}"
         for pair in result.maps
     )
-    text = f"In MuJoCo these settle: {'; '.join(said)}."
+    text = f"Share that settles in MuJoCo: {'; '.join(said)}."
     differ = sum(pair.disagreement.differ for pair in result.maps)
     inside = sum(pair.disagreement.inside for pair in result.maps)
     points = sum(pair.points for pair in result.maps)
@@ -94,8 +95,8 @@ def _table(result: Result) -> Table:
     counts = ("Differ", "On a border", "Inside", "Of points")
     return Table(
         caption=(
-            "How rollouts end, in % of the grid points; how many end differently in MuJoCo, on a "
-            "border between outcomes and inside"
+            "How rollouts end, in % of the grid points; number of points that end differently in "
+            "MuJoCo, on a border between outcomes and inside"
         ),
         columns=(
             Column("Map over"),
@@ -143,9 +144,9 @@ def _figure(pairs: list[MapPair]) -> Figure:
         name=f"attraction-{name}",
         title=title,
         caption=(
-            f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms, its force held, "
-            "and where the two differ. A grid point on a border has a neighbour with another "
-            "outcome, so that a finer grid would move it. "
+            f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms with a held force, "
+            "and where the two differ. A grid point on a border has a neighbour with a different "
+            "outcome, so a finer grid would move it. "
             f"Settled: for {settings['dwell']:g} s within {z:g} m, {phi:g} rad, {z_dot:g} m/s and "
             f"{phi_dot:g} rad/s of rest, at any time up to {settings['horizon']:g} s."
         ),

@@ -20,28 +20,28 @@ if TYPE_CHECKING:
 
 GRID, QUICK_GRID = 101, 21
 STARTS, QUICK_STARTS = 41, 11
-"""Grid points along each axis of the map of a scenario, a run each."""
+"""Number of grid points along each axis of the map of a scenario, one run each."""
 
 TIMESTEP, WITH_A_SCENARIO = 2e-3, 1e-3
-"""MuJoCo's step by default [s]."""
+"""Default step of MuJoCo [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attraction:
-    """Map from where each controller settles: by the equations, in MuJoCo, where they disagree.
+    """Map where each controller settles by the equations and in MuJoCo, and where they disagree.
 
     Example: afl-mujoco attraction my-rig.toml --controllers adaptive lqr --quick
 
-    With a scenario: one map over (phi0, phi0') of it as deployed in MuJoCo, its schedules,
-    disturbances and imperfections on; a start counts from which the requirements are met or, where
-    there are none, the run settles. Without: one map over (phi0, phi0') on one plant, one over (M,
-    l) from one start, on the ideal loop. Writes attraction.json, an npz of the maps, and a figure
-    for each plane. The whole takes some ten minutes on two cores.
+    With a scenario: one map over (phi0, phi0') as deployed in MuJoCo, with its schedules,
+    disturbances and imperfections. A start counts if the requirements are met from it or, if there
+    are none, the run settles. Without a scenario: one map over (phi0, phi0') on one plant, and one
+    over (M, l) from one start, both with the ideal loop. Writes attraction.json, an npz of the
+    maps, and a figure for each plane. A full run takes about ten minutes on two cores.
     """
 
     scenario: ScenarioIfAny = None
-    """Scenario by name, or TOML file, to map over its start; its planes, plants, start and horizon
-    are then no options."""
+    """Scenario by name, or TOML file, to map over its start. The options for planes, plants, start
+    and horizon are then not allowed."""
     controllers: tuple[str, ...] = (SUBJECT, REFERENCE)
     """Controllers by name; without a scenario neither a Python controller nor one with the
     estimator."""
@@ -60,9 +60,9 @@ class Attraction:
     gravity: float = 9.81
     """g of every map [m/s^2]."""
     max_angle: float = 1.55
-    """The map over states reaches from minus this to this phi0 [rad]."""
+    """Largest |phi0| of the map over states [rad]."""
     max_rate: float = 10.0
-    """The map over states reaches from minus this to this phi0' [rad/s]."""
+    """Largest |phi0'| of the map over states [rad/s]."""
     cart_masses: tuple[float, float] = (0.1, 2.0)
     """Edges of the map over plants: M [kg]."""
     half_lengths: tuple[float, float] = (0.05, 1.0)
@@ -70,10 +70,10 @@ class Attraction:
     start_angle: float = -math.pi / 3.0
     """phi0 of the map over plants [rad]."""
     horizon: float = 20.0
-    """When a rollout that has neither settled nor fallen ends as undecided [s]."""
+    """Time at which a rollout that has neither settled nor fallen ends as undecided [s]."""
     timestep: float | None = None
-    """MuJoCo's physics step [s]; 0.001 with a scenario, else 0.002, over which the control is
-    held."""
+    """MuJoCo's physics step [s]; by default 0.001 with a scenario, else 0.002, over which the
+    control is held."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     gain_labels: str = "table2"
@@ -84,13 +84,13 @@ THE_SCENARIOS = (
     "planes", "cart_mass", "half_length", "pole_mass", "gravity", "cart_masses", "half_lengths",
     "start_angle", "horizon",
 )  # fmt: skip
-"""Options that a scenario leaves no choice of."""
+"""Options that are not allowed with a scenario."""
 
 
 class Request(NamedTuple):
     """What is mapped: controllers, the grid of each map, when a rollout has settled, the step [s].
 
-    Or a scenario, in place of grids.
+    A scenario replaces the grids.
     """
 
     controllers: list[Controller]
@@ -204,12 +204,12 @@ def _grid(configuration: Attraction, plane: str) -> Grid:
 
 
 def check(configuration: Attraction) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     request_of(configuration)
 
 
 def run(configuration: Attraction, *, progress: Progress = silent, workers: int = 1) -> Result:
-    """Make the maps; the numbers do not depend on the threads, one for each of the workers."""
+    """Make the maps with one thread per worker; the results do not depend on the threads."""
     from afl_mujoco.simulation.attraction.mujoco_map import map_in_mujoco
     from afl_mujoco.simulation.attraction.ode_map import map_by_ode
     from afl_mujoco.studies.attraction.comparison import Comparison

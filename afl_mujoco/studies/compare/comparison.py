@@ -40,9 +40,9 @@ def compare(
     scenarios
         One or several: scenarios, names or TOML files.
     controllers
-        One or several, each as of `as_controller`.
+        One or several, each as for `as_controller`.
     timestep, control_period, integrator
-        As of `simulate_mujoco`.
+        As for `simulate_mujoco`.
     advance
         Called after each run.
 
@@ -54,7 +54,7 @@ def compare(
     Raises
     ------
     AflMujocoError
-        If anything breaks its rule, before the first run.
+        If an argument breaks a rule, before the first run.
     """
     one = isinstance(scenarios, Scenario | str | Path)
     asked = [as_scenario(x) for x in cast(Sequence[Any], (scenarios,) if one else scenarios)]
@@ -89,7 +89,7 @@ def require_comparable(
     control_period: float | None,
     integrator: str,
 ) -> None:
-    """Raise at what would break a comparison, before it begins."""
+    """Raise if anything would break a comparison, before it begins."""
     require_distinct("scenario", [scenario.name for scenario in scenarios])
     require_distinct("controller", [controller.name for controller in controllers])
     require_integrator(integrator)
@@ -104,7 +104,7 @@ def require_comparable(
 def _run(
     scenario: Scenario, controller: Controller, deployed: dict[str, Any]
 ) -> Trajectory | AflMujocoError:
-    """Return a run, or how the controller failed: settings have been checked before."""
+    """Return a run, or how the controller failed; the settings have been checked before."""
     try:
         return simulate_mujoco(scenario, controller, "sampled", **deployed)
     except AflMujocoError as error:

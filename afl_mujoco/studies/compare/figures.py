@@ -48,7 +48,7 @@ def draw_responses(scenario: Scenario, curves: Mapping[str, Curves]) -> Figure:
 
 
 def _draw_limits(axis: Axes, value: float) -> None:
-    """Draw a limit at either side."""
+    """Draw a limit on either side."""
     for limit in (-value, value):
         axis.axhline(limit, color=BLACK, linewidth=0.9, linestyle=_DASHED)
 

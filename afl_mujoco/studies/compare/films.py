@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def films(result: Result, command: str) -> list[Film]:
-    """Return a film of the controllers side by side for each scenario, if that was asked for."""
+    """Return a film of the controllers side by side for each scenario, if asked for."""
     asked = result.film
     if asked is None:
         return []

@@ -1,4 +1,4 @@
-"""What a comparison found: every run with its figures, its requirements and its curves."""
+"""What a comparison found: every run with its metrics, its requirements and its curves."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class ComparedRun(JudgedRun):
     Attributes
     ----------
     metrics
-        Its figures, as of `simulation.metrics`; empty if the controller failed.
+        Its metrics, as in `simulation.metrics`; empty if the controller failed.
     remarks
-        What a reader has to know of it, a sentence each.
+        What a reader should know about it, a sentence each.
     """
 
     metrics: Mapping[str, float | None]
@@ -39,7 +39,7 @@ class Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmRequest:
-    """Controllers as they were asked for, and the reading of the paper's gains."""
+    """Controllers as they were requested, and the reading of the paper's gains."""
 
     controllers: tuple[str, ...]
     gain_labels: str
@@ -52,15 +52,15 @@ class Result:
     Attributes
     ----------
     scenarios
-        On what.
+        The scenarios.
     runs
-        Every scenario with every controller.
+        Runs of every scenario with every controller.
     curves
-        Each run over time, by ``scenario/controller``; none if the controller failed.
+        Each run over time, by ``scenario/controller``; missing if the controller failed.
     timestep, control_period, integrator
-        How they were deployed; a period of None is that of the scenario, else one step.
+        How they were deployed; a period of None means that of the scenario, else one step.
     film
-        What is filmed, as it was asked for; None for no film.
+        What to film, as it was requested; None if no film was.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -87,7 +87,7 @@ class Result:
 
     @property
     def table(self) -> list[dict[str, Any]]:
-        """Metrics of each run: a row each, as pandas takes them."""
+        """Metrics of each run, one row each, ready for pandas."""
         return [
             {"scenario": run.scenario, "controller": run.controller, "outcome": run.outcome}
             | dict(run.metrics)
@@ -96,7 +96,7 @@ class Result:
 
     @property
     def requirements(self) -> list[dict[str, Any]]:
-        """What each run made of each requirement: a row each, as pandas takes them."""
+        """Each run judged by each requirement, one row each, ready for pandas."""
         return [
             {
                 "scenario": run.scenario,
@@ -121,7 +121,7 @@ class Result:
         return draw_responses(by_name[name], self.curves_on(by_name[name]))
 
     def __repr__(self) -> str:
-        """Say how it came out, in a line."""
+        """Summarise the outcome in one line."""
         names = ", ".join(dict.fromkeys(run.controller for run in self.runs))
         missed = sum(len(run.missed) for run in self.runs)
         total = sum(len(run.requirements) for run in self.runs)

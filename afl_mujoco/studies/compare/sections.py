@@ -35,7 +35,7 @@ MAIN = (
     "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi", "force_squared", "force_variation",
     "settling_2pc_z", "settling_2pc_phi",
 )  # fmt: skip
-"""Metrics that are shown; every one is in the file."""
+"""Metrics that are shown; the file has all of them."""
 
 MEETS = "Every controller meets every requirement of its scenario, as deployed in MuJoCo."
 MISSES = "At least one controller misses a requirement of its scenario."
@@ -47,7 +47,7 @@ def verdict(result: Result) -> Verdict:
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of a comparison."""
+    """Return what a report says about a comparison."""
     parts = [_scenario(result, number, one) for number, one in enumerate(result.scenarios, 1)]
     return [Section("Controllers compared", "compare", parts)]
 
@@ -76,13 +76,13 @@ def _deployment(result: Result, scenario: Scenario) -> str:
     hardware = "ideal" if ideal else f"with {departures_text(scenario.imperfections)}"
     return (
         f"As deployed in MuJoCo, {hardware}: "
-        f"the force held for {short(1e3 * period)} ms, physics steps of "
+        f"force held for {short(1e3 * period)} ms, physics steps of "
         f"{short(1e3 * result.timestep)} ms ({result.integrator})."
     )
 
 
 def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
-    """Return what there is to say of a scenario."""
+    """Return what a report says about a scenario."""
     runs = result.runs_on(scenario)
     blocks: list[Block] = [
         Finding(scenario.name, finding(runs)),
@@ -94,7 +94,7 @@ def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
             Figure(
                 name=f"compare-{number}",
                 title="Over time",
-                caption="States, force and plant; dashed: what the requirements allow.",
+                caption="States, force and plant; dashed: limits of the requirements.",
                 alt=finding(runs),
                 draw=partial(draw_responses, scenario, curves),
             )

@@ -27,8 +27,8 @@ class Compare:
 
     Example: afl-mujoco compare my-scenario.toml --controllers lqr adaptive my_module:MyController
 
-    Writes compare.json, curves over time, and the page. Exit code 0 if every controller meets every
-    requirement of its scenario, 1 if one does not.
+    Writes compare.json, curves over time, and the page. The exit code is 0 if every controller
+    meets every requirement of its scenario, and 1 if one does not.
     """
 
     scenarios: ScenarioNames = ("step-step",)
@@ -39,16 +39,16 @@ class Compare:
     timestep: float = 1e-3
     """Physics step of MuJoCo [s]."""
     control_period: float | None = None
-    """How long the force is held [s], a multiple of the timestep; that of the scenario's
-    imperfections, else one step, by default."""
+    """How long the force is held [s], a multiple of the timestep; by default that of the
+    scenario's imperfections, else one step."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     film: bool = False
-    """Film the controllers side by side, the first four: an MP4 for each scenario."""
+    """Film the first four controllers side by side, one MP4 for each scenario."""
 
 
 def check(configuration: Compare) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     c = configuration
     scenarios, controllers = _asked(c)
 

@@ -1,1 +1,1 @@
-"""How well M and l are estimated online, and what that costs the closed loop."""
+"""How well M and l are estimated online, and what this costs the closed loop."""

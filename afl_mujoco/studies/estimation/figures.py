@@ -16,7 +16,7 @@ from afl_mujoco.document.style import (
 from afl_mujoco.studies.estimation.result import UNTIL, Case, Result
 
 SHOWN = ("step-step", "trapezoid-trapezoid")
-"""Which schedules are drawn, of those that were studied."""
+"""Schedules that are drawn if they were studied."""
 
 
 def shown_cases(result: Result) -> list[Case]:

@@ -29,31 +29,31 @@ CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 """The paper's four schedules."""
 
 NOISE = Imperfections(noise_z=1e-4, noise_phi=5e-4)
-"""The usual noise: 0.1 mm and 0.5 mrad, as of encoders of 0.35 mm and 3600 counts a turn."""
+"""The usual noise: 0.1 mm and 0.5 mrad, as from encoders of 0.35 mm and 3600 counts per turn."""
 
 TRUE, NOMINAL, ESTIMATED = "true", "nominal", "estimated"
-"""Which M and l a controller assumes."""
+"""Kinds of M and l that a controller assumes."""
 
 METRICS = ("objective", "iae_z", "iae_phi", "max_force")
-"""Metrics that are reported of a loop."""
+"""Metrics that are reported for a loop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
-    """What one loop costs.
+    """The cost of one loop.
 
     Attributes
     ----------
     parameters
-        What the controller assumes M and l to be: `TRUE`, `NOMINAL` or `ESTIMATED`.
+        Which M and l the controller assumes: `TRUE`, `NOMINAL` or `ESTIMATED`.
     noise
         Whether the sensors are noisy.
     runs, completed
-        How many there were, and how many of them kept the pole up.
+        Number of runs, and of those in which the pole did not fall.
     metrics
         Median over the runs of each of `METRICS`; ``None`` if a run did not complete.
     largest_force
-        The largest of any run [N]; ``None`` if a run did not complete.
+        Largest force of any run [N]; ``None`` if a run did not complete.
     """
 
     parameters: str
@@ -71,16 +71,16 @@ class Runs:
     Attributes
     ----------
     scenario, controller
-        What was simulated; the controller by the name that it has with the true parameters.
+        What was simulated; the controller by its name with the true parameters.
     cart_mass, half_length
         How M and l were tracked under noise, one for each seed.
     noise
-        What the sensors do in the noisy runs.
+        Imperfections of the sensors in the noisy runs.
     loops
-        What each loop costs.
+        The cost of each loop.
     oracle, estimated
-        Runs to draw: with the true parameters without noise, and with the estimated ones under the
-        first noise.
+        Runs to draw: with the true parameters and no noise, and with the estimated parameters under
+        the noise of the first seed.
     """
 
     scenario: Scenario
@@ -109,7 +109,7 @@ def require_study(name: str, cases: Sequence[str], seeds: int) -> EstimatedContr
 
 
 class Unit(NamedTuple):
-    """What a worker is asked to run: a scenario by name, a controller, seeds from one on, noise."""
+    """What a worker is asked to run: a scenario by name, a controller, a number of seeds, noise."""
 
     scenario: str
     controller: str
@@ -118,7 +118,7 @@ class Unit(NamedTuple):
 
 
 def run_case(unit: Unit) -> Runs:
-    """Return the runs on one schedule, as deployed at 1 kHz, and what each loop costs."""
+    """Return the runs on one schedule, as deployed at 1 kHz, and the cost of each loop."""
     scenario, controller, seeds, noise = SCENARIOS[unit.scenario], *unit[1:]
     estimating = require_study(controller, (unit.scenario,), seeds)
     noisy = [
@@ -159,7 +159,7 @@ def _scales() -> ObjectiveScales:
 def _loop(
     parameters: str, scenario: Scenario, controller: Controller, runs: Sequence[Trajectory]
 ) -> Loop:
-    """Return what some runs of one loop cost."""
+    """Return the cost of one loop over its runs."""
     each = [with_objective(metrics(scenario, controller, run), _scales()) for run in runs]
     known = {name: [x for one in each if (x := one[name]) is not None] for name in METRICS}
     whole = all(len(values) == len(runs) for values in known.values())

@@ -11,23 +11,23 @@ from afl_mujoco.studies.estimation.loops import Loop, Runs, Unit, run_case
 from afl_mujoco.studies.estimation.tracking import FOUND, WINDOWS, Tracking
 
 UNTIL, EVERY = 12.0, 4
-"""Until when curves are kept [s], nothing happens after that; and which instants of them."""
+"""End of the curves that are kept [s], after which nothing happens; every so many instants."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curves:
-    """What is drawn of one schedule, until `UNTIL`.
+    """The curves that are drawn for one schedule, up to `UNTIL`.
 
     Attributes
     ----------
     time
         Instants of the estimates [s].
     cart_mass, half_length, true_cart_mass, true_half_length
-        Estimated and true M [kg] and l [m] then.
+        Estimated and true M [kg] and l [m] at these instants.
     estimated_time, estimated_angle
-        Pole angle [rad] of the loop with the estimator and noise.
+        Instants [s] and pole angle [rad] of the loop with the estimator and noise.
     true_time, true_angle
-        Pole angle [rad] of the loop with the true parameters, without noise.
+        Instants [s] and pole angle [rad] of the loop with the true parameters, without noise.
     """
 
     time: Array
@@ -52,9 +52,9 @@ class Case:
     cart_mass, half_length
         How M and l were tracked under noise, one for each seed.
     loops
-        What each loop costs.
+        The cost of each loop.
     curves
-        What is drawn.
+        The curves that are drawn.
     """
 
     scenario: str
@@ -66,18 +66,18 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """Tracking, and what estimation costs the closed loop.
+    """How well M and l are tracked, and what estimation costs the closed loop.
 
     Attributes
     ----------
     controller
-        By the name that it has with the true parameters.
+        Name that the controller has with the true parameters.
     windows
-        Names of the stretches of time over which errors are judged.
+        Names of the time windows over which errors are judged.
     found_within
         Relative error within which a step counts as found [1].
     noise_z, noise_phi
-        Of the sensors in the noisy runs [m, rad].
+        Noise of the sensors in the noisy runs [m, rad].
     cases
         The schedules.
     """
@@ -103,7 +103,7 @@ def result_of(controller: str, noise: Imperfections, cases: Sequence[Case]) -> R
 
 
 def study_case(unit: Unit) -> Case:
-    """Run one schedule; what a worker does."""
+    """Run one schedule; this is the work of one worker."""
     return case_of(run_case(unit))
 
 

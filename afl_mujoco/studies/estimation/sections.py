@@ -14,9 +14,9 @@ from afl_mujoco.studies.estimation.tracking import Tracking
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of estimation."""
+    """Return what a report says about estimation."""
     blocks = (
-        Finding("What estimation costs", _finding(result)),
+        Finding("Cost of estimation", _finding(result)),
         _figure(result),
         _loops(result),
         _tracking(result),
@@ -25,11 +25,11 @@ def sections(result: Result) -> list[Section]:
 
 
 def _finding(result: Result) -> str:
-    """Say how many runs with the estimator were completed, and what they cost at worst."""
+    """Say how many runs with the estimator completed, and their largest cost."""
     noisy = [_loop(case, ESTIMATED, noise=True) for case in result.cases]
     completed, runs = sum(loop.completed for loop in noisy), sum(loop.runs for loop in noisy)
     text = (
-        f"With M and l estimated from noisy sensors the {result.controller} controller completes "
+        f"With M and l estimated from noisy sensors, the {result.controller} controller completes "
         f"{completed} of {runs} runs"
     )
     ratios = []
@@ -52,11 +52,11 @@ def _loop(case: Case, parameters: str, *, noise: bool) -> Loop:
 
 
 def _loops(result: Result) -> Table:
-    """Return what each loop costs."""
+    """Return the cost of each loop."""
     return Table(
         caption=(
             "Cost of the closed loop by the M and l that the controller assumes; metrics are "
-            "medians over the runs, the largest force is of all of them"
+            "medians over the runs, the largest force is that of all runs"
         ),
         columns=(
             Column("Scenario"),
@@ -91,12 +91,11 @@ def _tracking(result: Result) -> Table:
     return Table(
         summary="Errors of the estimates",
         caption=(
-            "Root mean square of ln(estimate / truth), the largest over the seeds, by stretch of "
-            "time"
+            "Root mean square of ln(estimate / truth), the largest over the seeds, by time window"
         ),
         columns=(
             Column("Scenario"),
-            Column("Of"),
+            Column("Parameter"),
             *(Column(window, number=True) for window in result.windows),
         ),
         rows=[
@@ -121,10 +120,10 @@ def _figure(result: Result) -> Figure:
         caption=(
             f"The {result.controller} controller with M, l and the state from the estimator, as "
             f"deployed at 1 kHz, with {1e3 * result.noise_z:g} mm and "
-            f"{1e3 * result.noise_phi:g} mrad of noise on the measured z and φ. Black: the truth, "
-            "and the same controller with the true parameters, without noise. An estimate is "
-            "frozen while the motion carries no information about it: a plant that changes at "
-            "rest is found when it next moves."
+            f"{1e3 * result.noise_phi:g} mrad of noise on the measured z and φ. Black: the true "
+            "values, and the same controller with the true parameters and without noise. An "
+            "estimate is frozen while the motion carries no information about it: a change of the "
+            "plant at rest is found when it next moves."
         ),
         alt=" ".join(_said(case, result.found_within) for case in shown_cases(result)),
         draw=partial(draw_estimation, result),
@@ -132,7 +131,7 @@ def _figure(result: Result) -> Figure:
 
 
 def _said(case: Case, within: float) -> str:
-    """Say with numbers how one schedule is followed."""
+    """Say with numbers how the estimates follow one schedule."""
     loops = _loop(case, TRUE, noise=False), _loop(case, ESTIMATED, noise=True)
     forces = [loop.metrics["max_force"] for loop in loops]
     text = ["none" if x is None else f"{in_words(x)} N" for x in forces]
@@ -144,7 +143,7 @@ def _said(case: Case, within: float) -> str:
 
 
 def _followed(one: Tracking, within: float) -> str:
-    """Say how soon steps are found, or how late ramps are."""
+    """Say how soon an estimate finds steps, and how far it lags on ramps."""
     said = []
     for step in one.steps:
         after = step.reached_after

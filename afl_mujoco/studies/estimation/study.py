@@ -17,12 +17,12 @@ SEEDS, QUICK_SEEDS = 8, 2
 
 @dataclass(frozen=True, kw_only=True)
 class Estimation:
-    """How well M and l are estimated online, and what that costs the closed loop.
+    """Find how well M and l are estimated online, and what this costs the closed loop.
 
     Example: afl-mujoco estimation step-step --seeds 2
 
-    The controller takes M, l and the state from an extended Kalman filter of the measured z and
-    phi and the commanded force. Writes estimation.json, an npz of curves and a figure.
+    The controller takes M, l and the state from an extended Kalman filter, which uses the measured
+    z and phi and the commanded force. Writes estimation.json, an npz of curves and a figure.
     """
 
     scenarios: ScenarioNames = ()
@@ -30,7 +30,7 @@ class Estimation:
     controller: str = SUBJECT
     """Controller by name, without -estimated."""
     seeds: int | None = None
-    """Runs under noise, each with its own; 8 by default."""
+    """Number of runs with noise, each with its own seed; 8 by default."""
     quick: bool = False
     """2 seeds, unless a number is given."""
 
@@ -48,7 +48,7 @@ def units_of(configuration: Estimation) -> list[Unit]:
 
 
 def check(configuration: Estimation) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     units_of(configuration)
 
 

@@ -1,4 +1,4 @@
-"""How an estimate of M or l follows the truth: its error, the time to find a step, a ramp's lag."""
+"""How an estimate of M or l follows the truth: error, time to find a step, lag on a ramp."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from afl_mujoco.scenario.schedules import Schedule
 Array = NDArray[np.float64]
 
 WINDOWS = {"0.05-1 s": (0.05, 1.0), "1-6 s": (1.0, 6.0), "6 s to the end": (6.0, math.inf)}
-"""Stretches of time over which the error is judged [s]: after the start, while the paper's plants
-change by steps, and after."""
+"""Time windows over which the error is judged [s]: after the start, while the paper's plants
+change by steps, and after that."""
 
 FOUND = 0.1
-"""As near to the truth, relatively, as counts as found."""
+"""Relative error within which an estimate counts as found."""
 
 SETTLING = 0.2
-"""How much of a ramp's beginning its lag leaves out [s]."""
+"""Time at the beginning of a ramp that is left out of its lag [s]."""
 
 _BESIDE = 1e-9
 
@@ -33,12 +33,13 @@ class Step:
     Attributes
     ----------
     at
-        When [s].
+        Time of the jump [s].
     reached_after
-        How long after it the estimate is first within `FOUND` of the truth [s]; ``None`` if it
-        never is before the truth changes next.
+        Time from the jump until the estimate is first within `FOUND` of the truth [s]; ``None`` if
+        it never is before the next change of the truth.
     found_after
-        How long after it the estimate stays there until the truth changes next [s].
+        Time from the jump until the estimate stays within `FOUND` up to the next change of the
+        truth [s]; ``None`` if it does not.
     """
 
     at: float
@@ -48,14 +49,14 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ramp:
-    """A stretch in which the truth changes evenly.
+    """A stretch of time in which the truth changes at a constant rate.
 
     Attributes
     ----------
     start, end
-        When [s].
+        Its first and last instant [s].
     lag
-        Mean of (truth - estimate) / rate from `SETTLING` after the start on [s]; ``None`` of a
+        Mean of (truth - estimate) / rate from `SETTLING` after the start on [s]; ``None`` for a
         shorter ramp.
     """
 
@@ -71,10 +72,10 @@ class Tracking:
     Attributes
     ----------
     rms
-        Root mean square of ln(estimate / truth) in each of `WINDOWS`; ``None`` where the run has no
-        instant.
+        Root mean square of ln(estimate / truth) in each of `WINDOWS`; ``None`` if the run has no
+        instant there.
     steps, ramps
-        What happens to the truth, and what the estimate makes of it.
+        Changes of the truth, and how the estimate follows them.
     """
 
     rms: dict[str, float | None]
@@ -90,9 +91,9 @@ def tracking(truth: Schedule, time: Array, estimate: Array) -> Tracking:
     truth
         M [kg] or l [m] over time.
     time
-        When it was estimated [s], shape (T,), from 0 on.
+        Instants of the estimates [s], shape (T,), from 0 on.
     estimate
-        Of the truth, shape (T,).
+        Estimates of the truth, shape (T,).
     """
     error = np.log(estimate / truth(time))
     end = float(time[-1])
@@ -114,7 +115,7 @@ def tracking(truth: Schedule, time: Array, estimate: Array) -> Tracking:
 
 
 def _within(time: Array, start: float, end: float) -> NDArray[np.bool_]:
-    """Return which instants lie in a stretch of time, its end left out."""
+    """Return which instants lie in a stretch of time, excluding its end."""
     return np.asarray((time >= start - _BESIDE) & (time < end - _BESIDE))
 
 
@@ -135,7 +136,7 @@ def _rate(truth: Schedule, start: float, end: float) -> float:
 
 
 def _step(time: Array, error: Array, start: float, end: float) -> Step:
-    """Return what an estimate makes of a step of the truth, up to `end`."""
+    """Return how an estimate follows a step of the truth, up to `end`."""
     part = _within(time, start, end)
     near = np.abs(error[part]) <= math.log1p(FOUND)
     late = [float(t) for t in time[part] - start] + [None]

@@ -1,1 +1,1 @@
-"""What is identified of a cart-pole from its logs."""
+"""Identification of a cart-pole from its logs."""

@@ -1,4 +1,4 @@
-"""The files of an identification that other commands take."""
+"""The files of an identification that other commands read."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def require(folder: Path) -> None:
 
 
 def write(result: Result, folder: Path) -> list[Path]:
-    """Write the estimates, and the scenario where a drive was identified."""
+    """Write the estimates, and the scenario if a drive was identified."""
     from afl_mujoco.identification.export import scenario_of
 
     write_json(folder / ESTIMATES, result.identified)

@@ -1,4 +1,4 @@
-"""What an identification found, and one log with what the model makes of it."""
+"""What an identification found, and one log beside the model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from afl_mujoco.identification.prediction import predicted_by_rig, starts_of
 from afl_mujoco.studies.arrays import Array
 
 SHOWN = 0.5
-"""How long a simulation goes on from a fitted state in what is shown [s]."""
+"""How long each simulation that is shown runs from its fitted state [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,11 +24,11 @@ class Shown:
     Attributes
     ----------
     name
-        Of the log.
+        Name of the log.
     time, z, phi, command
         Its readings [s, m, rad], and its command, shape (N,); an angle in the dead zone is NaN.
     simulated_time, simulated_z, simulated_phi
-        What the model reads, a row for each start, shape (S, n).
+        Simulated readings [s, m, rad], a row for each start, shape (S, n).
     """
 
     name: str
@@ -48,22 +48,22 @@ class Result:
     Attributes
     ----------
     identified
-        What was found.
+        The estimates.
     shown
-        One log beside the model; None where no drive was identified, or no log is long enough.
+        One log beside the model; None if no drive was identified, or no log is long enough.
     """
 
     identified: Identified
     shown: Shown | None
 
     def __repr__(self) -> str:
-        """Say what was identified, in a line."""
+        """Summarise what was identified in one line."""
         one = self.identified
         return f"<{one.description.name} identified from {len(one.logs)} logs>"
 
 
 def result_of(identified: Identified, logs: Sequence[Log]) -> Result:
-    """Return the result, the longest log shown."""
+    """Return the result, which shows the longest log."""
     log = max(logs, key=lambda one: one.duration)
     return Result(identified=identified, shown=shown_of(identified, log))
 

@@ -21,7 +21,7 @@ from afl_mujoco.studies.identify.result import Result, Shown
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of an identification."""
+    """Return what a report says about an identification."""
     one = result.identified
     blocks: list[Block] = [
         Finding(one.description.name, _finding(result)),
@@ -45,18 +45,18 @@ def sections(result: Result) -> list[Section]:
                 ("afl-mujoco", "compare", PurePath(SCENARIO), "--controllers", "lqr", "adaptive"),
             )
         )
-        blocks.append(Text(f"`{ESTIMATES}` is what `afl-mujoco hardware --estimates` takes."))
+        blocks.append(Text(f"`afl-mujoco hardware --estimates` reads `{ESTIMATES}`."))
     return [Section("A cart-pole identified", "identify", blocks)]
 
 
 def _finding(result: Result) -> str:
-    """Say the main thing in a sentence."""
+    """Say the main finding in a sentence."""
     one = result.identified
     w2, k = one.find("gravity_term"), one.find("coupling")
     off = 100.0 * (w2.value / one.description.nominal.gravity_term - 1.0)
     return (
-        f"Gravity acts on the pole as on its rod within {short(abs(off), 2)} % "
-        f"(w2 = {short(w2.value)} 1/s²), the cart on the pole as on any rigid body within "
+        f"Gravity acts on the pole as on its rod to within {short(abs(off), 2)} % "
+        f"(w2 = {short(w2.value)} 1/s²), and the cart acts on it as on any rigid body to within "
         f"{short(100.0 * abs(k.value - 1.0), 2)} % (k = {short(k.value)})."
     )
 
@@ -68,19 +68,21 @@ def _what(result: Result) -> str:
     left = f"{short(1e3 * one.pole.scatter_phi, 3)} mrad"
     left += f" ({short(one.pole.scatter_phi / d.angle_count, 2)} counts)" if d.angle_count else ""
     text = (
-        f"{len(one.logs)} log{'s' * (len(one.logs) > 1)}, {short(one.seconds, 3)} s in all, a row "
-        f"every {short(1e3 * one.period)} ms. Windows of {short(WINDOW)} s, each from a state of "
-        f"its own: the pole alone, driven by the recorded motion of the cart, leaves {left} over"
+        f"{len(one.logs)} log{'s' * (len(one.logs) > 1)}, {short(one.seconds, 3)} s in all, one "
+        f"row every {short(1e3 * one.period)} ms. The model is fitted to windows of "
+        f"{short(WINDOW)} s, each with its own initial state. Residuals: {left} for the pole "
+        "alone, driven by the recorded motion of the cart"
     )
     if one.drive is not None:
         z = one.drive.scatter_z
         text += (
-            "; the whole in MuJoCo, driven by the command, "
-            f"{short(1e3 * one.drive.scatter_phi, 3)} mrad and {short(1e3 * (z or 0.0), 2)} mm"
+            f"; {short(1e3 * one.drive.scatter_phi, 3)} mrad and {short(1e3 * (z or 0.0), 2)} mm "
+            "for the whole cart-pole in MuJoCo, driven by the command"
         )
     few = len(one.logs) < FEW_CLUSTERS
     independent = (
-        f"windows as independent, since there are fewer than {FEW_CLUSTERS} logs: too narrow"
+        f"windows as independent, since there are fewer than {FEW_CLUSTERS} logs, and so are "
+        "too narrow"
         if few
         else "logs, not readings, as independent"
     )

@@ -22,24 +22,24 @@ class Identify:
 
     Example: afl-mujoco identify logs/*.csv --description my-rig.toml --out renders/my-rig
 
-    Writes identify.json, estimates.json for `afl-mujoco hardware`, and the cart-pole as a scenario
-    for every other command: identified.toml. Two minutes for 40 logs of 5 s.
+    Writes identify.json, estimates.json for `afl-mujoco hardware`, and identified.toml, the
+    cart-pole as a scenario for every other command. Takes two minutes for 40 logs of 5 s.
     """
 
     logs: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()
     """Logs, CSV files or folders of them; by default the recordings that come with the package."""
     description: str = ""
-    """What their columns mean and what is known of the cart-pole, a TOML file; needed for own
-    logs."""
+    """TOML file that says what their columns mean and what is known about the cart-pole; required
+    for your own logs."""
 
 
 def check(configuration: Identify) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     _asked(configuration)
 
 
 def run(configuration: Identify, *, progress: Progress = silent, workers: int = 1) -> Result:
-    """Identify."""
+    """Identify the cart-pole."""
     from afl_mujoco.identification.identify import identify
     from afl_mujoco.studies.identify.result import result_of
 

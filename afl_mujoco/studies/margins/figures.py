@@ -17,11 +17,11 @@ from afl_mujoco.studies.margins.result import Result
 COLUMNS = 4
 SHADES = "viridis"
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
-"""Of a scale of delays [ms]."""
+"""Ticks of a scale of delays [ms]."""
 
 
 def draw_delay_margins(result: Result) -> Figure:
-    """Draw the delay margin of each controller, its force held, over the plants."""
+    """Draw the delay margin of each controller with a held force over the plants."""
     tables = delay_margins(result)
     low, high = _ends(tables)
     scale = LogNorm(low, high)
@@ -54,7 +54,7 @@ def delay_margins(result: Result) -> dict[str, NDArray[np.float64]]:
 
 
 def _ends(tables: Mapping[str, NDArray[np.float64]]) -> tuple[float, float]:
-    """Return the least and the largest of all finite values, apart."""
+    """Return the least and the largest of all finite values, at least 1 % apart."""
     values = np.concatenate([table[np.isfinite(table)] for table in tables.values()])
     low, high = (float(values.min()), float(values.max())) if values.size else (1.0, 10.0)
     return low, max(high, 1.01 * low)

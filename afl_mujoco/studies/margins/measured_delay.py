@@ -22,24 +22,24 @@ from afl_mujoco.studies.bisection import BRACKETED, find_threshold, scan_levels
 from afl_mujoco.studies.delay_margin import delay_margin
 
 START = 1e-3
-"""Pole angle at the start of a measurement [rad]: within the reach of the linearisation."""
+"""Pole angle at the start of a measurement [rad], small enough for the linearisation."""
 
 DURATION, PARTS = 20.0, 5
-"""Length of a run [s], and into how many parts it is cut: one that decays is smaller in the last
-than in the first and in the one before."""
+"""Length of a run [s], and the number of parts into which it is cut. A motion decays if it is no
+larger in the last part than in the first and in the one before the last."""
 
 SMALL = 10.0 * START
-"""Pole angle that it must not exceed then [rad]: it may have grown into a limit cycle by then,
-which grows no more."""
+"""Largest pole angle in the last part [rad]: the motion may have grown into a limit cycle, which
+no longer grows."""
 
 TIMESTEP = 1e-3
-"""MuJoCo's longest step, and the control period by default [s]."""
+"""Longest step of MuJoCo, and default control period [s]."""
 
 TOLERANCE = 1e-3
-"""To which the measured delay is found [1]."""
+"""Relative tolerance of the measured delay [1]."""
 
 DELAY = 0.05
-"""About which a threshold is looked for where there is no margin [s]."""
+"""Delay around which a threshold is sought if there is no margin [s]."""
 
 REACH = 0.05
 """Relative difference up to which margin and measurement agree [1]."""
@@ -56,8 +56,8 @@ class DelayComparison:
     cart_mass, half_length
         M [kg] and l [m].
     margin
-        Delay margin of the linearised loop, its force held over a control period [s]; None if it
-        is not stable without delay.
+        Delay margin of the linearised loop with the force held over a control period [s]; None if
+        it is not stable without delay.
     measured
         Delay at which a small motion in MuJoCo no longer decays [s]; None if none was found.
     """
@@ -88,8 +88,8 @@ def measured_plants(
 ) -> list[tuple[float, float]]:
     """Return the plants of a grid on which delays are measured, M [kg] and l [m].
 
-    The lightest and the heaviest cart, each with the shortest, the longest, and the pole nearest
-    to their geometric mean; only the two ends of the grid if few.
+    They are the lightest and the heaviest cart, each with the shortest pole, the longest, and the
+    one nearest to their geometric mean; only the two ends of the grid if ``few``.
     """
     ends = (min(masses), max(masses)), (min(lengths), max(lengths))
     if few:
@@ -115,9 +115,9 @@ def compare_delays(
     control_period
         How long the force is held [s].
     imperfections
-        As of `linear_part`; the delay is added to theirs.
+        As from `linear_part`; the delay is added to theirs.
     workers
-        Processes to share the work among; the result does not depend on it.
+        Number of processes that share the work; the result does not depend on it.
     """
     hardware = (control_period, imperfections)
     units = [(controller, plant, *hardware) for controller in controllers for plant in plants]
@@ -134,7 +134,7 @@ def compare_delay(
     Parameters
     ----------
     unit
-        The controller, the plant, how long the force is held [s], and imperfections.
+        The controller, the plant, how long the force is held [s], and the imperfections.
     """
     controller, plant, period, imperfections = unit
     margin = delay_margin(controller, plant, period, imperfections)
@@ -160,11 +160,11 @@ def measured_delay(
     Parameters
     ----------
     about
-        A delay near which to look, from a fifth of it to five times it [s].
+        Delay around which to search, from a fifth of it to five times it [s].
     period
         How long the force is held [s].
     imperfections
-        As of `linear_part`; the delay is added to theirs.
+        As from `linear_part`; the delay is added to theirs.
     """
     scan = scan_levels(about / 5.0, about * 5.0, 7)
 
@@ -193,7 +193,7 @@ def motion_decays(
     period
         How long the force is held [s].
     imperfections
-        As of `linear_part`.
+        As from `linear_part`.
     """
     steps = math.ceil(period / TIMESTEP - 1e-9)  # of a period
     scenario = Scenario(

@@ -16,7 +16,7 @@ METRICS = tuple(field.name for field in fields(Margins))
 """The margins, in their order."""
 
 GROWS_WORSE = ("gain_decrease", "crossover")
-"""The margins of which the largest value is the worst."""
+"""The margins whose largest value is the worst."""
 
 Grid = tuple[tuple[float | None, ...], ...]
 """A margin by cart mass and half-length; None where it is infinite, or the loop is not stable."""
@@ -24,7 +24,7 @@ Grid = tuple[tuple[float | None, ...], ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopGrid:
-    """Margins of one loop over the plants, as of `Margins`.
+    """Margins of one loop over the plants, as in `Margins`.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class LoopGrid:
     phase, disk_phase
         Angles [deg].
     delay
-        In seconds.
+        Delay [s].
     crossover
-        In rad/s.
+        Frequency [rad/s].
     """
 
     stable: tuple[tuple[bool, ...], ...]
@@ -52,13 +52,13 @@ class LoopGrid:
 
     @property
     def unstable(self) -> int:
-        """On how many plants the loop is not stable."""
+        """Number of plants on which the loop is not stable."""
         return sum(not flag for row in self.stable for flag in row)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControllerMargins:
-    """Margins of the controller that acts continuously, and of the one that is sampled."""
+    """Margins of the continuous and of the sampled controller."""
 
     continuous: LoopGrid
     sampled: LoopGrid
@@ -80,17 +80,17 @@ class Result:
     Attributes
     ----------
     control_period
-        Over which the sampled loop holds its force [s].
+        How long the sampled loop holds its force [s].
     cart_masses, half_lengths
         The grid, M [kg] and l [m].
     pole_mass, gravity
         m [kg] and g [m/s^2].
     imperfections
-        Those that the linear loop has, by their keys; "none" for the ideal loop.
+        Those of the linear loop, by their keys; "none" for the ideal loop.
     linearisation_step
-        Of the central differences [m, rad, m/s, rad/s, N].
+        Step of the central differences [m, rad, m/s, rad/s, N].
     margins
-        By controller.
+        The margins by controller.
     measured
         Margin and measurement on some of the plants; empty if none was measured.
     scenario, left_out
@@ -111,7 +111,7 @@ class Result:
 
     @property
     def plants(self) -> int:
-        """How many plants there are."""
+        """Number of plants."""
         return len(self.cart_masses) * len(self.half_lengths)
 
     def grid(self, controller: str, *, sampled: bool = False) -> LoopGrid:
@@ -130,7 +130,7 @@ class Result:
         return np.where(np.array(grid.stable), np.array(rows, dtype=np.float64), np.nan)
 
     def worst(self, controller: str, metric: str, *, sampled: bool = False) -> Worst | None:
-        """Return the worst of a margin over the plants whose loop is stable; None if none is."""
+        """Return the worst value of a margin over the stable plants; None if there is none."""
         values = self.values(controller, metric, sampled=sampled)
         if np.isnan(values).all():
             return None

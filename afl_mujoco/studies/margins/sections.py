@@ -23,11 +23,11 @@ _COLUMNS = (
     (Column("Disk", number=True), "disk", 2, 1.0),
     (Column("Delay", "ms", number=True), "delay", 2, 1e3),
 )
-"""Column, margin, decimals and factor of each."""
+"""Column, margin, decimals and factor for each margin in the table."""
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of the margins."""
+    """Return what a report says about the margins."""
     blocks: list[Block] = [_finding(result), *_about(result), _delay_figure(result)]
     blocks.append(_table(result))
     if both := _both(result):
@@ -36,20 +36,20 @@ def sections(result: Result) -> list[Section]:
 
 
 def _about(result: Result) -> Iterator[Text]:
-    """Say whose plants these are, and what of its imperfections counts."""
+    """Say which scenario gives the plants, and which of its imperfections count."""
     if result.scenario is None:
         return
     rest = f"; its {listed(result.left_out, 'and')} are not modelled" if result.left_out else ""
-    counts = result.imperfections if result.imperfections != "none" else "none is linear"
+    counts = result.imperfections if result.imperfections != "none" else "none, as none is linear"
     yield Text(
         f"Of the imperfections of {result.scenario} these count: {counts}{rest}. The delay margin "
-        "of the held force is what it bears besides a delay of its own; that of the continuous one "
-        "is without hold and delay."
+        "with a held force is the additional delay that the loop tolerates besides its own; with a "
+        "continuous force it is without hold and delay."
     )
 
 
 def _finding(result: Result) -> Finding:
-    """Say how far each loop is from instability at its worst plant, in one sentence."""
+    """Say how far each loop is from instability on its worst plant, in one sentence."""
     names = [name for name in (SUBJECT, REFERENCE) if name in result.margins]
     parts = []
     for name in names or list(result.margins)[:1]:
@@ -111,12 +111,13 @@ def _measured_text(result: Result, both: list[DelayComparison]) -> str:
     neither = sum(one.margin is None and one.measured is None for one in result.measured)
     unstable = ""
     if neither:
-        unstable = f" On {neither} the loop is unstable even without a delay added, in both."
+        unstable = f" On {neither}, both find the loop unstable even without added delay."
     return (
-        f"Measured, with the force held for {short(1e3 * result.control_period)} ms: the delay "
-        f"from which a motion of {short(1e3 * START)} mrad no longer decays in MuJoCo. On "
-        f"{len(both)} of {len(result.measured)} plants and controllers there are both; they "
-        f"differ by at most {percent(abs(worst.difference or 0.0), 2)} ({worst.controller}, "
+        f"The measured delay is that from which a motion of {short(1e3 * START)} mrad no longer "
+        f"decays in MuJoCo, with the force held for {short(1e3 * result.control_period)} ms. "
+        f"A margin and a measured delay exist for {len(both)} of {len(result.measured)} plants and "
+        f"controllers; they differ by at most {percent(abs(worst.difference or 0.0), 2)} "
+        f"({worst.controller}, "
         f"M = {short(worst.cart_mass)} kg, l = {short(worst.half_length)} m), and {agree} agree "
         f"within {percent(REACH, 2)}.{unstable}"
     )
@@ -128,9 +129,9 @@ def _delay_figure(result: Result) -> Figure:
         name="margins-delay",
         title="Delay margin of the linearised loop",
         caption=(
-            "Delay margin at upright of the loop linearised on MuJoCo, its force held for "
+            "Delay margin at upright of the loop linearised from MuJoCo, with the force held for "
             f"{1e3 * result.control_period:g} ms, over {len(result.cart_masses)} × "
-            f"{len(result.half_lengths)} plants. Red: unstable even without a delay added."
+            f"{len(result.half_lengths)} plants. Red: unstable even without added delay."
         ),
         alt=f"Least delay margin: {'; '.join(_least(result)) or 'none'}.",
         draw=partial(draw_delay_margins, result),
@@ -138,7 +139,7 @@ def _delay_figure(result: Result) -> Figure:
 
 
 def _least(result: Result) -> Iterator[str]:
-    """Say the least delay margin of each controller that has one."""
+    """Yield the least delay margin of each controller that has one, in words."""
     for name, table in delay_margins(result).items():
         if np.isfinite(table).any():
             yield f"{name} {in_words(float(np.nanmin(table)))} ms"

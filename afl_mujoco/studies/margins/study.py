@@ -14,19 +14,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class MarginsConfiguration:
-    """Gain, phase, disk and delay margins of each controller at upright, over a grid of plants.
+    """Compute gain, phase, disk and delay margins of controllers at upright over a grid of plants.
 
     Example: afl-mujoco margins my-rig.toml --controllers adaptive lqr
 
-    The loop is linearised by finite differences on MuJoCo; on six of the plants the delay at which
-    a small motion in MuJoCo grows is measured as well. Writes margins.json and figures.
+    The loop is linearised by finite differences in MuJoCo. On six of the plants the study also
+    measures the delay at which a small motion in MuJoCo grows. Writes margins.json and figures.
     """
 
     scenario: ScenarioIfAny = None
-    """Scenario by name, or TOML file, whose plants, control period and linear imperfections are
-    taken; the paper's grid of plants, ideal, by default."""
+    """Scenario by name, or TOML file, that gives the plants, the control period and the linear
+    imperfections; by default the paper's grid of plants, without imperfections."""
     controllers: tuple[str, ...] = INFORMED
-    """Controllers by name, but for -estimated, or module:attribute of your own."""
+    """Controllers by name, except -estimated ones, or module:attribute of your own."""
     cart_masses: tuple[float, ...] | None = None
     """Cart masses M of the grid [kg]; the paper's 20, or 5 over the scenario's, by default."""
     half_lengths: tuple[float, ...] | None = None
@@ -38,13 +38,13 @@ class MarginsConfiguration:
     control_period: float | None = None
     """How long the sampled loop holds the force [s]; the scenario's, or 0.001, by default."""
     quick: bool = False
-    """Every fourth M and l of the paper where not given otherwise, and two plants measured."""
+    """Every fourth M and l of the paper, unless given otherwise, and two plants measured."""
     measure: bool = True
-    """Measure on six plants of the grid what delay MuJoCo tolerates."""
+    """Measure on six plants of the grid which delay the loop in MuJoCo tolerates."""
 
 
 def check(configuration: MarginsConfiguration) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     from afl_mujoco.studies.margins.survey import request_of
 
     request_of(configuration)

@@ -34,10 +34,10 @@ from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGr
 from afl_mujoco.studies.margins.study import MarginsConfiguration
 
 QUICK = 4
-"""Of how many M and l one is studied in a quick run."""
+"""A quick run studies one in so many M and l."""
 
 LEVELS = 5
-"""How many M and l of a scenario are studied where they change."""
+"""Number of M and l of a scenario that are studied if they change."""
 
 Unit = tuple[Controller, tuple[CartPoleParameters, ...], float, Imperfections]
 
@@ -45,7 +45,7 @@ Unit = tuple[Controller, tuple[CartPoleParameters, ...], float, Imperfections]
 class Request(NamedTuple):
     """What is surveyed: controllers, M [kg] and l [m], control period [s], m [kg], g [m/s^2].
 
-    And the imperfections, as of `linear_part`.
+    It also holds the imperfections, as from `linear_part`.
     """
 
     controllers: tuple[Controller, ...]
@@ -57,7 +57,7 @@ class Request(NamedTuple):
     imperfections: Imperfections
 
     def plant(self, cart_mass: float, half_length: float) -> CartPoleParameters:
-        """Return the plant at a place of the grid."""
+        """Return the plant at a point of the grid."""
         return CartPoleParameters(
             cart_mass=cart_mass,
             half_length=half_length,
@@ -92,7 +92,7 @@ def request_of(configuration: MarginsConfiguration) -> Request:
 
 
 def described(configuration: MarginsConfiguration) -> dict[str, Any]:
-    """Return what a result says of the scenario it is about: its name, and what is left out."""
+    """Return what a result says about its scenario: its name, and what is left out."""
     if configuration.scenario is None:
         return {}
     scenario = find_scenario(configuration.scenario)
@@ -116,9 +116,9 @@ def require(
     gravity: float,
     imperfections: Imperfections = IDEAL,
 ) -> Request:
-    """Return what is surveyed, or raise before it is.
+    """Return what is surveyed, or raise before anything slow.
 
-    Each controller is linearised once: one that is not smooth is found here.
+    Each controller is linearised once, so that one that is not smooth is found here.
     """
     require_no_estimator(controllers)
     period = require_positive("control_period", control_period)
@@ -158,13 +158,13 @@ def survey_margins(
     cart_masses, half_lengths
         The grid, M [kg] and l [m].
     control_period
-        Over which the sampled loop holds its force [s].
+        How long the sampled loop holds its force [s].
     pole_mass, gravity
         m [kg] and g [m/s^2] of every plant.
     imperfections
-        As of `linear_part`.
+        As from `linear_part`.
     workers
-        Processes to share the work among; the result does not depend on it.
+        Number of processes that share the work; the result does not depend on it.
     """
     request = require(
         controllers, cart_masses, half_lengths, control_period, pole_mass, gravity, imperfections

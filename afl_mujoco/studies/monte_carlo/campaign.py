@@ -22,7 +22,7 @@ from afl_mujoco.studies.monte_carlo.rates import Pairing, Rate, pair
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
 
 CHUNK = 20
-"""Samples that a worker runs at a time."""
+"""Number of samples that a worker runs at a time."""
 
 LARGEST_SEED = 2**63 - 1
 
@@ -35,11 +35,11 @@ class SampleUnit(NamedTuple):
     controller
         The controller.
     space
-        Where the samples are drawn from.
+        The space that the samples are drawn from.
     seed
-        Of the campaign.
+        Seed of the campaign.
     indices
-        Of the samples.
+        Indices of the samples.
     settings
         How to run them.
     """
@@ -60,7 +60,7 @@ class Campaign:
     space, seed, settings
         What was run, and how.
     trials
-        By the controller's name, one for each sample, in their order.
+        By the controller's name, one trial for each sample, in order.
     """
 
     space: SampleSpace
@@ -74,7 +74,7 @@ class Campaign:
         return len(next(iter(self.trials.values())))
 
     def success(self, name: str) -> Rate:
-        """Return how often a controller passed, as of `Trial.passed`."""
+        """Return how often a controller passed, by `Trial.passed`."""
         return Rate(sum(trial.passed for trial in self.trials[name]), self.samples)
 
     def settling(self, name: str) -> Rate:
@@ -86,12 +86,12 @@ class Campaign:
         return [i for i, trial in enumerate(self.trials[name]) if not trial.passed]
 
     def peak_displacement(self, name: str) -> tuple[float, float] | None:
-        """Return median and largest of the peaks of abs(z) [m] of the runs that passed."""
+        """Return the median and the largest peak abs(z) [m] of the runs that passed."""
         peaks = [trial.peak_z for trial in self.trials[name] if trial.passed]
         return (float(np.median(peaks)), max(peaks)) if peaks else None
 
     def pairings(self) -> dict[tuple[str, str], Pairing]:
-        """Return every two controllers compared."""
+        """Return the comparison of every two controllers."""
         passed = {name: [t.passed for t in found] for name, found in self.trials.items()}
         return {(a, b): pair(passed[a], passed[b]) for a, b in combinations(passed, 2)}
 
@@ -135,11 +135,11 @@ def run_samples(unit: SampleUnit) -> list[Trial]:
 
 
 ERRORS = {"cart_mass": "mass_error", "half_length": "length_error"}
-"""The error of what a controller is told of M and l."""
+"""Imperfections that hold the errors of the M and l that a controller assumes."""
 
 
 def _told(space: SampleSpace, name: str, error: str) -> NDArray[np.float64]:
-    """Return levels of M [kg] or l [m] over all that a controller may be told of it."""
+    """Return levels of M [kg] or l [m] over the whole range that a controller may assume."""
     own = getattr(space.scenario.imperfections, error)
     low, high = space.varied.get(error, (own, own))
     least, largest = space.bounds(name)
@@ -154,7 +154,7 @@ def require_campaign(
     seed: int,
     settings: Settings,
 ) -> None:
-    """Raise at what would break a campaign, before it begins."""
+    """Raise if anything would break a campaign, before it begins."""
     require_distinct("controller", [controller.name for controller in controllers])
     if samples < 1:
         raise InvalidValueError("samples", "must be at least 1", samples)

@@ -16,7 +16,7 @@ from afl_mujoco.scenario.scenario import Scenario
 
 
 def _imperfection(name: str, scale: float) -> Callable[[Scenario], float]:
-    """Return what reads an imperfection, scaled to the unit of its label."""
+    """Return a function that reads an imperfection, scaled to the unit of its label."""
     return lambda scenario: scale * getattr(scenario.imperfections, name)
 
 
@@ -36,10 +36,10 @@ FEATURES: Mapping[str, Callable[[Scenario], float]] = {
     "delay + lag [ms]": lambda s: 1e3 * (s.imperfections.delay + s.imperfections.actuator_lag),
     **{draw.label: _imperfection(name, draw.scale) for name, draw in DRAWS.items() if draw.label},
 }
-"""Numbers of a scenario by their label, which gives the unit."""
+"""Features of a scenario by their label, which gives the unit."""
 
 FEWEST = 5
-"""Failures, and survivors, below which a controller is left out of the ranking."""
+"""Smallest number of failures, and of survivors, with which a controller counts in the ranking."""
 
 
 def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArray[np.float64]]:
@@ -65,7 +65,7 @@ def most_separating(
     Parameters
     ----------
     failed
-        For each controller, which samples it did not survive, shape (samples,).
+        For each controller, whether it did not pass each sample, shape (samples,).
     """
     ranked = [bad for bad in failed if FEWEST <= int(bad.sum()) <= len(bad) - FEWEST]
 

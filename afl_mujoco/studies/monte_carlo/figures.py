@@ -53,7 +53,7 @@ def draw_rates(result: Result) -> Figure:
 
 
 def failed_by_controller(result: Result) -> dict[str, NDArray[np.bool_]]:
-    """Return for each controller which samples it did not pass, shape (samples,)."""
+    """Return for each controller whether it did not pass each sample, shape (samples,)."""
     found = {}
     for rates in result.controllers:
         found[rates.controller] = np.zeros(result.samples, dtype=np.bool_)

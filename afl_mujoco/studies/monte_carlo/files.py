@@ -23,12 +23,12 @@ def require(folder: Path) -> None:
     if not held.exists():
         return
     if not held.is_dir() or held.is_symlink():
-        raise FileError(str(held), "must be a folder of this study, which replaces it")
+        raise FileError(str(held), "must be a folder that this study wrote: it is replaced")
     for path in sorted(held.rglob("*")):
         level = len(path.relative_to(held).parts)
         ours = path.is_dir() if level == 1 else level == 2 and _OURS.fullmatch(path.name)
         if path.is_symlink() or not ours:
-            rule = "is not of this study, which replaces its folder: move it away"
+            rule = "was not written by this study, which replaces its folder: move it away"
             raise FileError(str(path), rule)
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def films(result: Result, command: str) -> list[Film]:
-    """Return a film of the hardest sample of each controller, if that was asked for."""
+    """Return a film of the hardest sample of each controller, if films were asked for."""
     if not result.film:
         return []
     from afl_mujoco.control.catalogue import find_controller

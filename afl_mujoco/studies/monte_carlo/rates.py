@@ -14,17 +14,17 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """How many of how many.
+    """A count out of a total.
 
     Attributes
     ----------
     count, of
-        So many of so many.
+        The count and the total.
 
     Raises
     ------
     InvalidValueError
-        If it is none of none, or more than all.
+        If the total is zero, or the count is negative or above the total.
     """
 
     count: int
@@ -36,7 +36,7 @@ class Rate:
             raise InvalidValueError("rate", "must be a share of at least one", str(self))
 
     def __str__(self) -> str:
-        """Say it as a table does."""
+        """Return the rate as a table shows it."""
         return f"{self.count} of {self.of}"
 
     @property
@@ -59,7 +59,7 @@ class Pairing:
     Attributes
     ----------
     both, only_first, only_second, neither
-        How many samples both survived, one alone, none.
+        Numbers of samples that both passed, only one of them, or neither.
     """
 
     both: int
@@ -69,13 +69,13 @@ class Pairing:
 
     @property
     def p_value(self) -> float:
-        """McNemar's exact test: how likely so uneven a split would be were the two as good."""
+        """McNemar's exact test: how likely a split this uneven is if both are equally good."""
         split = self.only_first + self.only_second
         return float(binomtest(self.only_first, split, 0.5).pvalue) if split else 1.0
 
 
 def pair(first: Sequence[bool], second: Sequence[bool]) -> Pairing:
-    """Return how many samples both, one or neither survived."""
+    """Return how many samples both, one or neither passed."""
     pairs = list(zip(first, second, strict=True))
     return Pairing(
         both=pairs.count((True, True)),

@@ -16,10 +16,10 @@ from afl_mujoco.studies.monte_carlo.trial import ENDINGS, Trial
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST, Found, worst_scenario
 
 FOLDER = "montecarlo"
-"""Of the scenario files; it holds a folder for each controller."""
+"""Folder of the scenario files; it holds a folder for each controller."""
 
 NAMES = {HARDEST: "hardest.toml", NEAREST: "nearest-failure.toml"}
-"""Of the files of what a search found."""
+"""Names of the scenario files of what a search found."""
 
 Interval = tuple[float, float]
 
@@ -31,11 +31,11 @@ class Failure:
     Attributes
     ----------
     index
-        Of the sample.
+        Index of the sample.
     outcome, end_time
-        How and when the run ended [s]; no time if the controller failed.
+        How the run ended, and when [s]; no time if the controller failed.
     message
-        What the controller did, if it failed.
+        How the controller failed, if it did.
     missed
         The requirements that were not met.
     file
@@ -57,20 +57,20 @@ class ControllerRates:
     Attributes
     ----------
     controller, asked
-        Its name, and what it was asked for by.
+        Its name, and the name by which it was requested.
     samples, passed, settled
-        Counts: of samples; of runs that met the requirements or, where there are none, survived to
-        the end; of runs that settled.
+        Number of samples; of runs that met the requirements or, without any, survived to the end;
+        and of runs that settled.
     rate, settled_rate
-        As shares [1], with exact intervals.
+        Shares of these runs [1], with exact intervals.
     median_displacement, largest_displacement
-        Of the peaks of abs(z) over the runs that passed [m]; None without any.
+        Median and largest peak abs(z) of the runs that passed [m]; None if none did.
     failures_by_outcome
-        Counts by the way in which a run can end early.
+        Number of runs by the way in which they ended early.
     missed
-        Counts of runs that did not meet each requirement.
+        Number of runs that did not meet each requirement.
     failures
-        By index.
+        The failures, in order of their index.
     """
 
     controller: str
@@ -90,20 +90,20 @@ class ControllerRates:
 
     @property
     def success(self) -> Rate:
-        """How many of how many passed."""
+        """The rate of runs that passed."""
         return Rate(self.passed, self.samples)
 
     @property
     def settling(self) -> Rate:
-        """How many of how many settled."""
+        """The rate of runs that settled."""
         return Rate(self.settled, self.samples)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Two controllers on the same samples: how many both passed, one alone, none.
+    """Two controllers on the same samples: how many both passed, only one of them, or neither.
 
-    The p-value is of McNemar's exact test.
+    The p-value is that of McNemar's exact test.
     """
 
     first: str
@@ -124,17 +124,17 @@ class WorstCase:
     controller, question
         Its name, and what was searched: `HARDEST` or `NEAREST`.
     failed, outcome, end_time, message, missed
-        How the run ended, as of `Failure`.
+        How the run ended, as in `Failure`.
     severity, robustness
-        As of `Trial`; no robustness without requirements, or where the run ended early.
+        As in `Trial`; no robustness without requirements, or if the run ended early.
     distance
-        From the scenario itself in the cube, as a share of the cube's diagonal.
+        Distance from the scenario itself in the cube, as a share of the cube's diagonal.
     runs
-        How many the search took.
+        Number of runs that the search took.
     changes
-        By coordinate, how far it is from there as a share of its range, farthest first.
+        By coordinate, its distance from the scenario as a share of its range, farthest first.
     point, noise
-        Where it lies in the cube, and the index of the sample whose noise it has.
+        Its point in the cube, and the index of the sample whose noise it has.
     file
         Its scenario file beside the result.
     """
@@ -163,19 +163,19 @@ class Result:
     Attributes
     ----------
     seed, samples
-        Of the campaign, and how many samples it has.
+        Seed of the campaign, and its number of samples.
     integrator, timestep
-        MuJoCo's, and its step [s].
+        MuJoCo's integrator, and its step [s].
     confidence
-        Of the intervals [1].
+        Confidence level of the intervals [1].
     space
-        Where the samples are drawn from.
+        The space that the samples are drawn from.
     controllers, comparisons, worst_cases
         What was found; no worst cases if none were searched.
     film
         Whether the hardest samples are to be filmed.
     assumed
-        Whether the scenario did not say what varies, so that it is as of `with_ranges`.
+        Whether the scenario did not say what varies, so that `with_ranges` decided.
     """
 
     seed: int
@@ -209,16 +209,16 @@ def result_of(
     film: bool = False,
     assumed: bool = False,
 ) -> Result:
-    """Return a campaign and what was searched as a result.
+    """Return a campaign and what the searches found as a result.
 
     Parameters
     ----------
     keep
         How many failures of each controller have a scenario file; ``None`` for all.
     asked
-        What each controller was asked for by, where that is not its name.
+        The name by which each controller was requested, if it differs from its own.
     film, assumed
-        As of `Result`.
+        As in `Result`.
     """
     names = {name: name for name in campaign.trials} | dict(asked or {})
     return Result(
@@ -291,7 +291,7 @@ def _worst(campaign: Campaign, found: Found) -> WorstCase:
 
 
 def _ending(trial: Trial) -> dict[str, Any]:
-    """Return how a trial ended, a missing time as None."""
+    """Return how a trial ended, with a missing time as None."""
     time = None if math.isnan(trial.end_time) else trial.end_time
     ending = {"outcome": trial.outcome, "end_time": time, "message": trial.message}
     return {**ending, "missed": trial.missed}

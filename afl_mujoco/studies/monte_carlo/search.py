@@ -1,4 +1,4 @@
-"""A search of the unit cube by CMA-ES, independent of cart-poles."""
+"""A search of the unit cube by CMA-ES that knows nothing of cart-poles."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ Point = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """How much a search may spend; it ends earlier where the strategy itself does.
+    """How much a search may spend; it ends earlier if the strategy stops by itself.
 
     Attributes
     ----------
     generations, population
-        Generations, and points in each.
+        Number of generations, and number of points in each.
 
     Raises
     ------
     InvalidValueError
-        If there is too little of either.
+        If either is too small.
     """
 
     generations: int = 30
     population: int = 16
 
     def __post_init__(self) -> None:
-        """Check both."""
+        """Check both numbers."""
         for name, least in (("generations", 1), ("population", 4)):
             if getattr(self, name) < least:
                 raise InvalidValueError(name, f"must be at least {least}", getattr(self, name))
 
     @property
     def points(self) -> int:
-        """The most points that a search tries."""
+        """The largest number of points that a search tries."""
         return 1 + self.generations * self.population
 
 
@@ -56,8 +56,8 @@ def minimise(
     Parameters
     ----------
     cost
-        Takes points of the cube and returns what to minimise, one number each. The start is
-        tried first, alone.
+        Function of points of the cube that returns what to minimise, one number for each. The start
+        is tried first, alone.
     """
     import cma
 

@@ -37,14 +37,14 @@ from afl_mujoco.studies.requirements_table import IN_WORDS
 QUESTIONS = {HARDEST: "hardest found", NEAREST: "nearest failure"}
 
 SHOWN = 2
-"""Coordinates of a worst case that are named."""
+"""Number of coordinates of a worst case that are named."""
 
 DEFAULT_INTEGRATOR = "RK4"
-"""Of `afl-mujoco simulate`."""
+"""Default integrator of `afl-mujoco simulate`."""
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of a campaign."""
+    """Return what a report says about a campaign."""
     blocks: list[Block] = [*_findings(result), *_assumed(result)]
     blocks += [_rates_figure(result), _rates(result)]
     if result.comparisons:
@@ -97,22 +97,22 @@ def _findings(result: Result) -> Iterator[Finding]:
 
 
 def _assumed(result: Result) -> Iterator[Text]:
-    """Say what varies where the scenario itself does not."""
+    """Say what varies if the scenario itself does not say so."""
     if result.assumed:
         yield Text(
-            f"{result.space.scenario.name} does not say what varies: it has the imperfections of "
-            "random laboratory hardware wherever it is ideal, and its start, M and l are the same "
-            "in every sample. A table [ranges] in its file says otherwise."
+            f"{result.space.scenario.name} does not say what varies. Imperfections that it does "
+            "not set are those of random laboratory hardware; its start, M and l are the same in "
+            "every sample. Add a table [ranges] to its file to change this."
         )
 
 
 def _passes(result: Result) -> str:
-    """Say what a run does that passes."""
+    """Say what it means for a run to pass."""
     return "meets all requirements on" if result.judged else "survives"
 
 
 def _rates(result: Result) -> Table:
-    """Return how often each controller passed, and what the others were."""
+    """Return how often each controller passed, and how the other runs ended."""
     level = Column(f"{100.0 * result.confidence:g} % interval", "%", number=True)
     missed = [name for name in UNITS if any(name in one.missed for one in result.controllers)]
     ways = ENDINGS[1:]
@@ -130,7 +130,7 @@ def _rates(result: Result) -> Table:
             Column("Controller"),
             *what,
             *(Column(ending.capitalize(), number=True) for ending in ways),
-            Column("Median peak |z| of those that pass", "m", number=True),
+            Column("Median peak |z| of passing runs", "m", number=True),
         ),
         rows=[
             (
@@ -159,7 +159,7 @@ def _limit(result: Result, name: str) -> str:
 
 
 def _comparisons(result: Result) -> Table:
-    """Return on how many samples only one of two controllers passed."""
+    """Return on how many samples both, one or neither of two controllers passed."""
     return Table(
         caption="Runs that pass on the same samples",
         columns=(
@@ -183,10 +183,10 @@ def _comparisons(result: Result) -> Table:
 
 
 def _messages(result: Result) -> Iterator[str]:
-    """Say who passes nothing, and what the first failure of each that failed itself was."""
+    """Say which controllers pass no sample, and the first error of each that raised one."""
     for rates in result.controllers:
         if not rates.passed:
-            yield f"{rates.controller} passes no sample: no harder one is searched for it."
+            yield f"{rates.controller} passes no sample, so no harder one is searched for."
     for rates in result.controllers:
         for failure in islice((one for one in rates.failures if one.message), 1):
             said = f"{CONTROLLER_FAILED} on sample {failure.index}: {failure.message}"
@@ -198,14 +198,14 @@ def _worst_cases(result: Result) -> Table:
     return Table(
         caption=(
             "What a search by CMA-ES found over the same ranges; distance 0 is the scenario "
-            f"{result.space.scenario.name} itself, M and l as they start, 1 the diagonal of all "
-            "ranges"
+            f"{result.space.scenario.name} itself with the initial M and l, 1 is the diagonal of "
+            "all ranges"
         ),
         columns=(
             Column("Controller"),
             Column("Search"),
             Column("Outcome"),
-            *([Column("Least left", number=True)] if result.judged else []),
+            *([Column("Least margin", number=True)] if result.judged else []),
             Column("Distance", number=True),
             Column("Runs", number=True),
             Column("Farthest from the scenario"),
@@ -232,7 +232,7 @@ def _worst_cases(result: Result) -> Table:
 
 
 def _moved(one: WorstCase) -> Iterator[tuple[str, float]]:
-    """Return what differs from the scenario; instants differ from nothing, as nothing changes."""
+    """Return what differs from the scenario, which has no changes and so no instants of them."""
     return ((n, x) for n, x in one.changes.items() if " instant " not in n and " shape" not in n)
 
 
@@ -254,7 +254,7 @@ def _space(result: Result) -> Table:
         rows.append((name, unit, short(low), short(high)))
     return Table(
         summary="Ranges of the random hardware",
-        caption="What varies from sample to sample, drawn uniformly",
+        caption="What varies between samples, drawn uniformly",
         columns=(
             Column("Quantity"),
             Column("Unit"),
@@ -275,7 +275,7 @@ def _replays(result: Result) -> Iterator[Command]:
             file = PurePath(str(failure.file))
             command: list[str | PurePath] = ["afl-mujoco", "simulate", file]
             command += ["--controller", rates.asked, *integrator]
-            title = f"Replay a failure of {rates.controller} to the last bit"
+            title = f"Replay a failure of {rates.controller}, identical to the last bit"
             yield Command(title, command)
 
 
@@ -316,8 +316,8 @@ def _failures_figure(result: Result) -> Iterator[Figure]:
             f"Share of the samples on which a controller does not pass, in {BINS} bins of equal "
             f"counts, with exact {100.0 * result.confidence:g} % intervals; each point is at its "
             f"bin's median. Of {len(features)} features, the {len(chosen)} whose distributions "
-            "differ most between failures and the rest. They were chosen on the same samples, "
-            "and each interval is of its bin alone: read them as a hint where to look."
+            "differ most between failures and the rest are shown. They were chosen on the same "
+            "samples, and each interval covers its bin alone: read them as a hint where to look."
         ),
         alt=f"Failure rates over {', '.join(chosen)}. Failures: {counts}, of {result.samples}.",
         draw=partial(draw_failures, result),
@@ -330,6 +330,6 @@ def _failures(rates: ControllerRates) -> int:
 
 
 def _words(rate: Rate) -> str:
-    """Return a rate as a sentence has it."""
+    """Return a rate for use in a sentence."""
     low, high = (100.0 * x for x in rate.interval)
     return f"{100.0 * rate.share:.1f} % ({low:.1f} to {high:.1f})"

@@ -29,17 +29,17 @@ GENERATIONS, QUICK_GENERATIONS = 30, 5
 
 @dataclass(frozen=True, kw_only=True)
 class MonteCarlo:
-    """Run controllers on random hardware, the same for each; then search the worst of it.
+    """Run controllers on the same random hardware samples, then search for the worst case.
 
     Example: afl-mujoco montecarlo my-rig.toml --controllers adaptive lqr --quick
 
-    What varies is in the table [ranges] of the scenario file: start, schedules of M and l within
-    bounds and rates, imperfections. A scenario without it gets the imperfections of laboratory
-    hardware wherever it is ideal. A run passes that meets the scenario's requirements; where there
-    are none, that survives to the end. The search is for the sample that is survived least, or has
-    the least robustness left. Writes montecarlo.json, figures, and a scenario file of every
-    failure, which `afl-mujoco simulate` replays to the same bits. The whole takes some ten minutes
-    on two cores.
+    The table [ranges] of the scenario file says what varies: start, schedules of M and l within
+    bounds and rates, imperfections. A scenario without it gets random laboratory hardware for all
+    imperfections that it does not set. A run passes if it meets the scenario's requirements or,
+    if there are none, survives to the end. The search looks for the sample that fails worst, or
+    has the least robustness left. Writes montecarlo.json, figures, and a scenario file for every
+    failure, which `afl-mujoco simulate` replays to the same bits. A full run takes about ten
+    minutes on two cores.
     """
 
     scenario: ScenarioName = LABORATORY
@@ -47,28 +47,25 @@ class MonteCarlo:
     its M and l changing at random."""
     controllers: ControllerNames = (SUBJECT, REFERENCE)
     samples: int | None = None
-    """Hardware samples; 1000 by default. Sample i is the same whatever their number."""
+    """Number of hardware samples; 1000 by default. Sample i does not depend on the number."""
     seed: int = 1
     """Seed of the samples, their noise and the search."""
     worst_case: bool = True
-    """Search the hardest sample and the nearest failure by CMA-ES."""
+    """Search for the hardest sample and the nearest failure by CMA-ES."""
     generations: int | None = None
-    """Generations of each search, of 16 runs each; 30 by default."""
+    """Number of generations of each search, 16 runs each; 30 by default."""
     quick: bool = False
     """100 samples and 5 generations, unless other numbers are given."""
     integrator: str = "RK4"
-    """MuJoCo's integrator: RK4, as `simulate` has it, Euler, implicit, implicitfast."""
+    """MuJoCo's integrator: RK4, the default of `simulate`, Euler, implicit, implicitfast."""
     keep: int | None = None
-    """Scenario files of failures to keep of each controller; all by default."""
+    """Number of failures of each controller to keep as scenario files; all by default."""
     film: bool = False
     """Film the hardest sample found for each controller."""
 
 
 class Request(NamedTuple):
-    """What is studied: where, whether that is assumed, controllers, how many samples, and how.
-
-    All of it as `request_of` makes it.
-    """
+    """What is studied, as `request_of` makes it: space, whether its ranges are assumed, and how."""
 
     space: SampleSpace
     assumed: bool
@@ -93,7 +90,9 @@ def request_of(configuration: MonteCarlo) -> Request:
         from afl_mujoco.graphics import require_backend
 
         if not c.worst_case:
-            raise InvalidValueError("film", "shows what the search found: leave out no-worst-case")
+            raise InvalidValueError(
+                "film", "shows what the search found: do not give --no-worst-case"
+            )
         require_backend()  # before MuJoCo
 
     from afl_mujoco.control.catalogue import find_controller
@@ -128,7 +127,7 @@ def request_of(configuration: MonteCarlo) -> Request:
 
 
 def check(configuration: MonteCarlo) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     request_of(configuration)
 
 
@@ -177,7 +176,7 @@ def run(
 
 def _search_progress(progress: Progress, controller: str, total: int, done: int) -> None:
     """Report the progress of a search."""
-    progress(f"searching the worst for {controller}", done, total)
+    progress(f"searching the worst case for {controller}", done, total)
 
 
 STUDY = Study(

@@ -1,4 +1,4 @@
-"""One run of a controller on a hardware sample: how it ended, one that breaks down included."""
+"""One run of a controller on a hardware sample, also one whose controller fails: how it ended."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, OUTCOMES
 
 CONTROLLER_FAILED = "controller failed"
-"""How a run ends whose controller raises, takes too long or returns what is no force."""
+"""Ending of a run whose controller raises, takes too long or does not return a force."""
 
 ENDINGS = (*OUTCOMES, CONTROLLER_FAILED)
 """The ways a trial can end; all but the first are failures."""
@@ -25,7 +25,7 @@ FIGURES = ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi", "settling_time
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """How one run ended, and figures of it up to then; NaN where there is none.
+    """How one run ended, and its metrics up to then; NaN for a missing one.
 
     Attributes
     ----------
@@ -34,12 +34,12 @@ class Trial:
     end_time
         When it ended [s]; NaN if the controller failed.
     peak_z, peak_phi, max_force, iae_z, iae_phi, settling_time
-        As of `Rollouts`.
+        As in `Rollouts`.
     message
-        What the controller did, if it failed.
+        How the controller failed, if it did.
     requirements
-        What the run made of the requirements of its scenario; nothing where it has none but to
-        complete, or the controller failed.
+        Judgements of the run by the requirements of its scenario; empty if completion is the only
+        one, or the controller failed.
     """
 
     outcome: str
@@ -65,7 +65,7 @@ class Trial:
 
     @property
     def passed(self) -> bool:
-        """Whether the run met its requirements; where it has none, whether it completed."""
+        """Whether the run met its requirements or, if it has none, whether it completed."""
         return not self.missed if self.requirements else self.completed
 
     @property
@@ -76,17 +76,17 @@ class Trial:
     def severity(self, duration: float) -> float:
         """Return how bad the run was: up to 1 if it passed, from 1 on if it did not.
 
-        Without requirements one that completed counts the mean of its largest and its average
-        abs(phi), as shares of the angle at which it would have fallen; with them, how much of the
-        tightest limit is used up, and above that 1 + x / (1 + x) if it exceeds it by a share x. A
-        run that ended early counts how much of it is missing, on top of 1; with requirements on
-        top of 2, so that it is worse than any that completed. Nothing is worse than a controller
-        that failed.
+        The severity of a run that completed without requirements is the mean of its largest and
+        its average abs(phi), as shares of the angle at which it would have fallen. With
+        requirements it is the share of the tightest limit that is used up, or 1 + x / (1 + x) if
+        the run exceeds that limit by a share x. The severity of a run that ended early is 1 plus
+        the share of it that is missing; with requirements 2 plus that share, so that it is worse
+        than any run that completed. A controller that failed is the worst.
 
         Parameters
         ----------
         duration
-            The horizon [s].
+            Duration of a whole run [s].
         """
         if self.outcome == CONTROLLER_FAILED:
             return 3.0
@@ -100,7 +100,7 @@ class Trial:
 
     @property
     def robustness(self) -> float | None:
-        """Of a run that completed the least relative robustness of what else was required."""
+        """Least relative robustness of a completed run over its requirements except completion."""
         if not self.completed:
             return None
         found = [one.relative for one in self.requirements if one.requirement != "completes"]
@@ -114,7 +114,7 @@ class Settings(NamedTuple):
     Attributes
     ----------
     integrator
-        MuJoCo's integrator, as of `simulate_mujoco`.
+        MuJoCo's integrator, as in `simulate_mujoco`.
     timestep
         Physics step [s].
     """
@@ -126,7 +126,7 @@ class Settings(NamedTuple):
 def run_trials(
     scenarios: Sequence[Scenario], controller: Controller, settings: Settings
 ) -> list[Trial]:
-    """Run a controller on scenarios; an error of a Python controller fails that run and no other.
+    """Run a controller on scenarios; an error in a Python controller fails only that run.
 
     Each run is, to the last bit, that of `simulate_mujoco` in sampled mode.
     """

@@ -24,11 +24,11 @@ STEP = {HARDEST: 0.3, NEAREST: 0.1}
 """Standard deviation at the start, as a share of the cube's edge."""
 
 PIECE = 4
-"""Points of a generation that a worker runs at a time."""
+"""Number of points of a generation that a worker runs at a time."""
 
 
 class Start(NamedTuple):
-    """A point of the cube, and the sample whose noise goes with it.
+    """A point of the cube, and the sample whose noise it has.
 
     Attributes
     ----------
@@ -71,15 +71,15 @@ class Found:
     controller
         Its name.
     point, noise
-        Where it lies in the cube, and the index of the sample whose noise it has.
+        Its point in the cube, and the index of the sample whose noise it has.
     trial
         How the run there ended.
     distance
-        From the scenario itself in the cube, as a share of the cube's diagonal.
+        Distance from the scenario itself in the cube, as a share of the cube's diagonal.
     runs
-        How many were spent.
+        Number of runs that the search took.
     changes
-        By coordinate, how far it is from there as a share of its range, farthest first.
+        By coordinate, its distance from the scenario as a share of its range, farthest first.
     """
 
     question: str
@@ -100,12 +100,12 @@ def search_worst(
     executor: Executor,
     progress: Callable[[int], None] = lambda runs: None,
 ) -> list[Found]:
-    """Search the hardest sample for a controller, then the failure nearest to the scenario.
+    """Search for a controller's hardest sample, then for its failure nearest to the scenario.
 
     The first search starts from the hardest sample of the campaign, the second from the nearest
-    failure known. Each has the noise of the sample that it starts from, so that it walks through
-    a landscape that keeps still and finds nothing milder than what was known. There is no second
-    one if nothing fails, and none at all if nothing passes.
+    failure known. Each keeps the noise of the sample that it starts from, so that its cost
+    function does not change and it finds nothing milder than what was known. There is no second
+    search if nothing fails, and none at all if nothing passes.
     """
     rng, spent = search_generator(campaign.seed), 0
 
@@ -141,7 +141,7 @@ def search_worst(
 def worst_scenario(
     space: SampleSpace, point: ArrayLike, noise: int, seed: int, question: str
 ) -> Scenario:
-    """Return the scenario at a point that a search found; arguments as of `Found`."""
+    """Return the scenario at a point that a search found; arguments as in `Found`."""
     scenario = space.scenario_of(point, noise, seed)
     return replace(scenario, name=f"{scenario.name}-{question}")
 
@@ -152,7 +152,7 @@ def most_runs(budget: Budget) -> int:
 
 
 def _sample(campaign: Campaign, index: int) -> Start:
-    """Return where a sample lies."""
+    """Return the point of a sample, with its noise."""
     return Start(sample_point(campaign.space, index, campaign.seed), index)
 
 
@@ -171,7 +171,7 @@ def _cost(question: str, space: SampleSpace, point: Point, trial: Trial) -> floa
     severity = trial.severity(space.scenario.duration)
     if question == HARDEST:
         return -severity
-    # every failure before every run that passes, and of these first the one that had it hardest
+    # every failure ranks before every run that passes; of the latter the most severe ranks first
     return 2.0 - severity if trial.passed else distance_of(space, point)
 
 
@@ -189,7 +189,7 @@ def distance_of(space: SampleSpace, point: Point) -> float:
 def _found(
     question: str, controller: Controller, campaign: Campaign, end: Start, trial: Trial, tried: int
 ) -> Found:
-    """Put a result together."""
+    """Assemble what a search found."""
     space, point = campaign.space, end.point
     away = dict(zip(space.coordinates, (point - space.reference).tolist(), strict=True))
     return Found(

@@ -36,9 +36,9 @@ def test_the_command_writes_estimates_a_scenario_and_a_figure(rig: Path, command
         "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1"
     )
     assert code == 0
-    assert "made up: Gravity acts on the pole as on its rod within" in output
-    assert "1 log, 1.58 s in all, a row every 20 ms" in output
-    assert "fewer than 8 logs: too narrow" in " ".join(output.split())
+    assert "made up: Gravity acts on the pole as on its rod to within" in output
+    assert "1 log, 1.58 s in all, one row every 20 ms" in output
+    assert "fewer than 8 logs, and so are too narrow" in " ".join(output.split())
     data = json.loads((rig / "out" / "identify.json").read_text())
     found = {one["name"]: one for one in data["identified"]["drive"]["estimates"]}
     assert found["gain"]["value"] == pytest.approx(TRUTH.expected["gain"], rel=0.05)

@@ -49,7 +49,7 @@ def test_the_finding_says_where_the_loop_is_unstable() -> None:
 def test_measured_delays_are_compared_where_both_exist() -> None:
     (section,) = sections(RESULT)
     (said,) = (block.text for block in section.blocks if isinstance(block, Text))
-    assert "On 1 of 2 plants and controllers there are both" in said
+    assert "A margin and a measured delay exist for 1 of 2 plants and controllers" in said
     assert "at most 0.5 %" in said and "1 agree within 5 %" in said
     _, measured = figures_of([section])
     assert "1 comparisons on 1 plants; the largest difference is 0.5 %" in measured.alt

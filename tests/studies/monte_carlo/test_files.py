@@ -88,7 +88,9 @@ def test_a_file_of_somebody_elses_is_not_lost(tmp_path, name: str) -> None:
     theirs = tmp_path / FOLDER / name
     theirs.parent.mkdir(parents=True, exist_ok=True)
     theirs.write_text("mine")
-    with pytest.raises(FileError, match=r"is not of this study, which replaces its folder"):
+    with pytest.raises(
+        FileError, match=r"was not written by this study, which replaces its folder"
+    ):
         write(campaign(5), tmp_path)
     with pytest.raises(FileError):
         require(tmp_path)
