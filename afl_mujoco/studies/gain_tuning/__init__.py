@@ -1,1 +1,1 @@
-"""Which gains: the paper's genetic search, and what it is asked to minimise."""
+"""Tuning of the gains: the paper's genetic search, and the cost that it minimises."""

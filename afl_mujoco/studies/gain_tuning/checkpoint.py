@@ -1,4 +1,4 @@
-"""The file that a search leaves as it goes, so that it can be killed and go on to the same bits."""
+"""Checkpoints of a search, from which a killed search continues to the same bits."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any, Literal
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import FloatArray, differences, read_json, write_json
 
-WRONG, THEN = "is no sound checkpoint", "remove it to begin anew"
+WRONG, THEN = "is not a valid checkpoint", "remove it to start again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchState:
-    """A search between two generations: all that decides how it goes on.
+    """A search between two generations: all that decides how it continues.
 
     Attributes
     ----------
     problem
-        Settings, bounds and seed by name, as plain data: what may not differ on resumption.
+        Settings, bounds and seed by name, as plain data; they may not differ on resumption.
     generation, evaluations
         Generations bred and chromosomes evaluated so far.
     rng
@@ -48,7 +48,7 @@ class SearchState:
         size = len(self.costs)
         fits = self.population.ndim == 2 and len(self.population) == size
         if not fits or self.costs.ndim != 1 or self.history.shape != (self.generation + 1,):
-            raise ValueError("its arrays are not as long as it says")
+            raise ValueError("its arrays must have consistent lengths")
 
 
 def save(path: Path, state: SearchState) -> None:
@@ -59,18 +59,18 @@ def save(path: Path, state: SearchState) -> None:
 def refuse_existing(path: Path) -> None:
     """Raise FileError if a search left a checkpoint at `path`."""
     if path.exists():
-        raise FileError(str(path), "exists: pass resume=True to go on from it, or remove it")
+        raise FileError(str(path), "exists: pass resume=True to continue from it, or remove it")
 
 
 def resume(path: Path, problem: Mapping[str, Any]) -> SearchState | None:
     """Return where the search of `problem` stopped; ``None`` if it left no checkpoint.
 
-    One that is unsound, or of another problem, is a FileError, and is left as it is.
+    Raise FileError if the checkpoint is invalid or of another problem; it is left as it is.
     """
     if not path.exists():
         return None
     state = read_json(path, SearchState, WRONG, THEN)
     if found := differences(state.problem, json.loads(json.dumps(problem))):
-        rule = f"is of another search: {', '.join(found)}; give the same, or another file"
+        rule = f"is of another search: {', '.join(found)}; use the same values, or another file"
         raise FileError(str(path), rule)
     return state

@@ -26,17 +26,17 @@ LARGEST_EXPONENT = 4.0
 
 SQUARES = "least squares"
 ROUND_OFF = 1e-9
-"""Relative spread of a gain below which it is constant: the search leaves as much in a corner."""
+"""Relative spread of a gain below which it counts as constant: the search leaves this much."""
 
 STARTS = 100
-"""Random starts of the least squares."""
+"""Number of random starts of the least squares."""
 
 FITS = 2 * len(GAIN_NAMES) + 1
-"""Fits of a table."""
+"""Number of fits of a table."""
 
 DAMPED = "damped least squares"
 DAMPING = 0.4
-"""Exponent of the damped slope: chosen on random schedules of seed 1; C9 has those of seed 0."""
+"""Exponent of the damped slope, chosen on random schedules of seed 1; C9 uses those of seed 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,9 +46,9 @@ class Fit:
     Attributes
     ----------
     gain
-        Which gain.
+        Name of the gain.
     method
-        How it was found.
+        How the fit was found.
     coefficients
         (w1, ..., w5).
     rmse
@@ -61,7 +61,7 @@ class Fit:
     rmse: float
 
     def line(self) -> str:
-        """Say it in one line."""
+        """Return the fit as one line."""
         w = ", ".join(f"{x:.6g}" for x in self.coefficients)
         return f"{self.gain:<14} {self.method:<21} RMSE {self.rmse:.4g}  w = ({w})"
 
@@ -86,7 +86,7 @@ def rmse(
 
 
 def coefficient_box(gain: FloatArray) -> Box:
-    """Return where the coefficients of a gain are looked for: factors up to twice its size.
+    """Return the box in which the coefficients of a gain are sought: factors up to twice its size.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def fit_table(
     Parameters
     ----------
     settings
-        Of the searches; the paper's by default.
+        Settings of the searches; the paper's by default.
     """
     plants = table.column("cart_mass"), table.column("half_length")
     slope = damped_slope(table)
@@ -177,11 +177,11 @@ def fit_table(
 
 
 def damped_slope(table: GainTable) -> FloatArray:
-    """Return the table's lambda, its ratio to the one of the nominal plant damped.
+    """Return the table's lambda with its ratio to that of the nominal plant damped.
 
     A schedule changes M and l while the pole is already nearly upright, where the best slope is not
-    that of a start from -60 degrees: a gain function that follows the table by `DAMPING` only loses
-    less there than it gains at the start.
+    that of a start from -60 degrees. A gain function that follows the table only to the power
+    `DAMPING` loses less there than it gains at the start.
     """
     nominal = table.gains(NOMINAL.cart_mass, NOMINAL.half_length).slope
     damped: FloatArray = nominal * (table.column("slope") / nominal) ** DAMPING
@@ -189,7 +189,7 @@ def damped_slope(table: GainTable) -> FloatArray:
 
 
 def save_fits(path: Path, table: GainTable, fits: Sequence[Fit], seed: int) -> None:
-    """Write the fits, and the gains of the retuned controllers made of them, as JSON."""
+    """Write the fits, and the gains of the retuned controllers made from them, as JSON."""
     chosen = {fit.gain: fit for fit in fits if fit.method != "search"}  # the damped slope is last
     nominal = table.gains(NOMINAL.cart_mass, NOMINAL.half_length)
     content = {

@@ -33,11 +33,11 @@ class PairSearch:
     cart_mass, half_length
         M [kg] and l [m].
     settings, box
-        Of the search.
+        Settings and box of the search.
     seed
-        Of the table and of the unit within it.
+        Seed of the table, and of the unit within it.
     checkpoint
-        File that the search writes as it goes and resumes from; ``None`` for none.
+        File that the search writes as it runs and resumes from; ``None`` to write none.
     """
 
     cart_mass: float
@@ -57,7 +57,7 @@ def pair_searches(
     box: Box = GAIN_BOX,
     checkpoints: Path | None = None,
 ) -> list[PairSearch]:
-    """Return the units of a table, half-lengths first, each seeded by its place.
+    """Return the units of a table, half-lengths first, each seeded by its position.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def pair_searches(
     grid = {"cart mass": cart_masses, "half-length": half_lengths}
     for name, values in grid.items():
         if not values:
-            raise InvalidValueError(f"{name} of the grid", "must hold at least one")
+            raise InvalidValueError(f"{name} of the grid", "must have at least one value")
         for value in values:
             require_positive(f"{name} of the grid", value)
             if list(values).count(value) > 1:
@@ -76,7 +76,7 @@ def pair_searches(
     for gene, bound in zip(GAIN_NAMES, box.lower, strict=True):
         require_positive(f"lower bound of {gene}", bound)
     stiffest = np.array([[box.upper[0], box.upper[1], box.lower[2]]])
-    gain_cost(cart_masses[0], min(half_lengths))(stiffest)  # refuses what would take for ever
+    gain_cost(cart_masses[0], min(half_lengths))(stiffest)  # refuses what would never finish
     pairs = [(mass, length) for length in half_lengths for mass in cart_masses]
     return [
         PairSearch(

@@ -1,4 +1,4 @@
-"""The paper's multiple-crossover genetic algorithm: a search by ask and tell."""
+"""The paper's multiple-crossover genetic algorithm, with an ask-and-tell interface."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ __all__ = ["Box", "GeneticSettings", "MultipleCrossoverGA", "SearchResult", "See
 FloatArray = NDArray[np.float64]
 
 CHECKPOINT_INTERVAL = 1.0
-"""Time between two checkpoints [s]: what a killed search loses at most, beside a generation."""
+"""Time between two checkpoints [s]: a killed search loses at most this and one generation."""
 
 
 @final
 class MultipleCrossoverGA:
-    """The search, by ask and tell: `ask` what is not known yet, `tell` its costs, over and over.
+    """The search, by ask and tell: repeat `ask` for chromosomes and `tell` for their costs.
 
-    The first round is a population drawn uniformly in the box. In every other, a random permutation
-    of the population gives groups, replaced by their children (A1), and after them chromosomes that
-    are mutated (A2); the rest of the next generation are copies, selected by tournament from the
-    whole population, that keep their cost. The first copy is always of the best chromosome: the
-    paper is silent on such elitism, but without it the best could be bred away.
+    The first round is a population drawn uniformly in the box. In every other round, a random
+    permutation of the population gives groups, which are replaced by their children (A1), and then
+    chromosomes that are mutated (A2). The rest of the next generation are copies, selected by
+    tournament from the whole population, which keep their cost. The first copy is always that of
+    the best chromosome: the paper is silent on such elitism, but without it the best could be lost.
 
     Parameters
     ----------
     box
-        Where to look; genes that leave it are clipped.
+        The search box; genes that leave it are clipped.
     settings
-        How.
+        Settings of the search.
     seed
         An int, or a tuple of ints; the same seed gives the same bits.
 
@@ -81,7 +81,7 @@ class MultipleCrossoverGA:
 
     @property
     def best_cost(self) -> float:
-        """Its cost."""
+        """Cost of the best chromosome."""
         return float(self.costs[self._fittest()])
 
     @property
@@ -91,7 +91,7 @@ class MultipleCrossoverGA:
 
     @property
     def finished(self) -> bool:
-        """Whether as many generations were bred as the settings say."""
+        """Whether all generations of the settings were bred."""
         return self.evaluations > 0 and self.generation >= self.settings.generations
 
     def ask(self) -> FloatArray:
@@ -107,7 +107,7 @@ class MultipleCrossoverGA:
         Parameters
         ----------
         costs
-            Finite, shape (n,).
+            Finite costs, shape (n,).
         """
         if self._asked is None:
             raise AflMujocoError("tell", "must follow ask")
@@ -122,9 +122,9 @@ class MultipleCrossoverGA:
         self._asked = None
 
     def state(self) -> files.SearchState:
-        """Return all that decides how the search goes on."""
+        """Return all that decides how the search continues."""
         if self._asked is not None or not self.evaluations:
-            raise AflMujocoError("state", "is whole only after tell")
+            raise AflMujocoError("state", "is complete only after tell")
         return files.SearchState(
             problem=self.problem,
             generation=self.generation,
@@ -136,7 +136,7 @@ class MultipleCrossoverGA:
         )
 
     def restore(self, state: files.SearchState) -> None:
-        """Go on from a state of the same problem, bit for bit."""
+        """Continue from a state of the same problem, bit for bit."""
         self.generation, self.evaluations = state.generation, state.evaluations
         self._rng.bit_generator.state = dict(state.rng)
         self._settle(state.population.copy(), state.costs.copy())
@@ -144,13 +144,13 @@ class MultipleCrossoverGA:
         self._asked = None
 
     def _fittest(self) -> int:
-        """Return where the best chromosome is."""
+        """Return the index of the best chromosome."""
         if not self.evaluations:
             raise AflMujocoError("best", "is not known before the first tell")
         return int(np.argmin(self.costs))
 
     def _settle(self, population: FloatArray, costs: FloatArray) -> None:
-        """Make a generation the present one, read-only."""
+        """Make a generation the current one, read-only."""
         population.flags.writeable = costs.flags.writeable = False
         self.population, self.costs = population, costs
 
@@ -161,7 +161,7 @@ class MultipleCrossoverGA:
         return drawn
 
     def _bred(self) -> FloatArray:
-        """Return children and mutants of the present generation, and choose the copies."""
+        """Return children and mutants of the current generation, and choose the copies."""
         settings, rng = self.settings, self._rng
         order = rng.permutation(settings.population_size)
         crossed = settings.groups * settings.parents
@@ -201,7 +201,7 @@ class SearchResult:
     cost
         Its cost.
     evaluations, generations
-        What it took.
+        Numbers of evaluations and generations that it took.
     history
         Best cost of each generation, shape (generations + 1,), from the initial population on.
     """
@@ -228,14 +228,14 @@ def minimise(
     Parameters
     ----------
     cost
-        Gives finite costs, shape (n,), of chromosomes, shape (n, D).
+        Function that returns finite costs, shape (n,), of chromosomes, shape (n, D).
     checkpoint
-        File that is written after the first generation, the last, and in between as often as
-        `CHECKPOINT_INTERVAL` says; its folder must exist.
+        File that is written after the first generation, after the last, and in between every
+        `CHECKPOINT_INTERVAL`; its folder must exist.
     resume
-        Go on from the checkpoint, to the same bits as without a break; begin where there is none.
-        The checkpoint knows settings, bounds and seed but not `cost`: problems that differ in their
-        cost alone need a file, or a seed, each.
+        Continue from the checkpoint, to the same bits as without a break; start if there is none.
+        The checkpoint knows settings, bounds and seed but not `cost`: problems that differ only in
+        their cost need separate files, or separate seeds.
     """
     search = MultipleCrossoverGA(box, settings, seed)
     if checkpoint is not None:

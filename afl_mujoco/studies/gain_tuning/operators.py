@@ -11,10 +11,10 @@ IndexArray = NDArray[np.intp]
 
 
 def tournament(costs: FloatArray, count: int, rng: Generator) -> IndexArray:
-    """Select by fitness: of two chromosomes drawn at random the one of lower cost, `count` times.
+    """Select by fitness, `count` times: the cheaper of two chromosomes drawn at random.
 
-    The paper says "reproduction" and no more; the binary tournament is a decision of this project.
-    It heeds only the order of the costs. A chromosome may be drawn against itself.
+    The paper only says "reproduction"; the binary tournament is a decision of this project. It
+    depends only on the order of the costs. A chromosome may be drawn against itself.
 
     Returns
     -------
@@ -29,19 +29,19 @@ def tournament(costs: FloatArray, count: int, rng: Generator) -> IndexArray:
 def multiple_crossover(
     population: FloatArray, costs: FloatArray, groups: IndexArray, rng: Generator
 ) -> FloatArray:
-    """Move every chromosome of a group the way from the others to the fittest, Eq. (A1).
+    """Move every chromosome of a group along the sum of the ways to its fittest, Eq. (A1).
 
-    With `i` the fittest of a group of n, ``x_q' = x_q + rho_q sum_j (x_i - x_j)`` for each q of it,
+    With `i` the fittest of a group of n, ``x_q' = x_q + rho_q sum_j (x_i - x_j)`` for each q in it,
     `i` included. For n = 3 that is the paper's ``2 x_i - x_j - x_k``; for n = 2 the usual crossover
     of two parents, ``x_i - x_j``. The paper calls each of rho_1, rho_2, rho_3 "a random value": one
-    scalar a chromosome, the same for all its genes, so that a child lies on a line.
+    scalar per chromosome, the same for all its genes, so that a child lies on a line.
 
     Parameters
     ----------
     population
         Chromosomes, shape (P, D).
     costs
-        Their costs, shape (P,); of equals the first of a group counts as its fittest.
+        Their costs, shape (P,); among equal costs, the first of a group counts as its fittest.
     groups
         Indices of the parents, shape (G, n).
     rng
@@ -63,8 +63,8 @@ def multiple_crossover(
 def mutate(chromosomes: FloatArray, constant: float, rng: Generator) -> FloatArray:
     """Shift every chromosome at random, Eq. (A2): ``x' = x + rho c``.
 
-    The paper calls rho "a random value": one scalar a chromosome, as in (A1), so that all its genes
-    shift by the same amount.
+    The paper calls rho "a random value": one scalar per chromosome, as in (A1), so that all its
+    genes shift by the same amount.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def mutate(chromosomes: FloatArray, constant: float, rng: Generator) -> FloatArr
 
 
 def clip(chromosomes: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Put every gene that left the box onto the bound it crossed.
+    """Move every gene that left the box to the bound that it crossed.
 
     Parameters
     ----------

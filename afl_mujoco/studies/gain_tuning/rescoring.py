@@ -1,4 +1,4 @@
-"""Tuned gains scored again in MuJoCo: what the ideal ODE promised, by another engine."""
+"""Tuned gains scored again in MuJoCo, to confirm their scores in the ideal ODE."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.scoring import with_objective
 
 TIMESTEP = 1e-3
-"""Step of MuJoCo's RK4, the controller in every stage [s]."""
+"""Step of MuJoCo's RK4, with the controller in every stage [s]."""
 
 Unit = tuple[list[float], ObjectiveScales]
 

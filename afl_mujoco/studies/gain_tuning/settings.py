@@ -1,4 +1,4 @@
-"""What a search is given: its settings, its box and its seed."""
+"""The inputs of a search: its settings, its box and its seed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from afl_mujoco.errors import InvalidValueError
 
 ROUND_OFF = 1e-9
-"""By how much round-off may spoil a sum of shares, or a number of groups that is a whole number."""
+"""Round-off that is tolerated in a sum of shares, and in a whole number of groups."""
 
 SHARES = ("reproduction", "crossover", "mutation")
 
@@ -63,7 +63,7 @@ class GeneticSettings:
         Generations bred from the initial population.
     reproduction, crossover, mutation
         Shares Pr, Pc, Pm of the next generation that are copied, crossed and mutated; their sum
-        is 1. Groups that the population cannot fill to the last are made up for by copies.
+        is 1. If the last group cannot be filled, copies take its place.
     mutation_constant
         c of Eq. (A2), in the unit of the genes.
     parents
@@ -79,7 +79,7 @@ class GeneticSettings:
     parents: int = 3
 
     def __post_init__(self) -> None:
-        """Check each value, and what they make together."""
+        """Check each value, and the values in combination."""
         for name, least in (("population_size", 1), ("generations", 1), ("parents", 2)):
             object.__setattr__(self, name, _require_whole(name, getattr(self, name), least))
         for name in (*SHARES, "mutation_constant"):
@@ -97,7 +97,7 @@ class GeneticSettings:
                 raise InvalidValueError("population_size", rule, self.population_size)
 
     def _check_shares(self) -> None:
-        """Raise unless the shares share out one whole, something new in it."""
+        """Raise unless the shares add up to 1 and leave room for something new."""
         shares = {name: getattr(self, name) for name in SHARES}
         for name, share in shares.items():
             if not 0.0 <= share <= 1.0:
@@ -105,7 +105,9 @@ class GeneticSettings:
         if abs((total := sum(shares.values())) - 1.0) > ROUND_OFF:
             raise InvalidValueError(" + ".join(shares), "must be 1", total)
         if not (self.crossover or self.mutation):
-            raise InvalidValueError("reproduction", "must leave a share", self.reproduction)
+            raise InvalidValueError(
+                "reproduction", "must leave a share for crossover or mutation", self.reproduction
+            )
 
     @property
     def groups(self) -> int:
@@ -126,12 +128,12 @@ class GeneticSettings:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Where the search may look; a gene whose bounds are equal stays fixed.
+    """Bounds of the search; a gene whose bounds are equal stays fixed.
 
     Attributes
     ----------
     lower, upper
-        Bounds of each gene, D of each.
+        Lower and upper bounds of the D genes.
     """
 
     lower: tuple[float, ...]
@@ -144,9 +146,9 @@ class Box:
             checked = tuple(_require_finite(f"{field.name}[{i}]", x) for i, x in enumerate(bounds))
             object.__setattr__(self, field.name, checked)
         if not self.lower:
-            raise InvalidValueError("lower", "must hold at least one bound", self.lower)
+            raise InvalidValueError("lower", "must have at least one bound", self.lower)
         if len(self.lower) != len(self.upper):
-            rule = f"must be as long as lower, which holds {len(self.lower)}"
+            rule = f"must be as long as lower, which has {len(self.lower)}"
             raise InvalidValueError("upper", rule, len(self.upper))
         for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
             if low > high:

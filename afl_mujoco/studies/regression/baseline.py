@@ -1,4 +1,4 @@
-"""A baseline: what the runs of one scenario and controller gave, its file, and what has moved."""
+"""A baseline: recorded runs of one scenario and controller, its file, and what has changed."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from afl_mujoco.studies.cases import Settings
 WRONG = "is not a baseline"
 
 PERIOD = 0.5
-"""Spacing of the instants that a baseline keeps [s]."""
+"""Spacing of the instants in a baseline [s]."""
 
 SETTINGS = Settings()
 """The step sizes of every baseline."""
 
 RELATIVE_LIMIT = 1e-6
-"""Most a metric may move, relatively: no controller engineer would see less. Round-off is far below
-it: 0 between Python 3.11 and 3.12, 1e-14 against code for a processor without FMA and AVX."""
+"""Largest relative change of a metric: no control engineer would notice less. Round-off is far
+below it: 0 between Python 3.11 and 3.12, 1e-14 against code for a processor without FMA and AVX."""
 
 ABSOLUTE_LIMIT = 1e-9
-"""What a metric that is zero or nearly so may move, SI units: round-off is below 1e-12, and the
-smallest metric that is not zero 0.4."""
+"""Largest change of a metric that is zero or nearly so, SI units: round-off is below 1e-12, and
+the smallest metric that is not zero is 0.4."""
 
 STATE_LIMIT = 1e-8
-"""Most a state may move at any kept instant, SI units: ten times what separates the two simulators
-at most (B1); round-off is 2e-14, as the closed loop contracts it."""
+"""Largest change of a state at any kept instant, SI units: ten times the limit between the two
+simulators (B1); round-off is 2e-14, as the closed loop contracts it."""
 
 FORCE_LIMIT = 1e-6
-"""Most the force may move at any kept instant [N]: a controller's gain on a state is some 100 N;
-round-off is 2e-13."""
+"""Largest change of the force at any kept instant [N]: a controller's gain on a state is about
+100 N; round-off is 2e-13."""
 
 SLACK = 1e-6
-"""Share of a sample that round-off may add to a figure quantised by the samples."""
+"""Share of a sample that round-off may add to a metric quantised by the samples."""
 
 Number = float | None
 Row = tuple[Number, Number, Number, Number, Number, Number]
@@ -46,7 +46,7 @@ COLUMNS = ("t", *STATES, "force")
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What is kept of one run.
+    """The record of one run.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Recording:
     outcome
         How the run ended, without the time.
     metrics
-        Its figures.
+        Its metrics.
     trajectory
         Rows of `COLUMNS`, one every `PERIOD`.
     """
@@ -68,16 +68,16 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What is kept of one scenario with one controller: the content of one file.
+    """The record of one scenario with one controller: the content of one file.
 
     Attributes
     ----------
     columns
-        Of the rows of each recording.
+        Columns of the rows of each recording.
     scenario, controller
         Their names.
     versions
-        With what it was made.
+        Versions of the packages with which it was made.
     runs
         A recording for each simulator.
     """
@@ -97,16 +97,16 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A figure that is not what it was.
+    """A value that has changed.
 
     Attributes
     ----------
     run, figure
-        Which figure of which run.
+        Which value of which run.
     old, new
-        What the baseline says, and what is.
+        The value in the baseline, and the new one.
     limit
-        How much it may move; ``None`` if not at all.
+        How much it may change; ``None`` if not at all.
     """
 
     run: str
@@ -116,7 +116,7 @@ class Change:
     limit: float | None = None
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Return the change as one line."""
         said = f"{self.run}: {self.figure} {_said(self.old)} -> {_said(self.new)}"
         if self.limit is None or not isinstance(self.old, float) or not isinstance(self.new, float):
             return said
@@ -126,7 +126,7 @@ class Change:
 
 
 def _said(value: object) -> str:
-    """Return a figure as a line shows it."""
+    """Return a value as a line shows it."""
     return "none" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
@@ -139,7 +139,7 @@ def load_baseline(path: Path) -> Baseline:
 
 
 def changes(old: Baseline, new: Baseline) -> list[Change]:
-    """Return every figure that moved by more than it may, in order."""
+    """Return every value that changed by more than its limit, in order."""
     found: list[Change] = []
     for simulator in dict.fromkeys((*old.runs, *new.runs)):
         name = f"{new.scenario} / {new.controller} / {simulator}"
@@ -152,7 +152,7 @@ def changes(old: Baseline, new: Baseline) -> list[Change]:
 
 
 def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Change]:
-    """Yield the figures of one run that moved by more than they may."""
+    """Yield the values of one run that changed by more than their limits."""
     if old.outcome != new.outcome:
         yield Change(name, "outcome", old.outcome, new.outcome)
     for figure in dict.fromkeys((*old.metrics, *new.metrics)):
@@ -176,7 +176,7 @@ def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Chang
 
 
 def _limit(figure: str, old: Recording) -> float:
-    """Return how much a metric may move."""
+    """Return how much a metric may change."""
     sample = (1.0 + SLACK) * SETTINGS.timestep
     if figure.startswith("settling_"):
         return sample
@@ -186,7 +186,7 @@ def _limit(figure: str, old: Recording) -> float:
 
 
 def _moved(old: Number, new: Number, limit: float) -> bool:
-    """Return whether a figure moved by more than `limit`."""
+    """Return whether a value changed by more than `limit`."""
     if old is None or new is None:
         return old is not new
     return not abs(new - old) <= limit

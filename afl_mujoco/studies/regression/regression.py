@@ -40,11 +40,11 @@ REGRESSED = ("fixed", "adaptive")
 """The controllers that have baselines."""
 
 UPDATE = "make baselines"
-"""What makes the present state the baseline."""
+"""The command that makes the current state the baseline."""
 
 
 def record(case: Case) -> Baseline:
-    """Simulate one scenario with one controller and keep what a baseline keeps."""
+    """Simulate one scenario with one controller and return the baseline of the runs."""
     scenario, controller, settings = case
     runs = closed_loop_runs(scenario, controller, settings)
     recordings = {
@@ -72,7 +72,7 @@ def record_all(
     Parameters
     ----------
     workers
-        Processes to share the work among; the result does not depend on it.
+        Number of processes that share the work; the result does not depend on it.
     progress
         Called with the name of each case as it is done.
     """
@@ -107,15 +107,15 @@ class Comparison:
     Attributes
     ----------
     runs
-        How many runs there are.
+        Number of runs.
     changes
-        Every figure that moved by more than it may, by the file of its baseline.
+        Every value that changed by more than its limit, by the file of its baseline.
     missing
         Files that should be there.
     orphaned
         Files for which there is no such run.
     versions
-        Packages that are not those of a baseline that changed: name, then and now.
+        Packages whose versions differ from those of a changed baseline: name, old, new.
     """
 
     runs: int
@@ -146,18 +146,18 @@ class Comparison:
             "orphaned": len(self.orphaned),
         }
         summary = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-        return [*said, f"FAIL: {summary or 'no runs'}; {UPDATE} accepts what is meant"]
+        return [*said, f"FAIL: {summary or 'no runs'}; {UPDATE} accepts intended changes"]
 
 
 def load_baselines(folder: Path) -> dict[str, Baseline]:
     """Read every baseline of a folder, by the name of its file."""
     if not folder.is_dir():
-        raise FileError(f"baseline folder {folder}", f"must be there; {UPDATE} makes it")
+        raise FileError(f"baseline folder {folder}", f"must exist; {UPDATE} makes it")
     return {path.name: load_baseline(path) for path in sorted(folder.glob("*.json"))}
 
 
 def open_for_update(folder: Path) -> dict[str, Baseline]:
-    """Make the folder if it is missing and read what is in it, as `load_baselines`."""
+    """Make the folder if it is missing, and read its baselines as `load_baselines` does."""
     return load_baselines(output_folder(folder))
 
 
@@ -182,10 +182,10 @@ def compare(baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) ->
 def update_baselines(
     folder: Path, baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]
 ) -> list[str]:
-    """Make fresh runs the baselines and return what moved, a line each.
+    """Make fresh runs the baselines and return what changed, a line each.
 
-    A file in which no figure moved by more than it may keeps its bytes, so that another host's
-    last digits do not rewrite them all.
+    A file in which no value changed by more than its limit keeps its bytes, so that the last digits
+    of another host do not rewrite all files.
     """
     comparison = compare(baselines, fresh)
     for name in (*comparison.missing, *comparison.changes):

@@ -1,1 +1,1 @@
-"""Is it true: metrics, criteria, checks, and the campaign that runs them."""
+"""The verification of MuJoCo against the equations: criteria, checks, claims, the campaign."""

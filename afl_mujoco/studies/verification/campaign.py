@@ -30,7 +30,7 @@ def verify(
     workers: int = 1,
     progress: Progress = silent,
 ) -> Result:
-    """Judge every scenario with every controller; arguments as of the study's `run`."""
+    """Judge every scenario with every controller; arguments as for the study's `run`."""
     require_runnable(scenarios, controllers, settings)
     cases = [(s, c, settings) for s in scenarios for c in controllers]
     progress("cases", 0, len(cases))

@@ -20,7 +20,7 @@ class Judged:
     Attributes
     ----------
     checks, runs, requirements, explanation, curves
-        As of `Result`, the explanation what its tables are made of.
+        As in `Result`; its tables are made from the explanation.
     """
 
     checks: tuple[Check, ...]

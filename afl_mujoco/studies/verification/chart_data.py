@@ -1,4 +1,4 @@
-"""The curves of a scenario as the page's script takes them: 32-bit floats in base64."""
+"""The curves of a scenario as the page's script reads them: 32-bit floats in base64."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ QUANTITIES = (
     ("force", "F", "force"),
     ("plant", "M, l", "mass and half-length"),
 )
-"""Key, symbol and words of what a chart shows."""
+"""Key, symbol and name of the quantities that a chart shows."""
 
 PRESCRIBED = ("cart_mass", "half_length", "push")
 
 FIRST_MOMENTS = 0.05
-"""What the first shortcut shows [s]: where the controller's first, fast answer falls."""
+"""Length of the first shortcut [s], which shows the controller's first, fast response."""
 
 BEFORE, AFTER = 0.1, 0.9
-"""How much around a breakpoint the other shortcuts show [s]."""
+"""Time before and after a breakpoint that the other shortcuts show [s]."""
 
 MOST = 5
-"""How many shortcuts there are at most."""
+"""Largest number of shortcuts."""
 
 
 def chart_data(curves: Sequence[Curves], scenario: Scenario) -> dict[str, Any]:
     """Return the curves of one scenario, those of all controllers on the union of their instants.
 
-    An instant that a run does not hold is NaN. Differences from the ODE are taken here, in double
-    precision: in single precision they would drown.
+    An instant that a run does not have is NaN. Differences from the ODE are computed here, in
+    double precision: in single precision they would be lost in round-off.
     """
     time = np.unique(np.concatenate([one.time for one in curves]))
     first = curves[0]
@@ -54,7 +54,7 @@ def chart_data(curves: Sequence[Curves], scenario: Scenario) -> dict[str, Any]:
 
 
 def _run(time: NDArray[np.float64], one: Curves) -> dict[str, Any]:
-    """Return the curves of one controller: the reference's own, the others' differences from it."""
+    """Return the curves of one controller: the reference, and differences of the others from it."""
     signals = {name: _signals(time, one, name) for name in one.states}
     reference = signals.pop(REFERENCE)
     return {
@@ -79,14 +79,14 @@ def _signals(
 def spread(
     time: NDArray[np.float64], instants: NDArray[np.float64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return values at the instants that hold one, NaN elsewhere, shape (N,).
+    """Return values at the instants that have one, NaN elsewhere, shape (N,).
 
     Parameters
     ----------
     time
         Instants wanted [s], shape (N,).
     values
-        The first of them, shape (K,).
+        Values at the first K of the instants, shape (K,).
     """
     wide = np.full(len(time), np.nan)
     wide[np.searchsorted(time, instants[: len(values)])] = values
@@ -94,7 +94,7 @@ def spread(
 
 
 def shortcuts(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return stretches of time that are worth a look: a label and two times [s] each."""
+    """Return stretches of time worth a look, each with a label and two times [s]."""
     end = scenario.duration
     found = [{"label": "start", "from": 0.0, "to": min(FIRST_MOMENTS, end)}]
     for time in scenario.breakpoints:

@@ -1,4 +1,4 @@
-"""What a criterion is, and the check of a measured value against it."""
+"""A criterion, and the check of a measured value against it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
-    """A figure and the most it may be.
+    """A quantity and its largest allowed value.
 
     Attributes
     ----------
@@ -53,21 +53,21 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One judged figure: a row of the report, field for field.
+    """One judged value: a row of the report, field for field.
 
     Attributes
     ----------
     id, quantity, unit, limit, reason
-        As of `Criterion`.
+        As in `Criterion`.
     scenario, controller
-        Where it was measured; ``"any"`` where it does not depend on them.
+        Where it was measured; ``"any"`` if it does not depend on them.
     value
         What was measured; ``None`` if there is no finite value, for example because one run fell
         and the other did not.
     comparison
-        How value and limit compare when the check passes.
+        How value and limit compare if the check passes.
     passed
-        Whether it does.
+        Whether the check passes.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""The list of criteria: every verdict's number stands here and nowhere else."""
+"""The list of criteria: the limits of all checks are here and nowhere else."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LIST = (
         quantity="max |qacc - (P3),(P4)| / (1 + |(P3),(P4)|), 10 000 random states, plants",
         unit="1",
         limit=1e-11,
-        reason="the same equations in other words: round-off of the larger terms, with margin",
+        reason="the same equations in another form: round-off of the larger terms, with margin",
         proves="MuJoCo's model has the paper's equations of motion over the whole box of "
         "parameters",
         leaves_open="that the closed loop is integrated well",
@@ -26,19 +26,19 @@ _LIST = (
         unit="1",
         limit=1e-13,
         reason="three products and a cosine: round-off",
-        proves="masses, lever arm and rod inertia reach the mass matrix; an impulse acts by it",
-        leaves_open="gravity and velocity terms, which A1 sees",
+        proves="masses, lever arm and rod inertia enter the mass matrix, by which an impulse acts",
+        leaves_open="gravity and velocity terms, which A1 covers",
     ),
     Criterion(
         id="A3",
-        quantity="numbers in which a mutated MjModel (stat aside), or its qacc with friction, "
+        quantity="numbers in which a mutated MjModel (except stat), or its qacc with friction, "
         "limits and contact, differs from a fresh compile",
         unit="count",
         limit=0,
-        reason="a mutation that refreshes every derived constant leaves the very bits of a "
+        reason="a mutation that refreshes every derived constant gives the same bits as a "
         "fresh compile",
-        proves="the live mutation forgets no field and no derived constant",
-        leaves_open="that the fields are the right ones, which A1 sees",
+        proves="the live mutation misses no field and no derived constant",
+        leaves_open="that the fields are the right ones, which A1 covers",
     ),
     Criterion(
         id="A4",
@@ -47,7 +47,7 @@ _LIST = (
         limit=0.3,
         reason="3.7 to 4.3 over four step sizes",
         proves="MuJoCo's RK4 converges to the solution of (P3), (P4) as it should",
-        leaves_open="the closed loop, which B2 sees",
+        leaves_open="the closed loop, which B2 covers",
     ),
     Criterion(
         id="A4e",
@@ -66,21 +66,21 @@ _LIST = (
         reason="one step of the same method on the same equations: round-off",
         proves="each deployed step is an RK4 step of the analytic equations under the held "
         "force and the parameters of its middle",
-        leaves_open="how the steps' errors add up, which B3 sees",
+        leaves_open="how the errors of the steps add up, which B3 covers",
     ),
     Criterion(
         id="A6e",
-        quantity="max |MuJoCo's energy gained - work - what parameter changes add|",
+        quantity="max |energy gained in MuJoCo - work - energy added by parameter changes|",
         unit="J",
         limit=1e-10,
         reason="quadrature at the integrator's tolerance, 1e-12",
-        proves="energy is conserved but for the work of the forces and the booked parameter "
+        proves="energy is conserved except for the work of the forces and the booked parameter "
         "changes",
-        leaves_open="that such changes are physical: B7 asks that",
+        leaves_open="that such changes are physical, which B7 examines",
     ),
     Criterion(
         id="A6p",
-        quantity="max |MuJoCo's momentum gained - impulse - what parameter changes add|",
+        quantity="max |momentum gained in MuJoCo - impulse - momentum added by parameter changes|",
         unit="N s",
         limit=1e-10,
         reason="quadrature at the integrator's tolerance, 1e-12",
@@ -93,8 +93,8 @@ _LIST = (
         unit="SI",
         limit=0,
         reason="negation and doubling change no bit of a mantissa",
-        proves="no sign is treated unlike the other, and only ratios of masses and force count",
-        leaves_open="signs wrong in both halves alike, which A1 sees",
+        proves="both signs are treated alike, and only the ratios of masses and force matter",
+        leaves_open="signs that are wrong in both halves alike, which A1 covers",
     ),
     Criterion(
         id="A7z",
@@ -129,8 +129,8 @@ _LIST = (
         unit=_ALL_STATES,
         limit=1e-10,
         reason="DOP853 at rtol 1e-13",
-        proves="MuJoCo under the forces that (P1), (P2) require follows the motion they were "
-        "made for",
+        proves="under the forces that (P1), (P2) require for the manufactured motion, MuJoCo "
+        "follows it",
         leaves_open="-",
     ),
     Criterion(
@@ -147,8 +147,8 @@ _LIST = (
         quantity="max |state_mujoco_exact - state_ode|",
         unit=_ALL_STATES,
         limit=1e-9,
-        reason="one integrator (DOP853, rtol 1e-12) on both right-hand sides: only model form "
-        "is left",
+        reason="one integrator (DOP853, rtol 1e-12) on both right-hand sides: only the model "
+        "form can differ",
         proves="MuJoCo's closed loop is the paper's, over the whole run",
         leaves_open="errors of the integrator and of the controller, which both sides share",
     ),
@@ -157,9 +157,9 @@ _LIST = (
         quantity="max |state_mujoco_continuous - state_ode|, 1 ms",
         unit=_ALL_STATES,
         limit=1e-5,
-        reason="RK4 at 1 ms, some 5e-6 on the paper's scenarios, all from the first fast "
-        "milliseconds",
-        proves="another integrator, and another way through the schedule, give the same run",
+        reason="RK4's error at 1 ms, about 5e-6 on the paper's scenarios, all of it from the "
+        "first fast milliseconds",
+        proves="another integrator, and another treatment of the schedule, give the same run",
         leaves_open="errors below 5e-6",
     ),
     Criterion(
@@ -168,7 +168,7 @@ _LIST = (
         unit="1",
         limit=0.3,
         reason="3.7 to 4.3 over four step sizes, jumps and pulses included",
-        proves="what is left in B2 is RK4's own error and vanishes with the step",
+        proves="the remaining difference in B2 is RK4's own error and vanishes with the step",
         leaves_open="-",
     ),
     Criterion(
@@ -177,18 +177,18 @@ _LIST = (
         unit=_ALL_STATES,
         limit=1e-10,
         reason="the same RK4 steps on both right-hand sides: round-off grown along the run",
-        proves="both sides take the very same steps",
-        leaves_open="errors common to both integrations, which B2 sees",
+        proves="both sides take the same steps",
+        leaves_open="errors common to both integrations, which B2 covers",
     ),
     Criterion(
         id="B3",
         quantity="max |state_mujoco_sampled - state_ode_held|",
         unit=_ALL_STATES,
         limit=1e-8,
-        reason="the same hold of control and schedule: MuJoCo's RK4 error at 1 ms is left, "
-        "some 5e-10 on the paper's scenarios",
+        reason="control and schedule are held alike: only MuJoCo's RK4 error at 1 ms remains, "
+        "about 5e-10 on the paper's scenarios",
         proves="the run as deployed is the exact solution of the held problem",
-        leaves_open="what the hold costs, which B4 and B5 say",
+        leaves_open="the error of the hold itself, which B4 and B5 measure",
     ),
     Criterion(
         id="B4",
@@ -196,7 +196,7 @@ _LIST = (
         unit="1",
         limit=0.1,
         reason="zero-order hold: 0.9 to 1.1",
-        proves="holding the control costs in proportion to the period",
+        proves="the error of holding the control is proportional to the period",
         leaves_open="-",
     ),
     Criterion(
@@ -204,7 +204,7 @@ _LIST = (
         quantity="max |sampled mode extrapolated to period 0 - state_ode|",
         unit=_ALL_STATES,
         limit=1e-3,
-        reason="Richardson from 0.5 and 0.25 ms: the second order is left",
+        reason="Richardson extrapolation from 0.5 and 0.25 ms: the second order remains",
         proves="as the period shrinks the deployed run tends to the ideal ODE and nothing else",
         leaves_open="-",
     ),
@@ -213,7 +213,7 @@ _LIST = (
         quantity="|observed order of schedule sampling - 2|, 4 to 0.5 ms",
         unit="1",
         limit=0.2,
-        reason="parameters of the middle of each step: 1.8 to 2.2",
+        reason="parameters are taken at the middle of each step: 1.8 to 2.2",
         proves="the schedule is sampled at mid-step",
         leaves_open="schedules without ramps, where there is nothing to sample",
     ),
@@ -222,7 +222,7 @@ _LIST = (
         quantity="error budget: residual / total",
         unit="1",
         limit=0.05,
-        reason="the parts add up but for their products",
+        reason="the parts add up except for their products",
         proves="the difference of the deployed run is explained, source by source",
         leaves_open="-",
     ),
@@ -241,8 +241,8 @@ _LIST = (
         "fixed",
         unit="1",
         limit=0.1,
-        reason="a model that is different must plateau",
-        proves="the plateau test can fail: it sees an inertia 13 % too large",
+        reason="the error of a different model must plateau",
+        proves="the plateau test can fail: it detects an inertia that is 13 % too large",
         leaves_open="-",
     ),
     Criterion(
@@ -251,9 +251,9 @@ _LIST = (
         unit=_ALL_STATES,
         limit=1e-9,
         reason="as B1, with the terms in l' that the paper leaves out",
-        proves="both sides agree on the stretching rod; how much the omission matters is the "
-        "table below it",
-        leaves_open="which physics given hardware has",
+        proves="both sides agree on the stretching rod; the table of the effect shows how much "
+        "the omission matters",
+        leaves_open="which physics a given hardware has",
     ),
 )
 

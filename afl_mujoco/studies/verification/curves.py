@@ -16,10 +16,10 @@ from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.arrays import Array
 
 REFERENCE = "ode"
-"""The run from which the others' differences are measured."""
+"""The run from which the differences of the others are measured."""
 
 DENSE = 0.1
-"""How long every instant is kept after the start and after each breakpoint [s]."""
+"""Time after the start and after each breakpoint in which every instant is kept [s]."""
 
 SPARSE = 0.02
 """Spacing of the instants elsewhere [s]."""
@@ -32,7 +32,7 @@ _GROUPS = ("states", "forces", "parts", "energy")
 class Curves:
     """Scenario and controller over time, in every simulator of the report.
 
-    Two are equal if every number is. A run that fell has the first K of the N instants.
+    Two are equal if all their numbers are. A run that fell has the first K of the N instants.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Curves:
     time
         Instants [s], shape (N,), increasing: multiples of the timestep.
     cart_mass, half_length, push
-        M [kg], l [m] and the disturbing force [N], shape (N,), after the jump where there is one.
+        M [kg], l [m] and the disturbing force [N], shape (N,); at a jump, the values after it.
     states
         (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s] by simulator, shape (K, 4).
     forces
@@ -50,8 +50,8 @@ class Curves:
         The error budget over time, the largest of any state, shape (N,): ``total``, each source,
         ``residual``; empty if there is no budget.
     energy
-        The energy's ledger [J] and its ``time`` [s], shape (E,), as of `ledger.Ledger`; empty if
-        there is no ledger.
+        The ledger of energy [J] and its ``time`` [s], shape (E,), as from `ledger.ledger`; empty
+        if there is no ledger.
     """
 
     scenario: str
@@ -108,9 +108,9 @@ def select_curves(
     parts: Mapping[str, NDArray[np.float64]],
     energy: Mapping[str, NDArray[np.float64]],
 ) -> Curves:
-    """Select what figures need of the runs of one scenario and controller.
+    """Select the instants that figures need from the runs of one scenario and controller.
 
-    Kept are all multiples of the timestep shortly after the start and each breakpoint, a few
+    All multiples of the timestep shortly after the start and each breakpoint are kept, a few
     elsewhere, and those at which a curve, or a difference from the ODE, is largest.
 
     Parameters
@@ -148,13 +148,13 @@ def select_curves(
 
 
 def _rows(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return where a run holds the instants of the grid that it reached."""
+    """Return the rows of a run at the instants of the grid that it reached."""
     rows = np.searchsorted(run.time, grid - 1e-9)
     return rows[rows < len(run.time)]
 
 
 def _regular(scenario: Scenario, grid: NDArray[np.float64], timestep: float) -> NDArray[np.bool_]:
-    """Return which instants are kept whatever happens."""
+    """Return which instants are always kept."""
     kept = np.zeros(len(grid), dtype=np.bool_)
     kept[:: max(1, round(SPARSE / timestep))] = True
     kept[-2:] = True

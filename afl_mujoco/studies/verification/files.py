@@ -50,7 +50,7 @@ def junit(result: Result) -> str:
 
 
 def _sentence(check: Check) -> str:
-    """Say what a check found."""
+    """Describe a failed check in a sentence."""
     value = "none" if check.value is None else f"{check.value:.1e}"
     return (
         f"{check.id} {check.scenario}/{check.controller}: {check.quantity} is {value}, "

@@ -1,4 +1,4 @@
-"""What a verification found: checks, runs, claims, what explains them, and curves."""
+"""What a verification found: checks, runs, claims, explanations, and curves."""
 
 from __future__ import annotations
 
@@ -41,25 +41,25 @@ class Result:
         "pass" if every check holds, and there is one, and every requirement is met; "fail"
         otherwise.
     checks
-        Every judged figure.
+        Every judged value.
     runs
-        Every run's metrics.
+        Metrics of every run.
     requirements
-        What each controller made of those of each scenario, as deployed.
+        Each controller judged by the requirements of each scenario, as deployed.
     claims
-        The paper's claims C1 to C12; empty unless the runs are all that they need.
+        The paper's claims C1 to C12; empty unless all runs that they need were made.
     random_schedules
         Adaptive against fixed gains over random schedules, published and retuned: behind C9.
     error_budgets, ledgers, omissions
-        What explains the cases.
+        Tables that explain the cases.
     studies
         The refinement studies; empty unless the verification was full.
     decisions
-        What was decided where the paper is silent, by id.
+        Decisions taken where the paper is silent, by id.
     settings
         Step sizes.
     scenarios
-        What was simulated.
+        The scenarios that were simulated.
     curves
         Every case over time, by ``scenario/controller``.
     """
@@ -80,7 +80,7 @@ class Result:
     curves: Mapping[str, Curves]
 
     def __post_init__(self) -> None:
-        """Raise if the parts contradict each other: a report must not."""
+        """Raise if the parts contradict each other."""
         expected = verdict_of(self.checks, self.requirements)
         if self.verdict != expected:
             raise ValueError(f"verdict must be {expected!r}, as judged, got {self.verdict!r}")

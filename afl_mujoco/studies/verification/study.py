@@ -21,27 +21,28 @@ class Validate:
 
     Example: afl-mujoco validate step-step my-scenario.toml --controllers fixed adaptive
 
-    Writes report.html, which needs no other file; report.json, report.md, report.npz, junit.xml and
-    figures. Exit code 0 if every check holds, 1 if one fails.
+    Writes report.html, which needs no other file, report.json, report.md, report.npz, junit.xml
+    and figures. The exit code is 0 if every check holds, and 1 if one fails.
     """
 
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper by default."""
     controllers: tuple[str, ...] = PAPER
-    """Controllers by name, as of `afl-mujoco simulate --help` but for -estimated; or your own,
+    """Controllers by name, as in `afl-mujoco simulate --help` except -estimated ones; or your own,
     module:attribute (examples/README.md)."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     full: bool = False
-    """Add refinement studies, ledgers, a second method, and what the paper's physics leaves out."""
+    """Add refinement studies, ledgers, a second method, and the effect of what the paper omits."""
     timestep: float = 1e-3
     """Physics step of MuJoCo [s]."""
     control_period: float | None = None
-    """How long sampled mode holds the force [s], a multiple of the timestep; one by default."""
+    """How long sampled mode holds the force [s], a multiple of the timestep; by default one
+    step."""
 
 
 def check(configuration: Validate) -> None:
-    """Raise at what breaks a rule."""
+    """Raise if the configuration breaks a rule."""
     from afl_mujoco.scenario.catalogue import SCENARIOS
     from afl_mujoco.scenario.files import find_scenario
 
@@ -59,7 +60,7 @@ def run(configuration: Validate, *, workers: int = 1, progress: Progress = silen
     Parameters
     ----------
     workers
-        Processes to share the work among; the result does not depend on it.
+        Number of processes that share the work; the result does not depend on it.
     progress
         Called with what is being done, how many parts of it are done, and how many there are.
     """

@@ -146,7 +146,9 @@ def test_a_search_that_is_killed_again_and_again_ends_with_the_same_bits(file: P
 def test_a_checkpoint_is_not_overwritten_unasked(file: Path) -> None:
     stopped(file, 3)
     before = file.read_bytes()
-    with pytest.raises(FileError, match="exists: pass resume=True to go on from it, or remove it"):
+    with pytest.raises(
+        FileError, match="exists: pass resume=True to continue from it, or remove it"
+    ):
         searched(file)
     assert file.read_bytes() == before
 
@@ -185,8 +187,8 @@ def test_an_unsound_checkpoint_is_refused_in_one_line_and_left(file: Path, chang
     with pytest.raises(FileError) as caught:
         searched(file, cost=None, resume=True)
     said = str(caught.value)
-    assert said.startswith(f"{file} is no sound checkpoint: ")
-    assert said.endswith(": remove it to begin anew")
+    assert said.startswith(f"{file} is not a valid checkpoint: ")
+    assert said.endswith(": remove it to start again")
     assert "\n" not in said
     assert file.read_bytes() == before
 
@@ -207,4 +209,6 @@ def test_a_checkpoint_of_another_search_is_refused_with_what_differs(
     stopped(file, 3)
     with pytest.raises(FileError) as caught:
         minimise(cost, box, settings, seed, checkpoint=file, resume=True)
-    assert caught.value.rule == f"is of another search: {said}; give the same, or another file"
+    assert (
+        caught.value.rule == f"is of another search: {said}; use the same values, or another file"
+    )

@@ -84,6 +84,8 @@ def test_an_interrupted_unit_goes_on_to_the_same_bits(tmp_path: Path) -> None:
 def test_units_are_seeded_by_their_place_and_a_grid_is_not_empty() -> None:
     units = pair_searches(CART_MASSES, HALF_LENGTHS, SMALL, seed=5)
     assert len({unit.seed for unit in units}) == len(units) == 400
-    with pytest.raises(InvalidValueError, match="half-length of the grid must hold at least one"):
+    with pytest.raises(
+        InvalidValueError, match="half-length of the grid must have at least one value"
+    ):
         pair_searches((1.0,), (), SMALL, seed=0)
     assert table_provenance(units)["seed"] == 5

@@ -154,7 +154,7 @@ def test_a_moved_figure_is_one_line_with_old_new_and_limit(baselines: Path) -> N
         "moved     step-step / fixed / mujoco sampled: objective 2.5 -> 2.6 "
         "(by +1.00e-01, relative +4.00e-02; it may move by 2.50e-06)",
         "note      mujoco was 3.17.0, is 3.18.0",
-        "FAIL: 1 figures moved; make baselines accepts what is meant",
+        "FAIL: 1 figures moved; make baselines accepts intended changes",
     ]
 
 
@@ -165,7 +165,7 @@ def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(baselines: Path) 
     assert comparison.lines(baselines) == [
         f"missing   {baselines}/trapezoid-step.fixed.json; make baselines writes it",
         f"orphaned  {baselines}/nominal.fixed.json has no run; make baselines removes it",
-        "FAIL: 1 baselines missing, 1 orphaned; make baselines accepts what is meant",
+        "FAIL: 1 baselines missing, 1 orphaned; make baselines accepts intended changes",
     ]
 
 
@@ -306,11 +306,11 @@ def test_the_command_passes_on_what_it_recorded_and_fails_on_a_change(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--baselines", "none"], "baseline folder none must be there; make baselines makes it"),
+        (["--baselines", "none"], "baseline folder none must exist; make baselines makes it"),
         (["--baselines", "bad"], "bad/x.json is not a baseline: scenario is missing"),
         (["--update", "--baselines", "bad"], "bad/x.json is not a baseline: scenario is missing"),
         (["--update", "--baselines", "/proc/afl"], "output folder /proc/afl cannot be written"),
-        (["--baselines", "bad/x.json"], "baseline folder bad/x.json must be"),
+        (["--baselines", "bad/x.json"], "baseline folder bad/x.json must exist"),
     ],
     ids=["missing", "malformed", "update malformed", "unwritable", "file"],
 )

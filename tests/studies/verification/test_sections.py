@@ -141,7 +141,9 @@ def test_what_a_run_that_fell_did_not_do_is_no_merit_of_it() -> None:
 def test_an_explanation_of_some_cases_says_of_how_many() -> None:
     result = make_result()
     told = findings(replace(result, error_budgets=result.error_budgets[:1]))["As deployed"]
-    assert told.startswith("Of 4 cases 1 completed in every simulator; a run of these, its force")
+    assert told.startswith(
+        "Of 4 cases 1 completed in every simulator; a run of these, with the force"
+    )
 
 
 def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -> None:
@@ -159,7 +161,7 @@ def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -
         criterion = CRITERIA[id]
         wanted = (criterion.reason, criterion.proves, criterion.leaves_open)
         assert told == [text.lower() for text in wanted]
-    assert len(table(result, "Every judged figure")) == 4
+    assert len(table(result, "Every judged value")) == 4
 
 
 def test_a_value_that_is_not_finite_fails_and_is_said_to_be_none() -> None:
@@ -175,10 +177,12 @@ def test_the_outcome_stands_in_the_overview() -> None:
 
 def test_the_deployed_run_is_explained_by_its_largest_source() -> None:
     told = findings(make_result())["As deployed"]
-    assert "its force held for 1 ms, differs from the ideal one by at most 0.014 (φ′ in" in told
-    assert "holding the force makes 100 % of it" in told
-    assert "MuJoCo itself (integrator and model) 1.6×10⁻¹⁰" in told
-    assert "in no run is more than 0.052 % of the difference left unexplained" in told
+    assert (
+        "with the force held for 1 ms, differs from the ideal one by at most 0.014 (φ′ in" in told
+    )
+    assert "holding the force accounts for 100 % of it" in told
+    assert "MuJoCo itself (integrator and model) for 1.6×10⁻¹⁰" in told
+    assert "in no run is more than 0.052 % of the difference unexplained" in told
 
 
 def test_the_claims_are_counted_and_named() -> None:

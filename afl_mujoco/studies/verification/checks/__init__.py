@@ -1,1 +1,1 @@
-"""The checks: of the equations, of the closed loop, of the references, and what explains them."""
+"""The checks of the equations, of the closed loop and of the references, and explanations."""

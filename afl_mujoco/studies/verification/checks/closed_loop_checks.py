@@ -16,7 +16,7 @@ from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.criteria import CRITERIA
 
 B2_CONTROLLERS, B2_TIMESTEP = ("fixed", "adaptive"), 1e-3
-"""Where B2 is judged: its limit is RK4's error at 1 ms [s] under the paper's two controllers."""
+"""Where B2 is judged: its limit is for RK4's error at 1 ms under the paper's two controllers."""
 
 SLACK = 1e-12
 """How much an instant of the grid may be off by round-off [s]."""
@@ -49,9 +49,8 @@ def _timestep(run: Trajectory) -> float:
 def state_difference(one: Trajectory, other: Trajectory) -> float:
     """Return the largest difference of any state at any instant that both runs report.
 
-    Runs that did not both end the same way differ infinitely, and so do runs that leave nothing to
-    compare. Of runs that both fell, the part before `TIPPED` is compared: the controller amplifies
-    round-off there.
+    The difference is infinite if the runs did not end the same way, or leave nothing to compare.
+    If both fell, they are compared up to `TIPPED`: beyond it the controller amplifies round-off.
     """
     if one.outcome.kind != other.outcome.kind:
         return math.inf

@@ -29,7 +29,7 @@ SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
 """Steps over which the schedule alone is held [s]."""
 
 AFTERMATH = 0.5
-"""How long a study goes on after the last breakpoint [s]: nothing happens later."""
+"""Time for which a study continues after the last breakpoint [s]: nothing happens later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Study:
     steps
         The steps [s], decreasing.
     errors
-        The largest error of any state at each.
+        The largest error of any state at each step.
     """
 
     steps: tuple[float, ...]
@@ -56,7 +56,7 @@ class Study:
     def reduction(self) -> float:
         """Error at a quarter of the second step over the error at the second step.
 
-        Infinite where there is no error to reduce, so that nothing is concluded from it.
+        Infinite if there is no error to reduce, so that nothing is concluded from it.
         """
         return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
 
@@ -68,15 +68,15 @@ class Refinement:
     Attributes
     ----------
     scenario, controller
-        What was simulated; ``"any"`` where it does not depend on them.
+        What was simulated; ``"any"`` if it does not depend on them.
     study
         What was refined.
     steps
         The steps [s], decreasing.
     errors
-        The largest error of any state at each; ``None`` where it is not finite.
+        The largest error of any state at each step; ``None`` if it is not finite.
     order
-        What they show; ``None`` if they have no slope.
+        The observed order; ``None`` if the errors have no slope.
     expected
         The order they should show.
     """
@@ -141,7 +141,7 @@ def sampled_study(
 ) -> tuple[Study, float]:
     """Return the error of sampled mode against the ODE, over `STEPS`, and Richardson's residue.
 
-    The residue is the error of what the two smallest steps extrapolate to.
+    The residue is the error of the extrapolation from the two smallest steps.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def sampled_study(
 
 
 def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
-    """Return what holding the schedule alone costs, over `SCHEDULE_STEPS`; None without ramps.
+    """Return the error of holding the schedule alone, over `SCHEDULE_STEPS`; None without ramps.
 
     Ideal impulses are left out: they act with the parameters of a step's middle, which on a
     ramp is an error of order 1 of its own.

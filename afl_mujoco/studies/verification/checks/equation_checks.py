@@ -67,7 +67,7 @@ def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
 def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
     """Return the largest relative difference between MuJoCo's mass matrix and the analytic one.
 
-    The velocity jump under an ideal impulse, which is its inverse's doing, counts as well.
+    The velocity jump under an ideal impulse, which follows from its inverse, counts as well.
     """
     model = CartPoleModel(NOMINAL)
     worst = 0.0
@@ -95,7 +95,7 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
     """Return how far MuJoCo's accelerations and the controller's force are from the symmetries.
 
     Mirrored states and forces give mirrored accelerations and controller forces; a shift along z
-    changes no acceleration; twice the masses under twice the force neither.
+    changes no acceleration, and neither do twice the masses under twice the force.
     """
     model = CartPoleModel(NOMINAL)
     exact = shift = 0.0
@@ -117,12 +117,12 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
 
 
 def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:
-    """Return in how many numbers a mutated model, or its qacc, differs from a fresh compile.
+    """Count the numbers in which a mutated model, or its qacc, differs from a fresh compile.
 
     Parameters
     ----------
     plants
-        How many random plants; one model lives through all of them.
+        Number of random plants; one model takes all of them in turn.
     """
     mutated = CartPoleModel(NOMINAL, edit=add_passive_physics)
     stale = 0
@@ -137,7 +137,7 @@ def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:
 
 
 def differing_numbers(one: mujoco.MjModel, other: mujoco.MjModel) -> int:
-    """Return in how many elements the arrays of two models differ; `stat` is left aside."""
+    """Count the elements in which the arrays of two models differ; `stat` is left out."""
     count = 0
     for owner, twin in ((one, other), (one.opt, other.opt)):
         for name in dir(owner):
@@ -148,7 +148,7 @@ def differing_numbers(one: mujoco.MjModel, other: mujoco.MjModel) -> int:
 
 
 def add_passive_physics(spec: mujoco.MjSpec) -> None:
-    """Add what makes stale derived constants show: friction, limits and contact."""
+    """Add friction, limits and contact, which reveal stale derived constants."""
     for name, reach in (("slider", 1.0), ("hinge", 2.5)):
         joint = spec.joint(name)
         joint.frictionloss, joint.damping, joint.armature = 0.05, [0.02, 0.0, 0.0], 0.001

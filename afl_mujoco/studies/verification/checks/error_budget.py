@@ -15,7 +15,7 @@ from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 
 SUBSTEPS = 4
-"""RK4 steps in each held step of the parts: what they leave cancels in the differences."""
+"""RK4 steps in each held step of the parts: their errors cancel in the differences."""
 
 SOURCES = (
     "model_form",
@@ -29,16 +29,16 @@ SOURCES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AtWorst:
-    """The signed difference where it is largest: there the parts and the residual make the total.
+    """The signed difference where it is largest: there the parts and the residual add to the total.
 
     Attributes
     ----------
     state
         Which state: one of `metrics.STATES`.
     time
-        When [s].
+        Time [s].
     total, model_form, integrator, control_hold, schedule_sampling, disturbance_timing, residual
-        As of `ErrorBudget`, signed, of that state at that time.
+        As in `ErrorBudget`, signed, for that state at that time.
     """
 
     state: str
@@ -52,7 +52,7 @@ class AtWorst:
     residual: float
 
     def __post_init__(self) -> None:
-        """Raise at a state that there is not."""
+        """Raise if there is no such state."""
         if self.state not in STATES:
             raise ValueError(f"state must be one of {', '.join(STATES)}, got {self.state!r}")
 
@@ -61,7 +61,7 @@ class AtWorst:
 class ErrorBudget:
     """The largest difference from the ideal ODE, and what each source alone contributes.
 
-    Every figure is the largest of any state at any instant [m, rad, m/s, rad/s].
+    Every value is the largest of any state at any instant [m, rad, m/s, rad/s].
 
     Attributes
     ----------
@@ -80,9 +80,9 @@ class ErrorBudget:
     disturbance_timing
         Pulses and impulses moved to the steps.
     residual
-        The total less the sum of the parts, as curves.
+        The total minus the sum of the parts, as curves.
     at_worst
-        The same, signed, of the state and at the instant of the total: there they add up.
+        The same, signed, for the state and at the instant of the total, where they add up.
     """
 
     scenario: str

@@ -35,20 +35,20 @@ from afl_mujoco.studies.verification.checks.ledger import Ledger, ledger
 from afl_mujoco.studies.verification.criteria import CRITERIA
 
 CAPSULE_EXCESS = 0.13
-"""By how much the inertia of the drawn capsule exceeds that of the slender rod."""
+"""Relative excess of the inertia of the drawn capsule over that of the slender rod."""
 
 ORDERS = {"continuous": 4.0, "sampled": 1.0, "schedule": 2.0}
 """The order that each refinement study should show."""
 
 ORDER_CHECKS = {"continuous": "B2o", "sampled": "B4", "schedule": "B4s"}
-"""The check that judges it."""
+"""The check that judges each order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Omission:
     """What the paper's treatment of changing parameters leaves out (decision D9).
 
-    Each figure is the largest change of any state at any instant [m, rad, m/s, rad/s], in the ODE.
+    Each value is the largest change of any state at any instant [m, rad, m/s, rad/s], in the ODE.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Omission:
     stretching_rod
         Effect of the terms in the rate of l, velocities kept at steps.
     momenta_kept
-        Effect of keeping the momenta at steps instead, M and l frozen otherwise; ``None`` where
+        Effect of keeping the momenta at steps instead, with M and l frozen otherwise; ``None`` if
         one run fell and the other did not.
     """
 
@@ -69,18 +69,18 @@ class Omission:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What explains one scenario and controller.
+    """The explanation of one scenario and controller.
 
     Attributes
     ----------
     checks
-        The judged figures.
+        The judged values.
     budget, ledger, omission
         The tables; ``None`` for a run that did not complete.
     studies
         The refinement studies behind B2o, B4 and B4s.
     energy
-        The ledger of energy over time, as of `ledger`; empty without a ledger.
+        The ledger of energy over time, as from `ledger`; empty without a ledger.
     """
 
     checks: tuple[Check, ...] = ()
@@ -106,8 +106,8 @@ def explain(
     Parameters
     ----------
     full
-        Whether to make the refinement studies, the ledger and the comparison with what the paper
-        leaves out, or only the error budget.
+        Whether to run the refinement studies, the ledger and the comparison with what the paper
+        omits, or only the error budget.
     """
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
         return Explanation()

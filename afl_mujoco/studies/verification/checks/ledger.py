@@ -1,4 +1,4 @@
-"""The ledger of energy and momentum (A6): what the forces give, what each parameter change adds."""
+"""The ledger of energy and momentum (A6): contributions of forces and of parameter changes."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class Ledger:
     momentum_of_ramps, momentum_of_jumps
         What the ramps and the steps add to the momentum along z [N s].
     energy_residual, momentum_residual
-        The largest, over the run, of what MuJoCo's energy [J] and momentum [N s] gained and the
-        ledger did not book.
+        The largest energy [J] and momentum [N s] over the run that MuJoCo gained and the ledger did
+        not book.
     """
 
     scenario: str
@@ -70,7 +70,7 @@ def ledger(
     -------
     tuple
         The ledger, and that of energy over time [J]: ``time`` [s], ``gained`` (MuJoCo's own),
-        ``work``, ``ramps``, ``jumps``, and what is left, ``residual``; shape (E,) each.
+        ``work``, ``ramps``, ``jumps``, and the rest, ``residual``; shape (E,) each.
     """
     model = CartPoleModel(scenario.parameters_at(0.0), edit=_measure_energy)
     change = ParameterChange()
@@ -109,7 +109,7 @@ def _close(
     times: NDArray[np.float64],
     states: NDArray[np.float64],
 ) -> tuple[Ledger, dict[str, NDArray[np.float64]]]:
-    """Compare what MuJoCo's energy and momentum gained with what was booked."""
+    """Compare the energy and momentum gained in MuJoCo with what was booked."""
     measured = np.array(
         [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=True)]
     )

@@ -1,4 +1,4 @@
-"""Checks of the references and methods, made once: A4, A8 and A10."""
+"""Checks of the references and methods, run once: A4, A8 and A10."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def run_digests() -> tuple[str, ...]:
 def manufactured(
     time: float,
 ) -> tuple[NDArray[np.float64], tuple[float, float], NDArray[np.float64]]:
-    """Return a motion made up beforehand: state, (M, l) and (z'', phi'') at a time.
+    """Return the manufactured motion: state, (M, l) and (z'', phi'') at a time.
 
     Parameters
     ----------

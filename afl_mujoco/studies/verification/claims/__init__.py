@@ -1,1 +1,1 @@
-"""What the paper claims, and what is measured here of each claim."""
+"""The claims of the paper, and what is measured here for each."""

@@ -21,11 +21,11 @@ class Claim:
     figure
         What `paper` and `here` measure, with its unit.
     paper, here
-        The paper's number and ours; ``None`` where there is none.
+        The paper's number and ours; ``None`` if there is none.
     verdict
-        One of the four of this module.
+        One of the four verdicts of this module.
     why
-        One sentence.
+        The reason for the verdict, one sentence.
     """
 
     id: str
@@ -43,6 +43,6 @@ def verdict(share: float, enough: float = 1.0, least: float = 0.0) -> str:
     Parameters
     ----------
     least
-        Up to here it is not reproduced; in between in part.
+        Largest share that counts as not reproduced; between it and `enough`, in part.
     """
     return REPRODUCED if share >= enough else IN_PART if share > least else NOT_REPRODUCED

@@ -25,13 +25,13 @@ from afl_mujoco.studies.verification.claims.claim import (
 )
 
 EXACT = 1e-10
-"""Most that an identity may be off by round-off, scaled."""
+"""Largest scaled error of an identity that counts as round-off."""
 
 OPTIMAL = 1e-2
-"""By how much a published optimum may exceed ours and count as one."""
+"""Relative excess over our optimum up to which a published optimum counts as one."""
 
 PUBLISHED_RMSE = {"switching": 0.7862, "slope": 0.1550, "boundary_layer": 6.6458}
-"""Table 2."""
+"""RMSE of the fits, from Table 2."""
 
 
 def linearisation_claim() -> Claim:
@@ -95,7 +95,7 @@ def optima_claim(table: GainTable, scales: ObjectiveScales) -> Claim:
 
 
 def mass_dependence() -> float:
-    """Return by how much the integrals of (O1) differ between the least and the largest M."""
+    """Return the relative difference of the integrals of (O1) between the least and largest M."""
     rng = np.random.default_rng(0)
     gains = rng.uniform((100.0, 1.0, 90.0), (200.0, 5.0, 110.0), (100, 3))
     lengths = rng.uniform(0.05, 1.0, 100)

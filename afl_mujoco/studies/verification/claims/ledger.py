@@ -58,12 +58,12 @@ def judge_claims(
     executor: Executor,
     progress: Progress = silent,
 ) -> Ledger:
-    """Judge the claims; nothing if the runs do not decide them.
+    """Judge the claims; return an empty ledger if the runs do not decide them.
 
     Parameters
     ----------
     schedules
-        How many random schedules to draw for C9.
+        Number of random schedules to draw for C9.
     """
     if not decidable(runs):
         return Ledger()

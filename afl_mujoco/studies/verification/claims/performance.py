@@ -28,7 +28,7 @@ NEAR = 5.0
 """How close to the paper's an improvement must come to be reproduced [percentage points]."""
 
 HALF = 0.5
-"""What share of the paper's improvement must be found to reproduce it in part."""
+"""Share of the paper's improvement that must be found to reproduce it in part."""
 
 IMPULSE_TIME = 10.0
 
@@ -67,7 +67,7 @@ def _stabilised(runs: Runs) -> Claim:
 
 
 def improvement(fixed: Metrics, adaptive: Metrics) -> float | None:
-    """Return by how much the adaptive gains lower the objective [%]; None if a run did not end."""
+    """Return by how much adaptive gains lower the objective [%]; None if a run did not complete."""
     one, other = fixed["objective"], adaptive["objective"]
     return None if one is None or other is None else 100.0 * (1.0 - other / one)
 
@@ -109,7 +109,7 @@ def _overshoot_and_settling(runs: Runs) -> Claim:
     return Claim(
         id="C7",
         claim="adaptive gains cut overshoot and settling time of every state in every case",
-        figure="figures that are cut, of 4 cases x 4 states x 2",
+        figure="metrics that decrease, of 4 cases x 4 states x 2",
         paper=float(len(cut)),
         here=float(sum(cut)),
         verdict=verdict(sum(cut) / len(cut), least=0.5),
@@ -119,7 +119,7 @@ def _overshoot_and_settling(runs: Runs) -> Claim:
 
 
 def _less(one: float | None, other: float | None) -> bool:
-    """Return whether a figure is smaller; one that is missing is infinite."""
+    """Return whether a value is smaller; one that is missing counts as infinite."""
     return one is not None and (other is None or one < other)
 
 

@@ -17,7 +17,7 @@ from afl_mujoco.studies.verification.claims.claim import IN_PART, NOT_REPRODUCED
 COMPARED = ("fixed", "adaptive", "fixed-retuned", "adaptive-retuned")
 SEED = 0
 QUICK, FULL = 200, 1000
-"""How many schedules are drawn by default, and for the proof."""
+"""Number of schedules drawn by default, and in a full verification."""
 
 ENOUGH = 0.95
 """Share of schedules on which adaptive gains must win to be called better in general."""
@@ -39,13 +39,13 @@ class Comparison:
     Attributes
     ----------
     schedules
-        How many were drawn.
+        Number of schedules drawn.
     share
-        On what share the adaptive gains have the lower objective.
+        Share of them on which the adaptive gains have the lower objective.
     interval
         Its exact (Clopper-Pearson) 95 % confidence interval.
     quantiles
-        Of the improvement [%], by percentile; a run that fell counts as infinitely bad.
+        Quantiles of the improvement [%], by percentile; a run that fell counts as infinitely bad.
     """
 
     schedules: int
@@ -106,13 +106,13 @@ def schedules_claim(
 
 
 def _percent(comparison: Comparison) -> str:
-    """Return the median improvement as a sentence has it."""
+    """Return the median improvement for use in a sentence."""
     median = comparison.quantiles["median"]
     return "none" if median is None else f"{median:.1f} %"
 
 
 def _judged(comparison: Comparison) -> str:
-    """Return the verdict: winning must be likelier than losing for it to hold in part."""
+    """Return the verdict; the claim holds in part only if winning is likelier than losing."""
     if comparison.share >= ENOUGH:
         return REPRODUCED
     return IN_PART if comparison.interval[0] > 0.5 else NOT_REPRODUCED

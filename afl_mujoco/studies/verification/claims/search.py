@@ -1,4 +1,4 @@
-"""C12: does the multiple-crossover genetic algorithm find the optimum? From the shipped contest."""
+"""C12: does the multiple-crossover genetic algorithm find the optimum? From shipped results."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from afl_mujoco.control.gain_function import shipped_data
 from afl_mujoco.studies.verification.claims.claim import Claim, verdict
 
 TARGET = 1e-3
-"""By how much a cost may exceed the optimum and count as finding it, relatively."""
+"""Relative excess over the optimum up to which a cost counts as having found it."""
 
 
 def search_claim() -> Claim:
-    """Judge C12 by the contest of optimisers that comes with the package."""
+    """Judge C12 by the benchmark of optimisers that comes with the package."""
     contest = shipped_data("optimisers.json")
     target = contest["targets"].index(TARGET)
     paper, *others = contest["optimisers"]

@@ -1,1 +1,1 @@
-"""Figures: of a run, and the gallery of a campaign's report."""
+"""Figures of a run, and the gallery of a campaign's report."""

@@ -1,4 +1,4 @@
-"""The error budget: what the difference of the run as deployed consists of."""
+"""The error budget: the parts of the difference of a run as deployed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _TOTAL = ("total", BLACK, "|")
 _SIZES = {"total": 10.0, "disturbance_timing": 7.5, "residual": 6.0}
 _LEAST = 1e-16
 _ZERO = 2e-16
-"""Where a part that is zero is drawn on the logarithmic axis, which names it."""
+"""Where a part that is zero is drawn on the logarithmic axis, labelled 0."""
 
 
 def budget_figure(budgets: Sequence[ErrorBudget]) -> blocks.Figure:
@@ -57,10 +57,10 @@ def budget_figure(budgets: Sequence[ErrorBudget]) -> blocks.Figure:
         name="report-budget",
         title="What the difference consists of",
         caption=f"Left: the run as deployed that is farthest from the ideal ODE ({_name(worst)}), "
-        f"at the instant and in the state where it is, t = {at.time:g} s and "
-        f"{SYMBOLS[at.state]}: there the signed parts add up to the total. Right: the largest "
+        f"in the state and at the instant where it is farthest, {SYMBOLS[at.state]} at "
+        f"t = {at.time:g} s: there the signed parts add up to the total. Right: the largest value "
         "of any state at any instant [m, rad, m/s, rad/s] of the total and of each part alone, in "
-        "every run; they are not of one instant and need not add up.",
+        "every run; they belong to different instants and need not add up.",
         alt=f"Waterfall of {_name(worst)} in {STATE_UNITS[at.state]}: {shares}; total "
         f"{in_words(at.total)}. Beside it a row of dots for each of {len(budgets)} runs; what "
         f"is not explained is at most {100 * most:.2g} % of a run's total.",
@@ -85,7 +85,7 @@ def _worst(budgets: Sequence[ErrorBudget]) -> ErrorBudget:
 
 
 def _name(budget: ErrorBudget) -> str:
-    """Return what a budget belongs to."""
+    """Return the scenario and controller of a budget."""
     return f"{budget.scenario}, {budget.controller}"
 
 

@@ -37,10 +37,10 @@ VERDICTS: Mapping[str, tuple[str, str]] = {
 """Marker and colour of each verdict."""
 
 PERCENT = " [%]"
-"""How the figure of a claim ends that is drawn on the axis; the others are written."""
+"""Ending of the quantity of a claim that is drawn on the axis; the others are written."""
 
 _LONGEST = 88
-"""Characters of a line."""
+"""Largest number of characters in a line."""
 
 
 def claims_figure(claims: Sequence[Claim], interval: Sequence[float] | None) -> blocks.Figure:
@@ -55,7 +55,7 @@ def claims_figure(claims: Sequence[Claim], interval: Sequence[float] | None) -> 
     said = "; ".join(f"{verdict}: {', '.join(ids)}" for verdict, ids in counts.items() if ids)
     return blocks.Figure(
         name="report-claims",
-        title="What is left of the paper's claims",
+        title="Verdicts on the paper's claims",
         caption="Each claim of the paper with its verdict, the paper's number (open) and the one "
         "found here (filled), and the 95 % confidence interval of the share in C9. The "
         "improvements of C3 to C6 are those of the paper's Table 3.",
@@ -78,7 +78,7 @@ def _draw(claims: Sequence[Claim], interval: Sequence[float] | None) -> Figure:
     words.axis("off")
     numbers.set(
         xlim=_span(claims),
-        xlabel="the quantity named in grey, where it is counted in per cent [%]",
+        xlabel="the quantity named in grey, if it is in percent [%]",
     )
     numbers.axvline(0.0, color=GREY, linewidth=0.7, zorder=1.0)
     numbers.tick_params(axis="y", length=0.0, labelleft=False)
@@ -119,7 +119,7 @@ def _draw_numbers(axis: Axes, row: int, claim: Claim, interval: Sequence[float] 
 
 
 def _span(claims: Sequence[Claim]) -> tuple[float, float]:
-    """Return the ends of the axis in per cent: 0, 100 and every number lie inside."""
+    """Return the ends of the axis [%]: 0, 100 and every number lie inside."""
     counted = [claim for claim in claims if claim.figure.endswith(PERCENT)]
     found = [value for claim in counted for value in (claim.paper, claim.here)]
     known = [0.0, 100.0, *(value for value in found if value is not None)]

@@ -1,4 +1,4 @@
-"""The ledger of energy: what MuJoCo's energy gained, and what was booked for it."""
+"""The ledger of energy: the energy gained in MuJoCo, and what was booked for it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import Curves
 
 FLOOR = 1e-17
-"""Residuals below are drawn there: a logarithmic axis has no zero."""
+"""Smaller residuals are drawn here: a logarithmic axis has no zero."""
 
 _BOOKED: Mapping[str, tuple[str, str, Any]] = {
     "work": ("work of all forces", BLUE, (0, ())),
@@ -42,14 +42,14 @@ _GAINED: Any = {"color": GREY, "marker": "o", "markersize": 3.5, "linestyle": "n
 
 
 def energy_figure(cases: Sequence[Sequence[Curves]]) -> blocks.Figure:
-    """Return each scenario's ledger: above the last controller's, below what is left of all."""
+    """Return each scenario's ledger: above, the last controller's; below, the residuals of all."""
     return blocks.Figure(
         name="report-energy",
         title="Where the energy comes from",
-        caption="Above: what MuJoCo's own energy gained (dots), what the analytic equations book "
-        "for it (colours), and the sum of that (black line). Below: what is not booked, with the "
-        f"limit of A6e, drawn at {in_words(FLOOR)} J if it is less. The ledger is closed every "
-        "0.1 s, until half a second after the last change.",
+        caption="Above: the energy gained in MuJoCo (dots), the contributions booked by the "
+        "analytic equations (colours), and their sum (black line). Below: what is not booked, "
+        f"drawn at {in_words(FLOOR)} J if it is less, with the limit of A6e. The ledger is closed "
+        "every 0.1 s, until half a second after the last change.",
         alt=f"{2 * len(cases)} panels. In the upper ones the sum runs through the dots. "
         + " ".join(_in_words(curves[-1]) for curves in cases)
         + f" What is not booked is at most {in_words(_left(cases))} J.",
@@ -58,7 +58,7 @@ def energy_figure(cases: Sequence[Sequence[Curves]]) -> blocks.Figure:
 
 
 def _left(cases: Sequence[Sequence[Curves]]) -> float:
-    """Return the most that is not booked [J]."""
+    """Return the largest energy that is not booked [J]."""
     return max(float(np.abs(one.energy["residual"]).max()) for curves in cases for one in curves)
 
 
@@ -101,7 +101,7 @@ def _draw_ledger(axis: Axes, one: Curves) -> None:
 
 def _draw_legend(figure: Figure, shades: Mapping[str, str]) -> None:
     """Draw the legend below the figure."""
-    handles = {"gained by MuJoCo": Line2D([], [], **_GAINED)}
+    handles = {"gained in MuJoCo": Line2D([], [], **_GAINED)}
     for words, colour, style in _BOOKED.values():
         handles[words] = Line2D([], [], color=colour, linestyle=style, linewidth=1.2)
     handles["sum of what is booked"] = Line2D([], [], color=BLACK, linewidth=0.9)
@@ -111,7 +111,7 @@ def _draw_legend(figure: Figure, shades: Mapping[str, str]) -> None:
 
 
 def _in_words(one: Curves) -> str:
-    """Say what a run gained and from what."""
+    """Say how much energy a run gained, and from what."""
     gained, work, ramps, jumps = (
         f"{0.0 + one.energy[key][-1].round(3):g} J" for key in ("gained", *_BOOKED)
     )

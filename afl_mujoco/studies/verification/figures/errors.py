@@ -27,13 +27,13 @@ from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import REFERENCE, Curves
 
 COLUMNS = 4
-"""Most panels side by side."""
+"""Largest number of panels side by side."""
 
 BINS = 140
 """Points of a drawn curve, each the largest value of its share of the run."""
 
 FLOOR = 1e-17
-"""Differences below are drawn there: a logarithmic axis has no zero."""
+"""Smaller differences are drawn here: a logarithmic axis has no zero."""
 
 _WIDTHS = {"mujoco sampled": 1.6, "mujoco continuous": 1.3, "mujoco exact": 1.0}
 
@@ -46,8 +46,8 @@ def errors_figure(curves: Sequence[Curves]) -> blocks.Figure:
         title="How far MuJoCo is from the ODE",
         caption="The largest difference of any state [m, rad, m/s, rad/s] between MuJoCo and the "
         f"ideal ODE, in each mode of MuJoCo. Each point is the largest in its 1/{BINS} of the "
-        f"run, drawn at {in_words(FLOOR)} if it is less. Dashed: the limits of B1 (exact) and, for "
-        "what it judges, B2 (continuous).",
+        f"run, drawn at {in_words(FLOOR)} if it is less. Dashed: the limits of B1 (exact) and, "
+        "where it applies, B2 (continuous).",
         alt=f"{len(curves)} panels on a logarithmic axis, three curves in each. Their largest "
         f"values, from the least to the most over the panels: {said}.",
         draw=partial(_draw, curves),
@@ -120,6 +120,6 @@ def _draw_panel(axis: Axes, one: Curves) -> None:
 
 
 def _span(curves: Sequence[Curves], mode: str) -> str:
-    """Say between what the largest differences of a mode lie."""
+    """Return the range of the largest differences of a mode in words."""
     largest = [float(np.nanmax(difference(one, mode)[1])) for one in curves]
     return f"{in_words(min(largest))} to {in_words(max(largest))}"

@@ -40,8 +40,8 @@ def orders_figure(studies: Sequence[Refinement]) -> blocks.Figure:
         name="report-orders",
         title="Observed orders of accuracy",
         caption="Largest error of any state over the step, both axes logarithmic; a line for each "
-        "scenario and controller, many of which coincide. Dashed: the slope that the method "
-        "promises. Checks A4, A4e, B2o, B4 and B4s judge the orders.",
+        "scenario and controller, many of which coincide. Dashed: the slope of the order "
+        "of the method. Checks A4, A4e, B2o, B4 and B4s judge the orders.",
         alt=f"{len(panels)} panels of straight lines. Observed orders: {said}.",
         draw=partial(_draw, studies),
     )

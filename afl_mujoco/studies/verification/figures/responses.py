@@ -30,16 +30,16 @@ from afl_mujoco.studies.cases import DEPLOYED
 from afl_mujoco.studies.verification.curves import REFERENCE, Curves
 
 FIRST = 0.05
-"""How long the force of the start has a panel of its own [s]."""
+"""Length of the separate panel for the force at the start [s]."""
 
 SETTLED = 0.01
 """Share of its peak below which a state is no longer worth drawing."""
 
 WINDOW = (9.5, 14.0)
-"""What is drawn around the disturbance of the paper's Fig. 11 [s]."""
+"""Time window that is drawn around the disturbance of the paper's Fig. 11 [s]."""
 
 FORCE = 4
-"""The column of a run behind those of the states."""
+"""Column of the force, after those of the states."""
 
 _LABELS = (*STATE_LABELS, "force F [N]")
 _DASHES = ((0.0, (4.0, 3.0)), (0.0, (1.2, 1.8)), (0.0, (6.0, 2.0, 1.0, 2.0)))
@@ -144,7 +144,7 @@ def _draw_column(
     *,
     held: bool = False,
 ) -> None:
-    """Draw a state, or the force, of every controller: MuJoCo's solid, the ODE's dashed over it."""
+    """Draw a state, or the force, of every controller: MuJoCo solid, the ODE dashed over it."""
     stepped = "steps-post" if held else "default"
     shades = colours(one.controller for one in curves)
     for simulator in (DEPLOYED, REFERENCE):
@@ -189,7 +189,7 @@ def _draw_legend(
 
 
 def _settled(one: Curves) -> float:
-    """Return after which whole second every state stays within `SETTLED` of its peak."""
+    """Return the whole second after which every state stays within `SETTLED` of its peak."""
     state = np.abs(one.states[DEPLOYED])
     moving = np.flatnonzero((state > SETTLED * np.nanmax(state, axis=0)).any(axis=1))
     last = float(one.time[moving[-1]]) if len(moving) else 0.0
@@ -197,7 +197,7 @@ def _settled(one: Curves) -> float:
 
 
 def _ending(curves: Sequence[Curves], until: float) -> str:
-    """Say which runs broke off, or what the rest of the time holds that is not drawn."""
+    """Say which runs ended early, or what happens in the time that is not drawn."""
     broken = [
         f" The run with {one.controller} ends at t = {one.time[reached - 1]:.3g} s."
         for one in curves
@@ -210,10 +210,10 @@ def _ending(curves: Sequence[Curves], until: float) -> str:
 
 
 def _drawn(curves: Sequence[Curves], hold: float) -> str:
-    """Say what is drawn how."""
+    """Say what is drawn, and how."""
     names = ", ".join(one.controller for one in curves)
     return (
-        f"Controllers: {names}. Solid: MuJoCo as deployed, its control held for {1e3 * hold:g} ms; "
+        f"Controllers: {names}. Solid: MuJoCo as deployed, control held for {1e3 * hold:g} ms; "
         "dashed: the ideal ODE."
     )
 
@@ -231,7 +231,7 @@ def _peaks(one: Curves) -> str:
 
 
 def _largest(values: np.ndarray) -> float:
-    """Return the largest size of what is a number; 0 if nothing is, as without a force."""
+    """Return the largest absolute value, NaN left out; 0 if there is none, as without a force."""
     return float(np.abs(values[~np.isnan(values)]).max(initial=0.0))
 
 

@@ -14,7 +14,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
 
 TAIL = 2.0
-"""How long a schedule is drawn after its last change [s]."""
+"""Time for which a schedule is drawn after its last change [s]."""
 
 
 def schedules_figure(scenarios: Sequence[Scenario]) -> blocks.Figure:
@@ -23,8 +23,8 @@ def schedules_figure(scenarios: Sequence[Scenario]) -> blocks.Figure:
     return blocks.Figure(
         name="report-schedules",
         title="How the plant changes",
-        caption="Analogue of the paper's Fig. 6: cart mass M and half-length l over time. Times "
-        "and values are not in the paper's text; these are ours (decision D3).",
+        caption="Analogue of the paper's Fig. 6: cart mass M and half-length l over time. The "
+        "text of the paper gives no times and values; these are ours (decision D3).",
         alt=f"{2 * len(scenarios)} panels over the first {until:g} s. "
         + " ".join(f"{scenario.name}: {_in_words(scenario)}." for scenario in scenarios),
         draw=partial(_draw, scenarios),
@@ -64,7 +64,7 @@ def _until(scenarios: Sequence[Scenario]) -> float:
 
 
 def _in_words(scenario: Scenario) -> str:
-    """Say between which values M and l move."""
+    """Say between which values M and l change."""
     said = []
     parameters = (("M", "kg", scenario.cart_mass), ("l", "m", scenario.half_length))
     for name, unit, schedule in parameters:

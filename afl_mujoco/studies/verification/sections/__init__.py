@@ -22,16 +22,16 @@ AGREE = (
 )
 MISSED = (
     "MuJoCo and the equations agree within every limit. As deployed, at least one controller does "
-    "not do what its scenario requires."
+    "not meet the requirements of its scenario."
 )
 DIFFER = (
-    "At least one figure lies beyond its limit: no conclusion may rest on the numbers below until "
-    "that is understood."
+    "At least one value is beyond its limit: draw no conclusion from the numbers below until this "
+    "is understood."
 )
 
 
 def verdict(result: Result) -> Verdict:
-    """Return whether every check holds, and whether the controllers do what is required."""
+    """Return whether every check holds, and whether the controllers meet the requirements."""
     total, failed = len(result.checks), len(result.failed_checks)
     required = f"; {tally(result.requirements)}" if result.requirements else ""
     required += _not_completed(result)
@@ -77,7 +77,7 @@ def opening(result: Result) -> list[Block]:
 
 
 def sections(result: Result) -> list[Section]:
-    """Return what a report says of a verification."""
+    """Return what a report says about a verification."""
     return [
         *_requirements(result),
         checks_section(result),
@@ -89,7 +89,7 @@ def sections(result: Result) -> list[Section]:
 
 
 def _requirements(result: Result) -> list[Section]:
-    """Return what the controllers made of requirements, unless they were to complete and did."""
+    """Return how requirements are met; nothing if completion is the only one and all complete."""
     runs = result.requirements
     asked = any(scenario.requirements != NONE for scenario in result.scenarios)
     if not asked and not any(run.missed for run in runs):

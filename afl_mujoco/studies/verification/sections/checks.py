@@ -1,4 +1,4 @@
-"""The checks: each criterion at its worst, why its limit is what it is, every figure behind it."""
+"""The checks: each criterion at its worst, the reason for its limit, every value behind it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from afl_mujoco.studies.verification.sections.decisions import rests_on
 ANY = "any"
 
 DECADES, BEYOND = 8.0, 1.0
-"""How much of a bar lies below the limit, and beyond it [decades]."""
+"""Length of a bar below the limit, and beyond it [decades]."""
 
 
 def checks_section(result: Result) -> Section:
@@ -43,8 +43,8 @@ def checks_section(result: Result) -> Section:
         ),
         rests_on(result, "checks"),
         Text(
-            "Both sides are given the same schedules, gains and assumed parameters, so the other "
-            "decisions move both alike and no verdict here depends on them.",
+            "Both sides have the same schedules, gains and assumed parameters, so the other "
+            "decisions affect both alike and no verdict here depends on them.",
             note=True,
         ),
     ]
@@ -92,7 +92,7 @@ def figure(value: float | None) -> str:
 
 
 def _rank(check: Check) -> float:
-    """Return how bad a check is: its value, infinite if there is none."""
+    """Return the rank of a check: its value, infinite if there is none."""
     return math.inf if check.value is None else check.value
 
 
@@ -157,7 +157,7 @@ def _failures(failed: Sequence[Check]) -> Table:
 
 
 def _reasons(worst: Sequence[Check]) -> Table:
-    """Return why the limits are what they are, and what the checks show."""
+    """Return the reasons for the limits, and what the checks show."""
     known = [CRITERIA[check.id] for check in worst]
     return Table(
         summary="Why these limits, and what each check proves and leaves open",
@@ -176,14 +176,14 @@ def _reasons(worst: Sequence[Check]) -> Table:
 
 
 def _every_figure(result: Result) -> Table:
-    """Return every figure that was judged by scenario and controller."""
+    """Return every value that was judged, by scenario and controller."""
     judged = [check for check in result.checks if check.scenario != ANY]
     ids = list(dict.fromkeys(check.id for check in judged))
     found = {(check.scenario, check.controller, check.id): check for check in judged}
     places = dict.fromkeys((check.scenario, check.controller) for check in judged)
     return Table(
         summary=f"All {len(judged)} values by scenario and controller",
-        caption="Every judged figure, in the unit of its check; – where it is not judged",
+        caption="Every judged value, in the unit of its check; – means not judged",
         columns=(
             Column("Scenario"),
             Column("Controller"),
@@ -194,7 +194,7 @@ def _every_figure(result: Result) -> Table:
 
 
 def judged_cell(check: Check | None) -> Cell:
-    """Return a judged figure; one that fails is marked."""
+    """Return a judged value; one that fails is marked."""
     if check is None:
         return Cell("–")
     return Cell(figure(check.value), status="" if check.passed else "bad")

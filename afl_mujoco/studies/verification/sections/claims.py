@@ -37,7 +37,7 @@ STATUSES: Mapping[str, Status] = {
     NOT_REPRODUCED: "bad",
     UNDETERMINED: "open",
 }
-"""How a verdict on a claim is shown."""
+"""Status with which a verdict on a claim is shown."""
 
 WORDS = {
     REPRODUCED: "hold here",
@@ -45,7 +45,7 @@ WORDS = {
     NOT_REPRODUCED: "do not hold",
     UNDETERMINED: "cannot be determined",
 }
-"""The verdicts as they stand in a sentence."""
+"""The verdicts for use in a sentence."""
 
 TABLE_3 = ("C3", "C4", "C5", "C6")
 """Claims on the improvements of the paper's Table 3."""
@@ -67,8 +67,8 @@ def claims_section(result: Result) -> Section:
             ),
             Text(
                 "What the paper says, its number, the number found here with the controller as "
-                "published in MuJoCo, and the verdict. A claim that is not reproduced is no "
-                "failure of a check: the checks ask whether the two codes agree, this table asks "
+                "published in MuJoCo, and the verdict. A claim that is not reproduced is not a "
+                "failed check: the checks ask whether the two codes agree, this table asks "
                 "whether the paper is right."
             ),
             claims_figure(result.claims, published.interval if published else None),
@@ -77,7 +77,7 @@ def claims_section(result: Result) -> Section:
         ]
     else:
         said = (
-            "Not judged in this run: that takes all nine scenarios of the paper with the "
+            "Not judged in this run: the claims need all nine scenarios of the paper with the "
             "controllers `fixed` and `adaptive`, as `make validate` runs them."
         )
         blocks.append(Text(said))
@@ -112,7 +112,7 @@ def _table(result: Result) -> Table:
 
 
 def _note(result: Result, claim: Claim) -> str:
-    """Say why a claim is judged as it is, what is compared, and what that rests on."""
+    """Say why a claim is judged as it is, what is compared, and which decisions it rests on."""
     ids = claim_decisions(result, claim)
     said = f"{sentence(claim.why)}. Compared: {claim.figure}."
     return f"{said} {links(ids)}" if ids else said
@@ -121,8 +121,8 @@ def _note(result: Result, claim: Claim) -> str:
 def _random(comparisons: Mapping[str, Comparison]) -> Section:
     """Return how adaptive gains do on schedules drawn at random."""
     text = Text(
-        "On how many schedules drawn at random do adaptive gains have the lower objective than "
-        "fixed ones? Half of them is what a coin toss would give; the mark is there."
+        "Share of random schedules on which adaptive gains have a lower objective than fixed "
+        "ones. A coin toss would give one half, where the mark is."
     )
     table = Table(
         caption="Adaptive against fixed gains; improvement of the objective by percentile, in %",
@@ -190,11 +190,11 @@ def _schedules(comparisons: Mapping[str, Comparison]) -> str:
         median = ours.quantiles.get("median")
         by = "" if median is None else f", by {fixed(median, 1)} % in the median"
         won = f"{percent(ours.share, 3)} ({interval(ours.interval)} %)"
-        text += f"; gains tuned anew win on {won}{by}"
+        text += f"; retuned gains win on {won}{by}"
     return f"{text}."
 
 
 def _range(percents: Sequence[float]) -> str:
-    """Return between what sorted percentages lie."""
+    """Return the range of sorted percentages in words."""
     low, high = (fixed(percents[end], 0) for end in (0, -1))
     return f"{low} %" if low == high else f"{low} to {high} %"

@@ -1,4 +1,4 @@
-"""What was decided where the paper is silent, and what rests on each decision."""
+"""The decisions taken where the paper is silent, and what rests on each."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ TITLES = {
 def decisions_section(result: Result) -> Section:
     """Return the decisions, each with what rests on it."""
     text = Text(
-        "Where the paper is silent or contradicts itself something had to be decided. Each "
-        "decision is a default that can be changed; what rests on it follows."
+        "The paper is silent or contradicts itself on these points. Each decision is a default "
+        "that can be changed; what rests on it follows."
     )
     facts = [
         Fact(id, f"{words} {_dependents(result, id)}", anchor=id)
@@ -63,7 +63,7 @@ def decisions_section(result: Result) -> Section:
 
 
 def rests_on(result: Result, anchor: str) -> Text:
-    """Say what decisions a section rests on."""
+    """Say which decisions a section rests on."""
     return Text(links(section_decisions(result, anchor)), note=True)
 
 
@@ -79,7 +79,7 @@ def section_decisions(result: Result, anchor: str) -> list[str]:
 
 
 def claim_decisions(result: Result, claim: Claim) -> list[str]:
-    """Return the decisions of a claim: those listed here and those that its own text names."""
+    """Return the decisions of a claim: those listed here, and those that its own text names."""
     named = {*CLAIMS.get(claim.id, ()), *re.findall(r"\bD\d+\b", claim.why)}
     return [id for id in result.decisions if id in named]
 
@@ -101,4 +101,8 @@ def _dependents(result: Result, id: str) -> str:
         for claim in result.claims
         if id in claim_decisions(result, claim)
     ]
-    return f"On it rest {', '.join(found)}." if found else "Nothing in this run rests on it."
+    return (
+        f"Results that rest on it: {', '.join(found)}."
+        if found
+        else "Nothing in this run rests on it."
+    )

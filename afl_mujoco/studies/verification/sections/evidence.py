@@ -35,10 +35,10 @@ DEEDS = {
     "integrator": "MuJoCo's integrator",
     "model_form": "the form of MuJoCo's model",
 }
-"""The same as they stand in a sentence."""
+"""The same for use in a sentence."""
 
 MOST = 4
-"""Scenarios whose ledger of energy is drawn."""
+"""Largest number of scenarios whose ledger of energy is drawn."""
 
 STUDIES = {
     "continuous": "continuous mode, over the step",
@@ -54,14 +54,14 @@ def evidence_sections(result: Result) -> list[Section]:
 
 
 def _budget(result: Result) -> Section:
-    """Return why a run as deployed differs from the ideal equations."""
+    """Return the reasons why a run as deployed differs from the ideal equations."""
     blocks: list[Block] = [
         Finding("As deployed", _deployed(result)),
         Text(
             "Why a run in MuJoCo as deployed (force held over each control period, fixed steps) "
             "differs from the ideal equations by as much as it does. Each source is switched on "
-            "alone; what they leave is the residual. Every figure is the largest of any state at "
-            "any instant (m, rad, m/s, rad/s)."
+            "alone; the residual is what they leave unexplained. Every value is the largest of "
+            "any state at any instant (m, rad, m/s, rad/s)."
         ),
         rests_on(result, "budget"),
     ]
@@ -72,7 +72,7 @@ def _budget(result: Result) -> Section:
 
 
 def _deployed(result: Result) -> str:
-    """Say by how much the deployed run differs from the ideal one, and what makes that up."""
+    """Say by how much the deployed run differs from the ideal one, and why."""
     budgets = result.error_budgets
     if not budgets:
         return "No case completed in every simulator, so there is no difference to explain."
@@ -88,11 +88,11 @@ def _deployed(result: Result) -> str:
     left = percent(max(budget.residual_share for budget in budgets))
     period = short(1e3 * result.settings.control_period)
     return (
-        f"{run}, its force held for {period} ms, differs from the ideal one by at most "
+        f"{run}, with the force held for {period} ms, differs from the ideal one by at most "
         f"{short(row.total, 2)} ({symbol} in {unit}, {row.scenario} with {row.controller}, at "
-        f"t = {short(worst.time)} s): there {DEEDS[largest]} makes {percent(share, 4)} of it, "
-        f"MuJoCo itself (integrator and model) {own} {unit}, and in no run is more than {left} of "
-        "the difference left unexplained."
+        f"t = {short(worst.time)} s): there {DEEDS[largest]} accounts for {percent(share, 4)} of "
+        f"it, and MuJoCo itself (integrator and model) for {own} {unit}; in no run is more than "
+        f"{left} of the difference unexplained."
     )
 
 
@@ -136,14 +136,14 @@ def _budget_row(row: ErrorBudget) -> tuple[Cell | str, ...]:
 
 
 def _studies(result: Result) -> Section:
-    """Return what a full verification adds, and what stays open."""
+    """Return what a full verification adds, and what remains open."""
     blocks: list[Block] = [Finding("Not proved", _not_proved(result.omissions))]
     if result.studies or result.ledgers or result.omissions:
         blocks.append(rests_on(result, "studies"))
     else:
         said = (
             "Not part of this run: `make proof` (`afl-mujoco validate --full`) adds observed "
-            "orders, ledgers of energy and momentum, and the effect of what the paper neglects."
+            "orders, ledgers of energy and momentum, and the effect of what the paper omits."
         )
         blocks.append(Text(said))
     if result.studies:
@@ -159,8 +159,8 @@ def _not_proved(omissions: Sequence[Omission]) -> str:
     """Say what the report does not show."""
     text = (
         "This is verification by an independent code, not validation against hardware, which "
-        "`afl-mujoco hardware` does for one measured cart-pole: friction, delay, noise and force "
-        "limits are on neither side here"
+        "`afl-mujoco hardware` does for one measured cart-pole: neither side here has friction, "
+        "delay, noise or force limits"
     )
     if not omissions:
         return (
@@ -170,8 +170,8 @@ def _not_proved(omissions: Sequence[Omission]) -> str:
     found = [x for row in omissions for x in (row.stretching_rod, row.momenta_kept)]
     most = max((x for x in found if x is not None), default=None)
     return (
-        f"{text}, and what the paper's frozen M and l leave out (D9) would change a state by up "
-        f"to {short(most, 2)} (m, rad, m/s or rad/s)."
+        f"{text}; the effects of M'(t) and l'(t), which the paper neglects (D9), would change a "
+        f"state by up to {short(most, 2)} (m, rad, m/s or rad/s)."
     )
 
 
@@ -198,8 +198,9 @@ def _orders(rows: Sequence[Refinement]) -> Section:
         ],
     )
     text = Text(
-        "Halve the step, and the error must fall as the method promises: by 16 for order 4, by 4 "
-        "for order 2, by 2 for order 1. An error that stays would be a difference of the models."
+        "When the step is halved, the error must fall as the order of the method predicts: by a "
+        "factor of 16 for order 4, 4 for order 2, 2 for order 1. An error that does not fall "
+        "would be a difference between the models."
     )
     errors = [_errors(STUDIES.get(name, name), group) for name, group in groups.items()]
     solved = [row for row in rows if row.order is not None]
@@ -208,7 +209,7 @@ def _orders(rows: Sequence[Refinement]) -> Section:
 
 
 def _range(orders: Sequence[float]) -> str:
-    """Return between what orders lie."""
+    """Return the range of orders in words."""
     low, high = (fixed(f(orders, default=None), 3) for f in (min, max))
     return low if low == high else f"{low} to {high}"
 
@@ -240,7 +241,7 @@ def _ledger(result: Result) -> Section:
     """Return the ledgers of energy and momentum."""
     booked = [[c for c in result.curves_of(s.name) if c.energy] for s in result.scenarios]
     text = Text(
-        "What MuJoCo’s energy and momentum gained, less the work and impulse of the forces and "
+        "The energy and momentum gained in MuJoCo, minus the work and impulse of the forces and "
         "what each change of M and l adds by the analytic equations, must vanish."
     )
     parts = (
@@ -276,10 +277,10 @@ def _omissions(result: Result) -> Section:
     frozen = "[D9](#D9)" if "D9" in result.decisions else "D9"
     text = Text(
         f"The paper freezes M and l in its equations at each instant ({frozen}). A rod that "
-        "really stretches feels terms in l′; at steps something must be assumed, and the paper "
-        "keeps the velocities. Both simulators agree on these runs too "
-        f"({check_link(result, 'B7')}): how much they change is a property of the paper’s model, "
-        "not of a code."
+        "really stretches has additional terms in l′; at steps an assumption is needed, and the "
+        "paper keeps the velocities. Both simulators agree on these runs too "
+        f"({check_link(result, 'B7')}), so the size of the change is a property of the paper’s "
+        "model, not of a code."
     )
     table = Table(
         summary=f"Effect in {len(result.omissions)} runs",

@@ -46,16 +46,16 @@ CASES: Mapping[str, str] = MappingProxyType(
 """The paper's four cases and its figures that show them."""
 
 DISTURBED = "-impulse"
-"""How the name of a case ends that is disturbed."""
+"""Ending of the name of a disturbed case."""
 
 MAIN = (
     "objective", "iae_z", "iae_phi", "max_force", "settling_2pc_z", "settling_2pc_phi",
     "overshoot_z", "overshoot_phi", "peak_z_dot", "peak_phi_dot", "force_squared",
 )  # fmt: skip
-"""Metrics of the scenario's own table; the others are in the table of all."""
+"""Metrics in the scenario's own table; the table of all metrics has the others."""
 
 HEADLINE = ("B1", "B2", "B3", "B5")
-"""The checks that a case's line in the overview gives."""
+"""The checks that the overview gives for each case."""
 
 
 def scenarios_section(result: Result) -> Section:
@@ -67,7 +67,7 @@ def scenarios_section(result: Result) -> Section:
         Text(
             "Every scenario is run with each controller in four simulators: the ideal equations, "
             "and MuJoCo in three modes. MuJoCo's step is "
-            f"{short(1e3 * result.settings.timestep)} ms; as deployed the force is held for "
+            f"{short(1e3 * result.settings.timestep)} ms; as deployed, the force is held for "
             f"{short(1e3 * result.settings.control_period)} ms."
         ),
         rests_on(result, "scenarios"),
@@ -104,7 +104,7 @@ def _overview(result: Result) -> Table:
             )
         )
     return Table(
-        caption="Every scenario and controller; B1 to B5 are the checks of that name, – where not "
+        caption="Every scenario and controller; B1 to B5 are the checks of that name, – means not "
         "judged",
         columns=(
             Column("Scenario"),
@@ -128,7 +128,7 @@ def _section(result: Result, number: int, scenario: Scenario) -> Section:
     runs = [run for run in result.runs if run.scenario == scenario.name]
     decisive = [run for run in result.decisive_runs if run.scenario == scenario.name]
     figures = {run.controller: run.metrics for run in decisive}
-    # What a run that fell did not do is no merit of it.
+    # A run that fell must not look better for what it did not do.
     completed = {run.controller: run.metrics for run in decisive if run.outcome == COMPLETED}
     curves = result.curves_of(scenario.name)
     change, _ = _change("objective", completed)
@@ -149,7 +149,7 @@ def _section(result: Result, number: int, scenario: Scenario) -> Section:
 
 
 def _response(result: Result, scenario: Scenario, number: int) -> list[Figure]:
-    """Return states and force over time, of the paper's four cases and of one's own scenarios."""
+    """Return states and force over time, for the paper's four cases and for own scenarios."""
     curves, hold = result.curves_of(scenario.name), result.settings.control_period
     if not is_published(scenario):
         plain = re.sub(r"[^A-Za-z0-9]+", "-", scenario.name)[:60]
@@ -164,9 +164,9 @@ def _response(result: Result, scenario: Scenario, number: int) -> list[Figure]:
 def _merit(
     scenario: Scenario, figures: Mapping[str, Metrics], completed: Mapping[str, Metrics]
 ) -> Table:
-    """Return the main figures of every controller side by side, and how completed runs compare."""
+    """Return the main metrics of every controller side by side, and how completed runs compare."""
     compared = FIXED in completed and ADAPTIVE in completed
-    columns = [Column("Figure"), Column("Unit"), *(Column(c, number=True) for c in figures)]
+    columns = [Column("Metric"), Column("Unit"), *(Column(c, number=True) for c in figures)]
     if compared:
         columns.append(Column("fixed to adaptive"))
     rows: list[list[Cell | str]] = []
@@ -179,19 +179,19 @@ def _merit(
             row.append(Cell(change, status="" if better is None else good_or_bad(better)))
         rows.append(row)
     return Table(
-        caption=f"{scenario.name}: in MuJoCo, continuous mode; less is better in every row",
+        caption=f"{scenario.name}: in MuJoCo, continuous mode; lower is better in every row",
         columns=columns,
         rows=rows,
     )
 
 
 def _details(scenario: Scenario, runs: Sequence[Run]) -> Table:
-    """Return every figure in every simulator."""
+    """Return every metric in every simulator."""
     return Table(
-        summary="All figures in every simulator",
-        caption=f"{scenario.name}: all figures",
+        summary="All metrics in every simulator",
+        caption=f"{scenario.name}: all metrics",
         columns=(
-            Column("Figure"),
+            Column("Metric"),
             Column("Unit"),
             *(Column(f"{run.controller}, {run.simulator}", number=True) for run in runs),
         ),
@@ -207,7 +207,7 @@ def _details(scenario: Scenario, runs: Sequence[Run]) -> Table:
 
 
 def _change(key: str, figures: Mapping[str, Metrics]) -> tuple[str, bool | None]:
-    """Return the change from fixed to adaptive gains as text, and whether it is less."""
+    """Return the change from fixed to adaptive gains as text, and whether it is a decrease."""
     if not (FIXED in figures and ADAPTIVE in figures):
         return "", None
     one, other = figures[FIXED][key], figures[ADAPTIVE][key]
