@@ -19,30 +19,30 @@ help: ## list the targets
 
 setup: $(READY) ## create .venv (every other target does so by itself)
 
-validate: $(READY) ## compare MuJoCo with the analytic model on every case; pass options as ARGS="..."
+validate: $(READY) ## compare MuJoCo with the analytic model on every case; options as ARGS="..."
 
-proof: $(READY) ## validate, with refinement studies, ledgers, and what the paper leaves out
+proof: $(READY) ## validate, with refinement studies, ledgers, and the effect of what the paper omits
 	@$(BIN)/afl-mujoco validate --full --out renders/proof $(ARGS)
 
-render: $(READY) ## film every scenario with both controllers, and a showcase (10 minutes); pass options as ARGS="..."
+render: $(READY) ## film every scenario with both controllers, and a showcase (10 minutes); options as ARGS="..."
 	@$(BIN)/afl-mujoco render $(ARGS)
 
 view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS="step-step --controller fixed"
 	@$(BIN)/afl-mujoco view $(ARGS)
 
-report: $(READY) ## make renders/validation/report.html anew from what is there, with the films of make render
+report: $(READY) ## make renders/validation/report.html again from the results there, with the films of make render
 	@$(BIN)/afl-mujoco report $(ARGS)
 
 $(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
-robustness: ## every study that can be quick: what happens when the loop is not ideal (30 minutes, ARGS="--quick": 5)
+robustness: ## run every study that has --quick: what happens if the loop is not ideal (30 minutes; ARGS="--quick": 5)
 	@for study in $(QUICK); do $(MAKE) --no-print-directory $$study || exit; done
 
-docs: $(READY) ## print the tables of the documentation from the code
+docs: $(READY) ## write the tables of the documentation from the code
 	@$(BIN)/python -m afl_mujoco.cli.tables docs $(ARGS)
 
-test: $(READY) ## run the tests but the slow ones; or exactly those of ARGS="tests/plant -k energy"
+test: $(READY) ## run the tests except the slow ones, or exactly those of ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")
 
 slow: $(READY) ## run the slow tests: whole commands, films, the page in a browser
@@ -51,23 +51,23 @@ slow: $(READY) ## run the slow tests: whole commands, films, the page in a brows
 regression: $(READY) ## compare every run with its baseline
 	@$(BIN)/afl-mujoco regression $(ARGS)
 
-baselines: $(READY) ## make what is now the baselines, and print what moved
+baselines: $(READY) ## make the current state the baselines, and print what changed
 	@$(BIN)/afl-mujoco regression --update $(ARGS)
 
 pinocchio: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
 	@$(PIP_INSTALL) --no-deps --requirement requirements-pinocchio.lock
 	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/studies/verification/test_second_engine.py $(ARGS)
 
-cluster: $(READY) ## share work among the workers of a Dask cluster, one of which dies
+cluster: $(READY) ## test a Dask cluster that shares work among its workers, one of which dies
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock
 	@AFL_MUJOCO_REQUIRE_CLUSTER=1 $(BIN)/pytest -q tests/execution/test_dask_cluster.py $(ARGS)
 
-tune: $(READY) ## search the gain table and fit the gain functions, the whole of the paper's setting (an hour at most)
+tune: $(READY) ## search the gain table and fit the gain functions with the paper's full setting (an hour at most)
 	@$(BIN)/afl-mujoco tune table --resume --out renders/tuning $(ARGS)
 	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
 	@$(BIN)/python -m afl_mujoco.studies.gain_figures renders/tuning
 
-bench: $(READY) ## what things cost, as ratios: the loop, the batch integrator, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
+bench: $(READY) ## measure speed, as ratios: the loop, the batch integrator, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
 	@$(BIN)/python benchmarks/bench_rollout.py
 	@$(BIN)/python benchmarks/bench_batch.py
 	@$(BIN)/python benchmarks/bench_optimisers.py --out renders/bench
@@ -94,7 +94,7 @@ clean: ## remove caches, build products and everything in renders/
 distclean: clean ## clean, and remove .venv too
 	@rm -rf .venv
 
-lock: PYTHON ?= python3.11# the oldest: what it can run, the newer can
+lock: PYTHON ?= python3.11# the oldest: newer versions run what it can run
 lock: ## resolve the newest versions that pyproject.toml allows into requirements.lock
 	$(require_python)
 	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \

@@ -1,4 +1,4 @@
-"""The command line: reads arguments, calls the floors below, turns errors into exit codes."""
+"""The command line: parses arguments, calls the packages below, turns errors into exit codes."""
 
 from afl_mujoco.cli.main import main
 

@@ -16,7 +16,7 @@ Logs = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """Plot logs of a measured cart-pole, and say what is in them.
+    """Plot logs of a measured cart-pole, and print a summary.
 
     Example: afl-mujoco log logs/swing-up.csv --description my-rig.toml
     """
@@ -24,19 +24,19 @@ class Log:
     logs: Logs = ()
     """Logs, CSV files or folders of them; by default the first recording of the package."""
     description: str = ""
-    """What their columns mean, a TOML file; needed for own logs."""
+    """TOML file that says what their columns mean; required for your own logs."""
     out: Path = Path("renders/logs")
     """Folder for the pictures."""
 
     def run(self) -> int:
-        """Read, draw, print."""
+        """Read the logs, draw them, print a table."""
         from afl_mujoco.identification.description import load_description
         from afl_mujoco.identification.log import read_logs
         from afl_mujoco.identification.shipped import DESCRIPTION, FIT
 
         if bool(self.logs) != bool(self.description):
             thing = "description" if self.logs else "logs"
-            raise InvalidValueError(thing, "must be given: logs and their description together")
+            raise InvalidValueError(thing, "must be given: logs need their description")
         description = load_description(self.description or DESCRIPTION)
         logs = read_logs(self.logs or sorted(FIT.glob("*.csv"))[:1], description)
 

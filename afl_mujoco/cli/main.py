@@ -1,4 +1,4 @@
-"""Which command: parse the arguments, run it, turn errors into exit codes."""
+"""Parse the arguments, run the command, turn errors into exit codes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from afl_mujoco.studies.registry import studies
 PROGRAM = "afl-mujoco"
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
-"""Commands behind those of the studies."""
+"""Commands listed after those of the studies."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments
-        As of ``sys.argv[1:]``, its default.
+        Arguments; ``sys.argv[1:]`` by default.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code: int = _parse(arguments).run()
         return code
-    except BrokenPipeError:  # whoever read the output has had enough of it
+    except BrokenPipeError:  # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except AflMujocoError as error:
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Return whether a Ctrl-C is at the root of an error, as of one while a library is loaded."""
+    """Return whether a Ctrl-C caused an error, as while a library is loaded."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
@@ -105,7 +105,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
 
 
 def _in_one_line(complaint: str, given: Sequence[str]) -> str:
-    """Return what the parser complains of, with what was meant."""
+    """Return the complaint of the parser in one line, with a suggestion."""
     names = [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
@@ -119,7 +119,7 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
 
 
 def _options(given: Sequence[str]) -> set[str]:
-    """Return the names of the options of the command that is given."""
+    """Return the names of the options of the given command."""
     kinds: dict[str, type] = {kind.__name__.lower(): kind for kind in OTHERS}
     of_studies = (get_args(kind)[0] for kind in study_commands())
     kinds |= dict(zip(studies(), of_studies, strict=True))

@@ -1,4 +1,4 @@
-"""The page of a folder: every result and every film that is found there."""
+"""The page of a folder: every result and every film in it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 TITLE = "Cart-pole controllers in MuJoCo"
 LEDE = (
-    "A cart-pole whose mass and length change while it moves: what was run, what was found, and "
-    "the commands that repeat it."
+    "A cart-pole whose mass and length change while it moves: the runs, the findings, and the "
+    "commands that repeat them."
 )
 
 NOTATION = {
@@ -31,20 +31,20 @@ NOTATION = {
     "fixed gains on the nominal plant, added (D4)",
     "ideal equations": "“ode”: the paper's equations, integrated by DOP853 to 12 digits, restarted "
     "at every breakpoint",
-    "exact mode": "MuJoCo's dynamics under that same integrator: only the model can differ",
-    "continuous mode": "MuJoCo under RK4 at a fixed step, controller and schedule in every stage",
-    "sampled mode": "MuJoCo as deployed: the force held over each control period, M and l set at "
-    "the middle of each step",
+    "exact mode": "MuJoCo's dynamics with the same integrator: only the model can differ",
+    "continuous mode": "MuJoCo with RK4 at a fixed step, controller and schedule in every stage",
+    "sampled mode": "MuJoCo as deployed: the force is held over each control period, M and l are "
+    "those at the middle of each step",
     "fixed, adaptive": "the paper's constant gains, and its gains as functions of M and l; "
     "“-retuned” ones were found here, “-nominal” ones assume M = 1 kg, l = 0.5 m (D7)",
     "settling, overshoot": "when a state enters 2 % of its peak for good; how far it goes beyond "
     "zero",
 }
-"""What symbols and words mean."""
+"""Meaning of symbols and words."""
 
 
 def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
-    """Raise at what could not be put into a page, before anything slow.
+    """Raise if something could not be put into a page, before anything slow.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
 
 
 def write_page(folder: Path, films: Path) -> Path:
-    """Write the page of a folder, whole or not at all; nothing is computed."""
+    """Write the page of a folder, completely or not at all; nothing is computed."""
     from afl_mujoco.document.html import to_html
     from afl_mujoco.files import write_text
     from afl_mujoco.films.sections import sections as film_sections
@@ -112,7 +112,7 @@ def _not_run(records: Sequence[Record]) -> Section:
     run = {record.study.name for record in records}
     missing = [one for one in studies().values() if one.name not in run]
     table = Table(
-        caption="Studies of which this folder holds no result, and what makes one",
+        caption="Studies without a result in this folder, and the commands that make one",
         columns=(Column("Study"), Column("Command")),
         rows=[(one.title, Cell(one.command, code=True)) for one in missing],
     )
@@ -121,14 +121,14 @@ def _not_run(records: Sequence[Record]) -> Section:
 
 
 def _reproduce(records: Sequence[Record]) -> Section:
-    """Return what made each result."""
+    """Return the commands and versions that made each result."""
     from afl_mujoco.document.blocks import Cell, Column, Section, Table, Text
 
     packages = dict.fromkeys(name for record in records for name in record.versions)
     text = Text(
-        "The commands that made the numbers of this page; the same inputs give the same bytes, "
-        "from any number of workers. The page itself is made from the files beside it, without "
-        "computing anything, by `afl-mujoco report`."
+        "The commands that made the numbers on this page; the same inputs give the same bytes, "
+        "with any number of workers. `afl-mujoco report` makes the page itself from the files "
+        "beside it, without computing anything."
     )
     commands = Table(
         caption="Commands",
@@ -152,7 +152,7 @@ def _reproduce(records: Sequence[Record]) -> Section:
 
 
 def _data(record: Record) -> list[str]:
-    """Return the files of a record but its figures."""
+    """Return the files of a record except its figures."""
     return [name for name in record.files if not name.endswith((".svg", ".png"))]
 
 

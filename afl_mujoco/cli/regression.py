@@ -15,15 +15,15 @@ class Regression:
 
     Example: afl-mujoco regression --workers 2
 
-    Prints a line for each figure that moved. Exit code 0 if none did, 1 otherwise.
+    Prints a line for each value that changed. The exit code is 0 if none did, and 1 otherwise.
     """
 
     baselines: Path = Path("tests/regression/baselines")
     """Folder of the baselines."""
     update: bool = False
-    """Make what is now the baselines, and print what moved."""
+    """Make the current state the baselines, and print what changed."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Processes to share the work among; the numbers do not depend on it."""
+    """Number of processes that share the work; the results do not depend on it."""
 
     def run(self) -> int:
         """Run everything; compare, or update the baselines."""

@@ -13,7 +13,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
 
 INDIFFERENT = ("out", "workers")
-"""Options that leave the films as they are."""
+"""Options that do not change the films."""
 
 SHOWCASE = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 
@@ -24,9 +24,9 @@ class Render:
 
     Example: afl-mujoco render step-step-impulse --controllers fixed,adaptive --size 1280x720
 
-    Writes one MP4 for each scenario and controller, one of up to four controllers side by side,
-    and, if no scenario is named, a showcase of the paper's four cases; and films.json, from which
-    `afl-mujoco report` takes them.
+    Writes one MP4 for each scenario and controller, one of up to four controllers side by side
+    and, if no scenario is named, a showcase of the paper's four cases. Also writes films.json,
+    from which `afl-mujoco report` takes them.
     """
 
     scenarios: ScenarioNames = ()
@@ -37,17 +37,17 @@ class Render:
     size: str = "1280x720"
     """Width x height in pixels, even, at most 1920x1080."""
     fps: int = 30
-    """Frames a second."""
+    """Frames per second."""
     timestep: float = 1e-3
     """Physics step of MuJoCo [s]."""
     control_period: float | None = None
-    """How long the force is held [s], a multiple of the timestep; one by default."""
+    """How long the force is held [s], a multiple of the timestep; one step by default."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     still: float | None = None
     """Write the frame at this time [s] as a PNG, instead of each film."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Processes to share the films among."""
+    """Number of processes that share the films."""
     out: Path = FILMS
     """Folder for the films."""
 

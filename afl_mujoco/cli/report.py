@@ -15,20 +15,20 @@ Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Make report.html anew from every result of a folder, as when there are new films.
+    """Make report.html again from every result of a folder, for example after new films.
 
     Example: afl-mujoco report renders/validation --films renders
 
-    Nothing is computed: the results and figures of the folder make the page.
+    Nothing is computed: the page is made from the results and figures in the folder.
     """
 
     folder: Folder = RESULTS
-    """Folder that the studies wrote, `afl-mujoco validate` among them."""
+    """Folder with the results of studies, such as `afl-mujoco validate`."""
     films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes."""
 
     def run(self) -> int:
-        """Read what is there, write the page."""
+        """Read the folder, write the page."""
         from afl_mujoco.cli.page import write_page
 
         page = write_page(self.folder, self.films)

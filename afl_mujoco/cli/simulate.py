@@ -46,12 +46,13 @@ class Simulate:
     timestep: float = 1e-3
     """Physics step, and spacing of the reported instants [s]."""
     control_period: float | None = None
-    """How long sampled mode holds the force [s], a multiple of the timestep; one by default."""
+    """How long sampled mode holds the force [s], a multiple of the timestep; one step by
+    default."""
     integrator: str | None = None
-    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; that of the file's
-    [replay], else RK4, by default."""
+    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; by default that of
+    the file's [replay], else RK4."""
     log: bool = False
-    """Write the run as the log that its hardware would write, for `afl-mujoco identify`."""
+    """Write the run as a log that the hardware would write, for `afl-mujoco identify`."""
     out: Path = Path("renders/simulate")
     """Folder for the files."""
 
@@ -89,7 +90,7 @@ class Simulate:
         runs = [self._simulate(scenario, controller, kind, integrator) for kind in simulators]
         resolved = self.out / f"{scenario.name}.toml"
         if Path(self.scenario).is_file() and resolved.resolve() == Path(self.scenario).resolve():
-            rule = "is the scenario asked for and would be overwritten: choose another --out"
+            rule = "is the input scenario and would be overwritten: choose another --out"
             raise FileError(str(resolved), rule)
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"

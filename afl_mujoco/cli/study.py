@@ -28,19 +28,19 @@ from afl_mujoco.studies.registry import studies
 
 @dataclass(frozen=True, kw_only=True)
 class StudyCommand:
-    """What the command of every study does and takes."""
+    """The run and the options of the command of every study."""
 
     study: ClassVar[Study]
 
     page: bool = True
-    """Make neither figures nor report.html of what is in the folder."""
+    """Skip the figures and report.html."""
     films: Path = FILMS
-    """Folder with films.json, which `afl-mujoco render` writes: films for the page, if there."""
+    """Folder with films.json, which `afl-mujoco render` writes: films for the page, if any."""
     out: Path = RESULTS
     """Folder for the files."""
 
     def run(self) -> int:
-        """Run the study, write its files, print them, put it into the page."""
+        """Run the study, write its files, print its sections, make the page."""
         study, configuration = self.study, self.configuration
         from afl_mujoco.execution.dask_cluster import require_address
 
@@ -80,29 +80,29 @@ class StudyCommand:
 
     @property
     def configuration(self) -> Any:
-        """What the study takes of the options."""
+        """The configuration of the study, from the options."""
         kind = self.study.configuration
         return kind(**{field.name: separated(getattr(self, field.name)) for field in fields(kind)})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """For a study that shares its work."""
+    """Option of a study that shares its work among workers."""
 
     workers: int = min(2, os.cpu_count() or 1)
-    """Processes or threads to share the work among; the numbers do not depend on it."""
+    """Number of processes or threads that share the work; the results do not depend on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cluster:
-    """For a study whose work can be done elsewhere."""
+    """Option of a study that can run on a cluster."""
 
     cluster: str | None = None
-    """Share it among the workers of a Dask cluster: tcp://host:port."""
+    """Share the work among the workers of a Dask cluster: tcp://host:port."""
 
 
 def study_commands() -> list[Any]:
-    """Return a command for each study, as tyro takes them."""
+    """Return a command for each study, in the form that tyro takes."""
     return [_command(study) for study in studies().values()]
 
 
@@ -115,7 +115,7 @@ def _told(files: Sequence[Path]) -> str:
 
 @contextmanager
 def study_progress() -> Iterator[Progress]:
-    """Give what shows a bar for each thing that a study does."""
+    """Yield a function that shows a bar for each task of a study."""
     with bars() as shown:
         tasks: dict[str, Callable[[int], None]] = {}
 

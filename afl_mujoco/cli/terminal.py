@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, folders, names of scenarios, and the progress bar."""
+"""Shared parts of the commands: exit codes, folders, words of options, and progress bars."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ import tyro
 SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
 FILMS, RESULTS = Path("renders"), Path("renders/validation")
-"""Where films, and the results of studies with their page, are written by default."""
+"""Default folders of films, and of the results of studies with their page."""
 
 
 Command = TypeVar("Command")
 
 SECONDS = 30.0
-"""Time between two lines of progress where there is no terminal [s]."""
+"""Time between two lines of progress if there is no terminal [s]."""
 
 
 def separated(value: Any) -> Any:
-    """Return a list of words with those that commas separate apart; anything else as it is."""
+    """Return a tuple of words, split at commas; return anything else unchanged."""
     if not (isinstance(value, tuple) and all(isinstance(word, str) for word in value)):
         return value
     return tuple(word for given in value for word in given.split(","))
 
 
 def numbers_apart(words: Sequence[str]) -> list[str]:
-    """Return the words of a command line, lists of numbers with commas taken apart."""
+    """Return the words of a command line, with lists of numbers split at commas."""
     found: list[str] = []
     for word in words:
         parts = word.split(",")
@@ -51,9 +51,9 @@ def _is_number(text: str) -> bool:
 
 
 def plain_help(kind: type[Command]) -> type[Command]:
-    """Return the dataclass of a command, its help without defaults that say nothing.
+    """Return the dataclass of a command, with a help that omits uninformative defaults.
 
-    They are None, of which the option's own words say what stands for it, and those of switches.
+    These are None, whose meaning the help of the option explains, and those of switches.
     """
     hints = get_type_hints(kind, include_extras=True)
     for option in fields(kind):  # type: ignore[arg-type]
@@ -65,7 +65,7 @@ def plain_help(kind: type[Command]) -> type[Command]:
 
 @contextlib.contextmanager
 def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
-    """Give a callable that advances a bar by one, given what has been done."""
+    """Yield a function that advances a bar by one, given the name of what was done."""
     with bars() as add:
         update, done = add(doing, total), itertools.count(1)
         yield lambda what: update(next(done), what)
@@ -73,13 +73,13 @@ def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
 
 @contextlib.contextmanager
 def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
-    """Give a callable that sets a bar to how many are done, as sweeps count."""
+    """Yield a function that sets a bar to the number of parts done."""
     with bars() as add:
         yield add(doing, total)
 
 
 def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
-    """Return a command as typed into a shell, options that are not the default written out."""
+    """Return a command as typed into a shell, with the options that are not at their default."""
     hints = get_type_hints(type(options), include_extras=True)
     names: list[str] = []
     words: list[str] = []
@@ -97,9 +97,9 @@ def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
 
 @contextlib.contextmanager
 def bars() -> Iterator[Callable[[str, int], Callable[..., None]]]:
-    """Give what adds a bar, by what it says and its total, and returns what sets it.
+    """Yield a function that adds a bar with a text and a total, and returns its update function.
 
-    It is on stderr; elsewhere than on a terminal it is a line now and then.
+    Bars are on stderr; without a terminal, progress is an occasional line.
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -122,7 +122,7 @@ def bars() -> Iterator[Callable[[str, int], Callable[..., None]]]:
 
 
 def _lines(stream: IO[str]) -> Callable[[str, int], Callable[..., None]]:
-    """Return what reports progress in a line every `SECONDS`."""
+    """Return a function that reports progress in a line every `SECONDS`."""
     last = time.monotonic()
 
     def add(doing: str, total: int) -> Callable[..., None]:

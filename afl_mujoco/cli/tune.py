@@ -17,39 +17,39 @@ if TYPE_CHECKING:
 @plain_help
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Search the best gains of every plant of a grid by the paper's genetic algorithm.
+    """Search for the best gains of every plant of a grid with the paper's genetic algorithm.
 
     Example: afl-mujoco tune table --quick
 
     Writes gain_table.json: gains, and the objective on the ideal ODE and in MuJoCo. Finished plants
-    are kept as they come, and those under way every second; --resume goes on, to the same bits. The
-    whole setting of the paper, 400 plants, takes about half an hour on two cores.
+    are saved at once, and those in progress every second; --resume continues to the same bits. The
+    full setting of the paper, 400 plants, takes about half an hour on two cores.
     """
 
     quick: bool = False
-    """A grid of 9 plants and a population of 200 over 60 generations, where not given otherwise."""
+    """A grid of 9 plants and a population of 200 over 60 generations, unless given otherwise."""
     cart_masses: tuple[float, ...] | None = None
     """Cart masses of the grid [kg]; the paper's 0.1 to 2.0 by default."""
     half_lengths: tuple[float, ...] | None = None
     """Half-lengths of the grid [m]; the paper's 0.05 to 1.00 by default."""
     population: int | None = None
-    """Chromosomes; the paper's 1000 by default."""
+    """Number of chromosomes; the paper's 1000 by default."""
     generations: int | None = None
-    """Generations; the paper's 1000 by default."""
+    """Number of generations; the paper's 1000 by default."""
     lower: tuple[float, float, float] | None = None
     """Least K, lambda and Phi; 100, 1, 90 by default (decision D8)."""
     upper: tuple[float, float, float] | None = None
     """Largest K, lambda and Phi; 200, 5, 110 by default (decision D8)."""
     seed: int = 0
-    """Seed of every search, with the place of its plant in the grid."""
+    """Seed of every search, combined with the position of its plant in the grid."""
     resume: bool = False
-    """Go on with what is in the folder."""
+    """Continue the search that is in the folder."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Processes to share the work among; the numbers do not depend on it."""
+    """Number of processes that share the work; the results do not depend on it."""
     cluster: str | None = None
-    """Share it among the workers of a Dask cluster: tcp://host:port."""
+    """Share the work among the workers of a Dask cluster: tcp://host:port."""
     out: Path | None = None
-    """Folder for the table and what is kept on the way; renders/tuning, or renders/tuning-quick."""
+    """Folder for the table and the checkpoints; renders/tuning, or renders/tuning-quick."""
 
     def run(self) -> int:
         """Run the searches, score their winners in MuJoCo, write the table."""
@@ -69,7 +69,7 @@ class Table:
         folder = output_folder(self.out or default)
         kept = folder / "searches"
         if kept.exists() and not self.resume:
-            raise FileError(str(kept), "holds a search: pass --resume to go on, or remove it")
+            raise FileError(str(kept), "has a search: pass --resume to continue it, or remove it")
         with open_executor(self.workers, self.cluster) as executor:
             store = Store(output_folder(kept) / "finished.json", provenance)
             alone = self.cluster is None  # a checkpoint is a file of this machine
@@ -91,7 +91,7 @@ class Table:
         return SUCCESS
 
     def _units(self, checkpoints: Path | None) -> list[PairSearch]:
-        """Return the searches that are asked for."""
+        """Return the searches to run."""
         from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
         from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX
         from afl_mujoco.studies.gain_tuning.gain_table import (
@@ -122,7 +122,7 @@ class Table:
 
 
 def _print_rows(table: GainTable) -> None:
-    """Print some ten rows of a table."""
+    """Print about ten rows of a table."""
     for row in table.rows[:: max(1, len(table.rows) // 10)]:
         print("M {:.2f} kg, l {:.2f} m: K {:.4f}, lambda {:.4f}, Phi {:.4f}, OF {:.6f},"
               " in MuJoCo {:.6f}".format(*row))  # fmt: skip
@@ -174,5 +174,5 @@ class Tune:
     """What to find."""
 
     def run(self) -> int:
-        """Run what was asked for."""
+        """Run the chosen command."""
         return self.what.run()

@@ -31,14 +31,14 @@ class View:
     timestep: float = 1e-3
     """Physics step of MuJoCo [s]."""
     control_period: float | None = None
-    """How long the force is held [s], a multiple of the timestep; one by default."""
+    """How long the force is held [s], a multiple of the timestep; one step by default."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     speed: float = 1.0
-    """Seconds of the run shown in a second."""
+    """Seconds of the run that are shown per second."""
 
     def run(self) -> int:
-        """Run, then show."""
+        """Run the simulation, then show it."""
         from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.graphics import require_display
         from afl_mujoco.scenario.files import find_scenario

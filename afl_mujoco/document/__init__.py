@@ -1,1 +1,1 @@
-"""What a report is made of - sections of text, tables, figures - and its writers; no study."""
+"""The blocks of a report - sections of text, tables, figures - and their writers; no study."""

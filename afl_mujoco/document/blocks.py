@@ -1,4 +1,4 @@
-"""What a report consists of: sections of text, findings, tables, figures, charts and films."""
+"""The blocks of a report: sections of text, findings, tables, figures, charts and films."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 Status = Literal["", "good", "neutral", "bad", "open"]
-"""How a cell is to be taken: shown as a tag where it is not empty; "open" is not decided."""
+"""Status of a cell, shown as a tag unless it is empty; "open" means not decided."""
 
 
 def good_or_bad(good: bool) -> Status:
-    """Return the status of what holds or does not."""
+    """Return "good" or "bad"."""
     return "good" if good else "bad"
 
 
@@ -31,7 +31,7 @@ class Verdict:
     text
         How much was judged, and how much fails.
     meaning
-        What may be concluded, and what not.
+        What may be concluded, and what may not.
     """
 
     kind: ClassVar[str] = "verdict"
@@ -48,7 +48,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Tag:
-    """A name with a status: what it says in full stands where its anchor is."""
+    """A name with a status; the full text is at its anchor."""
 
     name: str
     status: Status
@@ -67,7 +67,7 @@ class Tally:
 
     @property
     def counts(self) -> dict[tuple[Status, str], int]:
-        """How many tags there are of each status and meaning."""
+        """Number of tags of each status and meaning."""
         found = [(tag.status, tag.meaning) for tag in self.tags]
         return {one: found.count(one) for one in dict.fromkeys(found)}
 
@@ -76,7 +76,7 @@ class Tally:
 class Text:
     """A paragraph; its markup is `` `code` ``, ``*emphasis*`` and ``[a link](#anchor)``.
 
-    A note stands back behind the text.
+    A note is less prominent than other text.
     """
 
     kind: ClassVar[str] = "text"
@@ -96,7 +96,7 @@ class Finding:
     text
         The sentence, with the markup of `Text`.
     evidence
-        Anchor of what bears it out, where that is elsewhere.
+        Anchor of the evidence for it, if that is elsewhere.
     """
 
     kind: ClassVar[str] = "finding"
@@ -108,7 +108,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """A label and what stands for it, with the markup of `Text`."""
+    """A label and its text, with the markup of `Text`."""
 
     label: str
     text: str
@@ -126,7 +126,7 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table; one of numbers is aligned to the right."""
+    """A column of a table; columns of numbers are aligned to the right."""
 
     header: str
     unit: str = ""
@@ -140,7 +140,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A stretch on a scale from 0 to 1, with a mark and, where given, a point."""
+    """A stretch on a scale from 0 to 1, with a mark and, if given, a point."""
 
     low: float
     high: float
@@ -155,15 +155,15 @@ class Cell:
     Attributes
     ----------
     text
-        What it says.
+        Its text.
     status, code, strong
-        How that is set.
+        Style of the text.
     note
-        What stands below it, with the markup of `Text`; a terminal leaves it out.
+        Text below it, with the markup of `Text`; a terminal leaves it out.
     anchor, link
-        What links to the cell point to; what the cell points to.
+        Anchor that links to the cell use; anchor to which the cell links.
     bar
-        What a page draws above the text.
+        Bar that a page draws above the text.
     """
 
     text: str
@@ -185,13 +185,13 @@ class Table:
     caption
         What it shows.
     columns
-        From left to right.
+        Columns from left to right.
     rows
         One cell for each column; a string is a cell without status.
     summary
         If not empty, the page folds the table behind this line, and the terminal leaves it out.
     stacked
-        Whether a narrow page puts the cells of a row below each other: for cells of much text.
+        Whether a narrow page stacks the cells of a row: for cells with much text.
     """
 
     kind: ClassVar[str] = "table"
@@ -217,13 +217,13 @@ class Figure:
     Attributes
     ----------
     name
-        Of its files, without suffix.
+        Name of its files, without suffix.
     title, caption
-        A heading; what is drawn.
+        A heading, and a description of what is drawn.
     alt
-        What one sees, with numbers, for those who do not see it.
+        Description with numbers, for readers who cannot see it.
     draw
-        Draws it with matplotlib.
+        Function that draws it with matplotlib.
     """
 
     kind: ClassVar[str] = "figure"
@@ -242,18 +242,18 @@ class Figure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """Curves that a page draws so that one can zoom into them.
+    """Curves that a page draws and that a reader can zoom into.
 
     Attributes
     ----------
     anchor
-        Of the chart, which no other has.
+        Anchor of the chart, unique in the report.
     title
         A heading.
     quantities
-        Key, symbol and words of what can be shown.
+        Key, symbol and name of the quantities that can be shown.
     data
-        What the page's script draws.
+        The data that the page's script draws.
     """
 
     kind: ClassVar[str] = "chart"
@@ -266,20 +266,20 @@ class Chart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Film:
-    """A film, in the page if it is small, linked beside it otherwise.
+    """A film, inside the page if it is small, linked otherwise.
 
     Attributes
     ----------
     title, caption
-        What it shows, and how that came about.
+        What it shows, and how it was made.
     file
         The film, an MP4.
     poster
-        A still; None for none.
+        A still; None if there is none.
     width, height
-        Of a frame [pixels].
+        Size of a frame [px].
     command
-        What makes it.
+        The command that makes it.
     wide
         Whether it needs the whole width of a page.
     """
@@ -305,8 +305,8 @@ class Command:
     lead
         What it does.
     command
-        As typed into a shell, or its words: a path among them is of a file beside the report's
-        results.
+        As typed into a shell, or its words: a path among them is that of a file beside the
+        report's results.
     """
 
     kind: ClassVar[str] = "command"
@@ -315,7 +315,7 @@ class Command:
     command: str | Sequence[str | PurePath]
 
     def typed(self, folder: PurePath) -> str:
-        """Return it as typed into a shell, the results in `folder`."""
+        """Return it as typed into a shell, with the results in `folder`."""
         if isinstance(self.command, str):
             return self.command
         words = [str(folder / w) if isinstance(w, PurePath) else w for w in self.command]
@@ -331,13 +331,13 @@ class Section:
     title
         Its heading.
     anchor
-        What links within the report point to.
+        Target of links within the report.
     blocks
-        What it holds, further sections included.
+        Its blocks, further sections included.
     folded
         Whether the page folds it behind its heading and the terminal leaves it out.
     aside
-        What stands beside the heading.
+        Text beside the heading.
     """
 
     kind: ClassVar[str] = "section"
@@ -354,7 +354,7 @@ class Section:
         return [block for block in self.blocks if isinstance(block, Section)]
 
     def walk(self) -> Iterator[Block]:
-        """Return its blocks and those of the sections in it, in their order."""
+        """Return its blocks and those of the sections in it, in order."""
         for block in self.blocks:
             yield block
             if isinstance(block, Section):
@@ -367,5 +367,5 @@ Block: TypeAlias = (
 
 
 def figures_of(sections: Sequence[Section]) -> list[Figure]:
-    """Return the figures of sections, in their order."""
+    """Return the figures of sections, in order."""
     return [b for section in sections for b in section.walk() if isinstance(b, Figure)]

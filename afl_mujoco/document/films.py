@@ -1,4 +1,4 @@
-"""The films of a page: small ones inside it, large ones linked beside it."""
+"""The films of a page: small ones inside it, large ones linked."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from afl_mujoco.document.pictures import data_uri
 from afl_mujoco.errors import FileError
 
 SMALL = 1_500_000
-"""Size up to which a film is put inside the page [bytes]."""
+"""Largest size of a film that is put inside the page [bytes]."""
 
 ROOM = 17_000_000
-"""How much of the page films may take before further ones are linked [bytes]."""
+"""Space in the page for films, after which further ones are linked [bytes]."""
 
 POSTER_SIZE, POSTER_QUALITY = (960, 960), 75
-"""Into what a poster is fitted [pixels], and its JPEG quality."""
+"""Largest size of a poster [px], and its JPEG quality."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A film as a page has it.
+    """A film as a page includes it.
 
     Attributes
     ----------
     size
-        Of the file [bytes]; 0 if it is not there.
+        Size of the file [bytes]; 0 if there is none.
     source
         Its data URI, or its address relative to the page.
     poster
@@ -55,7 +55,7 @@ class Shown:
 
 
 def show_films(films: Sequence[Film], page_folder: Path, room: int = ROOM) -> dict[Path, Shown]:
-    """Return how a page has each film, by its file: the wide ones first where room is short."""
+    """Return how a page includes each film, by its file; wide ones come first if room is short."""
     shown: dict[Path, Shown] = {}
     for film in sorted(films, key=lambda film: not film.wide):
         try:
@@ -67,7 +67,7 @@ def show_films(films: Sequence[Film], page_folder: Path, room: int = ROOM) -> di
 
 
 def _show(film: Film, page_folder: Path, room: int) -> Shown:
-    """Return how a page has a film."""
+    """Return how a page includes a film."""
     size = film.file.stat().st_size if film.file.is_file() else 0
     poster = _poster(film.poster) if film.poster else ""
     if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:

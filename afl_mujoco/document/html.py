@@ -1,4 +1,4 @@
-"""Sections as HTML: one page that holds all it needs and works offline."""
+"""Sections as HTML: one self-contained page that works offline."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ def to_html(
 ) -> str:
     """Return a page, the same bytes each time.
 
-    Pictures and small films are inside it; a missing one is said to be missing.
+    Pictures and small films are inside it; it says which ones are missing.
 
     Parameters
     ----------
     page_folder
         Where the page will be: large films are linked from there.
     lede
-        What stands below the title.
+        Text below the title.
     verdict
-        What the title and the contents name.
+        Verdict that the title and the contents show.
     """
     sections = [section for found, _ in parts for section in found]
     every = [block for section in sections for block in section.walk()]
@@ -90,7 +90,7 @@ def to_html(
 
 @cache
 def _environment() -> Environment:
-    """Return the templates, which escape whatever they are given."""
+    """Return the templates, which escape all values."""
     made = Environment(
         loader=PackageLoader(PACKAGE),
         autoescape=True,
@@ -103,7 +103,7 @@ def _environment() -> Environment:
 
 
 def _runs(found: Sequence[blocks.Block]) -> Iterator[tuple[str, list[blocks.Block]]]:
-    """Return blocks as stretches of one kind."""
+    """Yield runs of consecutive blocks of one kind."""
     for kind, run in itertools.groupby(found, key=lambda block: block.kind):
         yield kind, list(run)
 
@@ -131,7 +131,7 @@ def _marked(text: str) -> Markup:
 
 
 def _hash(text: str) -> str:
-    """Return a text's hash as a policy names it."""
+    """Return the hash of a text in the notation of a policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
@@ -147,7 +147,7 @@ def _style() -> Markup:
 
 
 def _script() -> Markup:
-    """Return the script, with the licence of what is in it."""
+    """Return the script, with the licence of the library in it."""
     licence = f"/*! uPlot\n{_asset('vendor/uPlot.LICENSE')}*/\n"
     parts = ("vendor/uPlot.iife.min.js", "assets/charts.js", "assets/page.js")
     return Markup(licence + "\n".join(_asset(part) for part in parts))

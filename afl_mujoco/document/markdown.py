@@ -1,4 +1,4 @@
-"""Sections as Markdown, as GitHub reads it."""
+"""Sections as GitHub-flavoured Markdown."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SPECIAL = re.compile(r"([\\`*_{}\[\]<>|])")
 
 
 def to_markdown(sections: Sequence[blocks.Section], level: int = 1) -> str:
-    """Return sections as Markdown, headings from a level on; pictures are linked beside it."""
+    """Return sections as Markdown, with headings from a level on; pictures are linked."""
     return "\n\n".join(part for section in sections for part in _section(section, level)) + "\n"
 
 
@@ -96,7 +96,7 @@ def _span(span: Span) -> str:
 
 
 def _code(text: str) -> str:
-    """Return text as code, however many backticks it holds."""
+    """Return text as code, even if it has backticks."""
     return f"`{text}`" if "`" not in text else f"`` {text} ``"
 
 
@@ -106,17 +106,17 @@ def _plain(text: str) -> str:
 
 
 def cells_as_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return cells that are Markdown already as a table."""
+    """Return a table of cells that are already Markdown."""
     lines = [header, ("---",) * len(header), *rows]
     cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
 
 
 def rewrite(page: Path, name: str, text: str) -> None:
-    """Put a text between its two marks in a page, ``<!-- name -->`` and ``<!-- end of ... -->``."""
+    """Put a text between two marks of a page, ``<!-- name -->`` and ``<!-- end of name -->``."""
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
     before, found, rest = page.read_text(encoding="utf-8").partition(begin)
     _, closed, after = rest.partition(end)
     if not (found and closed):
-        raise FileError(str(page), f"must hold the marks of {name}, one after the other")
+        raise FileError(str(page), f"must have the two marks of {name}, in order")
     write_text(page, before + begin + text + end + after)

@@ -24,7 +24,7 @@ class Span(NamedTuple):
 
 
 def spans(text: str) -> Iterator[Span]:
-    """Return a paragraph as stretches of one style each."""
+    """Yield a paragraph as stretches of one style each."""
     end = 0
     for found in _MARKED.finditer(text):
         if found.start() > end:

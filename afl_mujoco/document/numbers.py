@@ -1,4 +1,4 @@
-"""Numbers as the page writes them: few digits, powers of ten, a real minus sign."""
+"""Numbers as the page writes them: few digits, powers of ten, a proper minus sign."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MISSING = "–"
-"""What stands where there is no number."""
+"""Sign for a missing number."""
 
 SMALL = 0.01
-"""Sizes below which a power of ten says more than two decimals."""
+"""Size below which a power of ten is clearer than two decimals."""
 
 
 def power_of_ten(exponent: int) -> str:
@@ -35,7 +35,7 @@ def scientific(value: float | None, digits: int = 2) -> str:
 
 
 def short(value: float | None, digits: int = 4) -> str:
-    """Return a value as a person writes it: plain where that is short, else scientific.
+    """Return a value as a person writes it: plain if that is short, else scientific.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def short(value: float | None, digits: int = 4) -> str:
 
 
 def fixed(value: float | None, decimals: int) -> str:
-    """Return a value with so many decimals, for columns that are read from top to bottom.
+    """Return a value with a number of decimals, for columns that are read from top to bottom.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def limit(value: float) -> str:
-    """Return a limit: a bare power of ten where it is one and small."""
+    """Return a limit: a bare power of ten if it is a small one."""
     if 0.0 < value < 1e-2:
         exponent = round(math.log10(value))
         if math.isclose(value, 10.0**exponent):
@@ -73,7 +73,7 @@ def limit(value: float) -> str:
 
 
 def size(value: float | None) -> str:
-    """Return a size with two decimals, or with a power of ten where these say nothing.
+    """Return a size with two decimals, or with a power of ten if it is too small for them.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def percent(share: float | None, digits: int = 2) -> str:
 
 
 def interval(ends: Sequence[float]) -> str:
-    """Return an interval of shares in percent, the sign left to the reader's sentence or column.
+    """Return an interval of shares in percent, without the percent sign.
 
     Parameters
     ----------
@@ -109,17 +109,17 @@ def interval(ends: Sequence[float]) -> str:
 
 
 def _signed(text: str) -> str:
-    """Return a number's text with a real minus sign, and none before zero."""
+    """Return a number's text with a proper minus sign, and none before zero."""
     if not text.strip("-0."):
         text = text.removeprefix("-")
     return text.replace("-", "−")
 
 
 def listed(parts: Sequence[str], word: str) -> str:
-    """Join parts as a sentence does, the last by ``and`` or ``or``."""
+    """Join parts as in a sentence, the last by ``and`` or ``or``."""
     return f" {word} ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
 
 
 def sentence(text: str) -> str:
-    """Return a text that begins with a capital."""
+    """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]

@@ -1,4 +1,4 @@
-"""The pictures of a page, inside it."""
+"""The pictures that are inside a page."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 from afl_mujoco.errors import FileError
 
 LARGE = 400_000
-"""Size from which a vector drawing gives way to its bitmap, if that is smaller [bytes]."""
+"""Size above which a bitmap replaces a vector drawing, if it is smaller [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure as a page has it: its data URI, and the size of the bitmap [pixels]."""
+    """A figure as a page includes it: its data URI, and the size of the bitmap [px]."""
 
     source: str
     width: int
@@ -23,7 +23,7 @@ class Picture:
 
 
 def find_picture(files: Mapping[str, str], folder: Path) -> Picture | None:
-    """Return a figure as vectors unless these are large; None if its files are not there."""
+    """Return a figure as vectors unless these are large; None if its files are missing."""
     paths = {kind: folder / name for kind, name in files.items()}
     if not all(path.exists() for path in paths.values()):
         return None
@@ -43,5 +43,5 @@ def _read(path: Path) -> bytes:
 
 
 def data_uri(kind: str, content: bytes) -> str:
-    """Return content of a media type as an address that holds it."""
+    """Return content of a media type as a data URI."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

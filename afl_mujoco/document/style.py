@@ -1,4 +1,4 @@
-"""What every figure shares: colours, fonts, labels with units, files that repeat bit for bit."""
+"""The style of every figure: colours, fonts, labels with units, files that repeat bit for bit."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from afl_mujoco.files import atomic_file
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#707070"
-"""Colours of Okabe and Ito, which the colour-blind tell apart, and a grey."""
+"""Colours of Okabe and Ito, which the colour-blind can tell apart, and a grey."""
 
 CONTROLLERS: Mapping[str, str] = {
     "fixed": ORANGE,  # light, both: black dashes show on them
@@ -36,7 +36,7 @@ CONTROLLERS: Mapping[str, str] = {
     "pole-placement": "#332288",
     "partial-linearization": "#999933",
 }
-"""Colour of each controller that has its own; Paul Tol's where Okabe and Ito's are spent."""
+"""Colour of each controller that has its own; Paul Tol's after those of Okabe and Ito."""
 
 _SPARE = ("#44AA99", "#DDCC77", "#AA4499", "#88CCEE", GREY)  # light: black dashes show on them
 
@@ -48,7 +48,7 @@ MODES: Mapping[str, tuple[str, str]] = {
 """Colour and words of each mode of MuJoCo, the largest difference first."""
 
 STATE_LABELS = ("z [m]", "φ [rad]", "z′ [m/s]", "φ′ [rad/s]")
-"""Labels of the states, in their order."""
+"""Labels of the states, in order."""
 
 TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
 
@@ -122,7 +122,7 @@ def colours(controllers: Iterable[str]) -> dict[str, str]:
 
 
 def in_words(value: float) -> str:
-    """Return a number as a sentence has it, two digits and a power of ten."""
+    """Return a number for use in a sentence, with a few digits and a power of ten if needed."""
     if value == 0.0:
         return "0"
     if 1e-2 <= abs(value) < 999.5:
@@ -137,7 +137,7 @@ def decade_above(value: float) -> float:
 
 
 def lay_out(figure: Figure) -> None:
-    """Lay a figure out for good, so that each of its files need not do it anew."""
+    """Lay out a figure once, so that its files need not repeat the layout."""
     engine = figure.get_layout_engine()
     if engine is not None:
         with styled():

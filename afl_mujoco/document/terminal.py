@@ -17,27 +17,27 @@ from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, spans
 
 WIDTH = 160
-"""Columns where there is no terminal that has a width."""
+"""Number of columns if there is no terminal with a width."""
 
 SHORT = 12
-"""Cells of texts that are not broken into lines."""
+"""Largest width of texts that are not broken into lines [cells]."""
 
 GAP = 3
-"""Cells between two columns of a table."""
+"""Gap between two columns of a table [cells]."""
 
 STYLES = {CODE: "cyan", EMPHASIS: "italic"}
 STATUS_STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "magenta"}
 MARKS = {"": "", "good": "", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
-"""Before a cell, so that its status does not depend on colour alone."""
+"""Mark before a cell, so that its status does not depend on colour alone."""
 
 NOT_SHOWN = (blocks.Chart, blocks.Film)
-"""What a terminal has no way to show."""
+"""Blocks that a terminal cannot show."""
 
 
 def print_sections(
     sections: Sequence[blocks.Section], folder: Path, console: Console | None = None
 ) -> None:
-    """Print sections, their files in `folder`: no notes, and of what is folded only what it is."""
+    """Print sections with their files in `folder`, without notes and folded sections."""
     for section in sections:
         if not section.folded:
             _print_section(section, folder, console or _console())
@@ -50,15 +50,15 @@ def print_verdict(verdict: blocks.Verdict) -> None:
 
 
 class _Console(Console):
-    """One that leaves it to the program what a reader means that has stopped reading."""
+    """A console that lets the program handle a broken pipe."""
 
     def on_broken_pipe(self) -> None:
-        """Raise what was raised."""
+        """Raise the error again."""
         raise BrokenPipeError
 
 
 def _console() -> Console:
-    """Return the terminal, or what stands for one."""
+    """Return the terminal, or its replacement of a fixed width."""
     return _Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
 
 
@@ -78,7 +78,7 @@ def _print_section(section: blocks.Section, folder: Path, console: Console) -> N
 
 
 def _line(block: blocks.Block, folder: Path) -> RichText:
-    """Return a block other than a table that is shown."""
+    """Return a block that is not a table, or the line that replaces a folded table."""
     if isinstance(block, blocks.Finding):
         return RichText.assemble((f"{block.lead}: ", "bold"), _marked(block.text))
     if isinstance(block, blocks.Text):
@@ -117,9 +117,9 @@ def _style(cell: blocks.Cell) -> str:
 
 
 def _tables(table: blocks.Table, width: int) -> Iterator[RichTable]:
-    """Yield a table, in parts that fit a width, each with the columns that name the rows.
+    """Yield a table in parts that fit a width, each with the columns that name the rows.
 
-    Neither numbers nor words are broken; what leads in a row and repeats the row above is left out.
+    Numbers and words are not broken. A first cell that repeats the one above is left out.
     """
     rows = [
         [(MARKS[cell.status] + cell.text, _style(cell)) for _, cell in row] for row in table.cells
@@ -152,7 +152,7 @@ def _tables(table: blocks.Table, width: int) -> Iterator[RichTable]:
 
 
 def _longest_word(text: str) -> int:
-    """Return the cells of the longest word of a text."""
+    """Return the width of the longest word of a text [cells]."""
     return max(map(cell_len, text.split()), default=0)
 
 
@@ -171,7 +171,7 @@ def _parts(least: Sequence[int], names: int, width: int) -> list[list[int]]:
 
 
 def _widths(least: Sequence[int], most: Sequence[int], width: int) -> list[int]:
-    """Return the widths of columns: all that they could use, or what there is, shared fairly."""
+    """Return the widths of columns: all that they can use, or a fair share of the width."""
     widths = list(most)
     while sum(widths) + GAP * len(widths) > width:
         spare = [(wide - low, k) for k, (wide, low) in enumerate(zip(widths, least, strict=True))]

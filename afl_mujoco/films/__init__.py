@@ -1,1 +1,1 @@
-"""Films of runs: MuJoCo's cart-pole, mutated as it runs, beside the ideal ODE's ghost."""
+"""Films of runs: MuJoCo's cart-pole, mutated as it runs, with the ideal ODE as a ghost."""

@@ -1,4 +1,4 @@
-"""Where the camera looks: it follows the cart smoothly and never loses the pole."""
+"""The path of the camera, which follows the cart smoothly and keeps the pole in the picture."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FIELD_OF_VIEW = 30.0
 """Vertical field of view [deg], that of ``models/scene.xml``."""
 
 ELEVATION = -9.0
-"""Angle of the line of sight over the horizon [deg]."""
+"""Angle of the line of sight above the horizon [deg]."""
 
 SMOOTHING = 0.35
 """Standard deviation of the window over which the camera averages the cart's position [s]."""
@@ -24,7 +24,7 @@ TRACK = -0.3
 """Height of the track [m]."""
 
 NUMBERS_Y, NUMBERS_Z = -0.78, -0.36
-"""Where the numbers of the rail stand: in front of the track, a little lower [m]."""
+"""Position of the numbers of the rail: in front of the track, a little lower [m]."""
 
 BEYOND_TIP = 0.15
 """Room above the longest pole [m]."""
@@ -38,7 +38,7 @@ CART_REACH = 0.45
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """The part of a picture in which the cart-poles must stay, as shares of its size.
+    """The part of a picture in which the cart-poles must stay, as shares of the picture's size.
 
     Attributes
     ----------
@@ -62,11 +62,11 @@ class CameraPath:
     Attributes
     ----------
     x
-        Where it looks along the rail [m], shape (N,).
+        Position of the target along the rail [m], shape (N,).
     height
-        Where it looks above the hinge [m].
+        Height of the target above the hinge [m].
     distance
-        How far away it is [m].
+        Distance from the camera to the target [m].
     width, pixel_height
         Size of the picture [px].
     """
@@ -105,9 +105,9 @@ def project(
     Parameters
     ----------
     x, y, z
-        Coordinates relative to where the camera looks [m].
+        Coordinates relative to the target of the camera [m].
     distance
-        From the camera to there [m].
+        Distance from the camera to the target [m].
     width, height
         Size of the picture [px].
     """
@@ -121,8 +121,8 @@ def project(
 def follow(replay: Replay, fps: int, width: int, height: int, frame: Frame) -> CameraPath:
     """Return a path that keeps the cart-pole in the frame, and the ghost while they are together.
 
-    The distance is that from which the longest pole of the film fits at any lean; the position is
-    the cart's, averaged over a second or so, and held back where the cart would leave the frame.
+    At the chosen distance the longest pole of the film fits at any angle. The position is that of
+    the cart averaged over about a second, limited so that the cart does not leave the frame.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is written over a scene: what runs, the numbers of the moment, what the colours mean."""
+"""The text over a scene: what runs, the current numbers, what the colours mean."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
 """Gradient behind the scene, that of the sky of ``models/scene.xml``."""
 
 _DESIGN_HEIGHT = 720
-"""Height [px] for which the sizes of letters are given."""
+"""Height of the picture for which the sizes of letters are given [px]."""
 
 _SMALLEST_LETTER = 10
 
@@ -38,15 +38,15 @@ class Text:
     Attributes
     ----------
     x, y
-        Where its anchor is [px].
+        Position of its anchor [px].
     text
-        What it says.
+        The text.
     size
         Height of the letters at `_DESIGN_HEIGHT` [px].
     colour
-        Of the letters.
+        Colour of the letters.
     anchor
-        Of Pillow: ``"ls"`` left on the baseline, ``"ms"`` in the middle, ``"rs"`` right.
+        Pillow's anchor: ``"ls"`` left on the baseline, ``"ms"`` in the middle, ``"rs"`` right.
     mono
         Whether all letters are equally wide, for numbers that change.
     """
@@ -61,9 +61,9 @@ class Text:
 
 
 def backdrop(width: int, height: int) -> NDArray[np.uint8]:
-    """Return the gradient that stands behind a scene, shape (height, width, 3).
+    """Return the gradient behind a scene, shape (height, width, 3).
 
-    A scene is drawn on black; the brighter of both is shown.
+    A scene is drawn on black; the brighter of the two is shown.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def write(picture: NDArray[np.uint8], texts: Iterable[Text], scale: float) -> ND
     Parameters
     ----------
     picture
-        Shape (height, width, 3).
+        The picture, shape (height, width, 3).
     """
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
@@ -94,7 +94,7 @@ def write(picture: NDArray[np.uint8], texts: Iterable[Text], scale: float) -> ND
 
 
 def heading(replay: Replay, held: str, width: int, height: int) -> list[Text]:
-    """Return what stays over a film: what runs, and the legend.
+    """Return the text that stays over a film: what runs, and the legend.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def columns(
     Parameters
     ----------
     left, right, baseline
-        Where they go [px].
+        Where the columns go [px].
     """
     weights = np.array([max(len(label), 1.25 * len(value)) + 2.0 for label, value in numbers])
     places = left + (right - left) * np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
@@ -152,7 +152,7 @@ def columns(
 
 
 def rail_numbers(path: CameraPath, index: int, size: int = 15) -> list[Text]:
-    """Return the distances along the rail, where they appear."""
+    """Return the distances along the rail as texts at their positions."""
     places = np.array(marks(path, index, 2.0 * BAR))
     spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
     return [
@@ -163,7 +163,7 @@ def rail_numbers(path: CameraPath, index: int, size: int = 15) -> list[Text]:
 
 
 def endings(replay: Replay, index: int, x: float, y: float, size: int = 20) -> list[Text]:
-    """Return what is to be said of runs that have ended before a frame.
+    """Return the text about runs that have ended before a frame.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a film consists of, frame by frame: one run, two side by side, four cases at once."""
+"""The frames of a film: one run, two side by side, four cases at once."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from afl_mujoco.films.scene import Scene, open_scene
 
 Picture = NDArray[np.uint8]
 HALF = Frame(top=0.16, bottom=0.30, foot=0.21)
-"""Where the cart-poles stay in a picture that is a part of the film's."""
+"""Where the cart-poles stay in a picture that is only a part of the film's."""
 
 DIVIDER = (70, 80, 98)
 
 TITLE_TIME, RESULT_TIME = 2.0, 3.0
-"""How long the showcase's first and last title frame stand [s]."""
+"""How long the first and the last title frame of the showcase are shown [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,9 @@ class Shot:
     Attributes
     ----------
     replay, path, scene
-        What is shown, from where, by what.
+        The run, the path of the camera, and the scene that draws it.
     behind
-        What stands behind it.
+        Picture behind the scene.
     """
 
     replay: Replay
@@ -54,12 +54,12 @@ class Shot:
     behind: Picture
 
     def draw(self, index: int) -> Picture:
-        """Return the scene of a frame over what is behind it."""
+        """Return the scene of a frame over the picture behind it."""
         return np.maximum(self.scene.draw(self.replay, index, self.path), self.behind)
 
 
 def _scale(size: tuple[int, int]) -> float:
-    """Return how large letters are, 1 in a picture of 1280 x 720: they fit its width as well."""
+    """Return the scale of letters, 1 in a picture of 1280 x 720; they fit its width as well."""
     return min(size[1] / 720, size[0] / 1280)
 
 
@@ -90,7 +90,7 @@ def comparison(
 ) -> Iterator[Picture]:
     """Yield the frames of a film of up to four runs of one scenario.
 
-    Two stand beside each other, above curves that grow in step; four in a square; of three, the
+    Two are side by side above curves that grow with time; four form a square; with three, the
     curves take the fourth place.
     """
     width, height = size
@@ -136,7 +136,7 @@ def showcase(
 
 
 def _shots(replays: Sequence[Replay], part: tuple[int, int], fps: int, scene: Scene) -> list[Shot]:
-    """Return the shots of a film's parts, which one scene draws in turn."""
+    """Return the shots of the parts of a film, which one scene draws in turn."""
     behind = backdrop(*part)
     return [Shot(replay, follow(replay, fps, *part, HALF), scene, behind) for replay in replays]
 
@@ -183,7 +183,7 @@ def title_card(replays: Sequence[Replay], held: str, size: tuple[int, int]) -> P
 
 
 def result_card(replays: Sequence[Replay], size: tuple[int, int]) -> Picture:
-    """Return the showcase's last title frame: how far MuJoCo and the ideal equations were apart."""
+    """Return the showcase's last title frame: how far MuJoCo is from the ideal equations."""
     width, height = size
     s = _scale(size)
     head = "Largest |MuJoCo - ideal ODE| in the frames shown"
@@ -194,6 +194,6 @@ def result_card(replays: Sequence[Replay], size: tuple[int, int]) -> Picture:
         texts.append(Text(0.47 * width, y, replay.scenario, 24, anchor="rs"))
         numbers = f"{apart[0]:.0e} m   {apart[1]:.0e} rad"
         texts.append(Text(0.5 * width, y, numbers, 24, mono=True))
-    note = "what makes it up is in the report's error budget"
+    note = "the error budget in the report explains it"
     texts.append(Text(0.5 * width, 570 * s, note, 18, QUIET, "ms"))
     return write(backdrop(width, height), texts, s)

@@ -20,23 +20,23 @@ class Entry:
     Attributes
     ----------
     file, poster
-        Names of the film and of the picture that stands for it, beside the list.
+        Names of the film and of its poster, beside the list.
     kind, title
         What it shows.
     scenario
         Its scenario; ``None`` if it shows more than one.
     controllers
-        In it.
+        Names of the controllers in it.
     width, height
-        Of a frame [px].
+        Size of a frame [px].
     fps, frames
-        Frames a second, and how many there are.
+        Frames per second, and number of frames.
     deployment
         How the controller is deployed.
     command
-        What makes it, as typed into a shell.
+        Command that makes it, as typed into a shell.
     ghost
-        What the pale cart-pole in it is.
+        What the pale cart-pole in it shows.
     """
 
     file: str
@@ -54,7 +54,7 @@ class Entry:
     ghost: str = IDEAL_ODE
 
     def __post_init__(self) -> None:
-        """Raise unless the files lie beside the list and the sizes can be."""
+        """Raise unless the files are beside the list and the sizes are positive."""
         for name in (self.file, self.poster):
             if Path(name).is_absolute() or ".." in Path(name).parts:
                 raise ValueError(f"must lie beside {LISTING}, got {name!r}")
@@ -73,7 +73,7 @@ class Listing:
 
 
 def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Entry, ...]:
-    """Return the films of a folder, none if it has no list; `then` mends one that is broken."""
+    """Return the films of a folder, none if it has no list; `then` says how to fix a broken one."""
     path = folder / LISTING
     if not path.is_file():
         return ()
@@ -81,11 +81,11 @@ def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Ent
 
 
 REMOVE = "remove it"
-"""What mends a list in the way of new films."""
+"""How to fix a broken list that blocks new films."""
 
 
 def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
-    """Remove some films of a folder, and from its list."""
+    """Remove some films from a folder and from its list."""
     entries = load_listing(folder, REMOVE)
     gone = [entry for entry in entries if unwanted(entry)]
     for entry in gone:
@@ -96,7 +96,7 @@ def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
 
 
 def list_film(folder: Path, entry: Entry) -> None:
-    """Put a film in the list of a folder, in place of one of its name; those gone are left out."""
+    """List a film of a folder in place of one of the same name, and drop those that are gone."""
     kept = [
         other
         for other in load_listing(folder, REMOVE)

@@ -1,4 +1,4 @@
-"""What a scene shows that belongs to no model: the ghost, the forces, the marks of the rail."""
+"""Overlays of a scene that belong to no model: the ghost, the forces, the marks of the rail."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def add_overlays(
     places: Sequence[float],
     drawn_mass: float | None = None,
 ) -> None:
-    """Add what belongs to no model: the ghost, the forces, the marks of the rail.
+    """Add the overlays: the ghost, the forces, the marks of the rail.
 
     Parameters
     ----------
     places
-        Of the marks [m].
+        Positions of the marks [m].
     drawn_mass
-        Mass as which the cart is drawn [kg]; its own by default.
+        Mass that gives the drawn size of the cart [kg]; its own by default.
     """
     mass = replay.drawn_mass(index) if drawn_mass is None else drawn_mass
     z = float(replay.state[index, 0])
@@ -41,12 +41,12 @@ def add_overlays(
 
 
 def marks(path: CameraPath, index: int, spacing: float) -> list[float]:
-    """Return the places of the marks that the camera sees [m].
+    """Return the positions of the marks that the camera sees [m].
 
     Parameters
     ----------
     spacing
-        Between marks [m].
+        Distance between marks [m].
     """
     reach = path.distance * path.width / path.pixel_height * 0.3
     first, last = np.ceil((path.x[index] - reach) / spacing), (path.x[index] + reach) / spacing
@@ -54,7 +54,7 @@ def marks(path: CameraPath, index: int, spacing: float) -> list[float]:
 
 
 def add_shadow(scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
-    """Draw the shadow that a light straight above casts on the track."""
+    """Draw the shadow that a light from straight above casts on the track."""
     z, phi = replay.state[index, :2].tolist()
     half = cart_size(replay.drawn_mass(index))
     box = mujoco.mjtGeom.mjGEOM_BOX
@@ -69,7 +69,7 @@ def add_shadow(scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
 def _add_ghost(
     scene: mujoco.MjvScene, state: NDArray[np.float64], mass: float, length: float
 ) -> None:
-    """Draw the ideal ODE's cart-pole, a little larger and just behind: a rim where both agree."""
+    """Draw the ideal ODE's cart-pole, slightly larger and just behind: a rim if both agree."""
     z, phi = state[:2].tolist()
     half, rim = cart_size(mass), 0.018
     y = 2.0 * rim

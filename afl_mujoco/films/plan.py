@@ -1,4 +1,4 @@
-"""Which films to make of which runs."""
+"""The films to make, and the runs in them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ SINGLE, COMPARISON, SHOWCASE = "film", "comparison", "showcase"
 AS_IS = Deployment()
 
 BESIDE = 4
-"""Most runs in a film of one scenario."""
+"""Largest number of runs in a film of one scenario."""
 
 FPS_LIMIT = 240
-"""Most frames a second."""
+"""Largest number of frames per second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +34,7 @@ class Film:
     kind
         `SINGLE`, `COMPARISON` or `SHOWCASE`.
     name
-        Of its file, without the suffix.
+        Name of its file, without the suffix.
     title
         What it shows.
     runs
@@ -44,11 +44,11 @@ class Film:
     size
         Width and height [px].
     fps
-        Frames a second.
+        Frames per second.
     command
-        What makes it, as typed into a shell.
+        Command that makes it, as typed into a shell.
     replay
-        What it shows, where that is there already: a single run is not simulated again.
+        The run that it shows, if it exists already: a single run is not simulated again.
     """
 
     kind: str
@@ -68,7 +68,7 @@ class Film:
             raise InvalidValueError("fps", f"must lie between 1 and {FPS_LIMIT}", self.fps)
         scenario = self.runs[0][0]
         if self.running < 1:
-            rule = f"must last a frame at {self.fps} frames a second"
+            rule = f"must last a frame at {self.fps} frames per second"
             raise InvalidValueError(f"scenario {scenario.name!r}", rule, f"{scenario.duration} s")
 
     @property
@@ -78,29 +78,29 @@ class Film:
 
     @property
     def poster(self) -> str:
-        """Name of the picture that stands for it."""
+        """Name of its poster."""
         return f"{self.name}.png"
 
     @property
     def running(self) -> int:
-        """How many frames show the runs."""
+        """Number of frames that show the runs."""
         return len(frame_times(self.runs[0][0].duration, self.fps))
 
     @property
     def title_frames(self) -> tuple[int, int]:
-        """How many frames of text stand before and after them."""
+        """Number of title frames before and after the runs."""
         if self.kind != SHOWCASE:
             return 0, 0
         return round(TITLE_TIME * self.fps), round(RESULT_TIME * self.fps)
 
     @property
     def frames(self) -> int:
-        """How many frames it has."""
+        """Total number of frames."""
         return self.running + sum(self.title_frames)
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Names of what drives the carts in it."""
+        """Names of the controllers, or of the recorded command, that drive the carts in it."""
         if self.replay is not None:
             return (self.replay.controller,)
         return tuple(dict.fromkeys(controller.name for _, controller in self.runs))

@@ -1,4 +1,4 @@
-"""Curves that grow in step with a film: drawn once by matplotlib, uncovered frame by frame."""
+"""Curves that grow with a film: drawn once by matplotlib, revealed frame by frame."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Picture = NDArray[np.uint8]
 
 LINES = ("-", "--", "-.", ":")
 LUMINANCE, LEAST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.45
-"""Of red, green and blue; and the least of a curve."""
+"""Luminance of red, green and blue; and the least luminance of a curve."""
 
 LABELS = (
     "pole angle φ [rad]",
@@ -34,7 +34,7 @@ LABELS = (
     "half-length l [m]",
 )
 DESIGN_HEIGHT = 360
-"""Height [px] for which the sizes of letters and lines are given, at 100 dots an inch."""
+"""Height for which the sizes of letters and lines are given [px], at 100 dots per inch."""
 
 CURSOR = (238, 241, 246)
 
@@ -62,7 +62,7 @@ class GrowingPlots:
     boxes
         Left, right, top and bottom of each axes [px].
     duration
-        What the axes span [s].
+        Time that the axes span [s].
     """
 
     empty: Picture
@@ -152,7 +152,7 @@ def _plot(axes: Sequence[Axes], replays: Sequence[Replay]) -> list[Line2D]:
 
 
 def _on_dark(colour: str) -> tuple[float, float, float]:
-    """Return the colour of a page's figures as it can be seen on the dark: with white in it."""
+    """Return a colour of a page's figures, mixed with white to be visible on the dark."""
     rgb = np.array(to_rgb(colour))
     bright = float(rgb @ LUMINANCE)
     white = (LEAST_LUMINANCE - bright) / (1.0 - bright) if bright < LEAST_LUMINANCE else 0.0
@@ -173,6 +173,6 @@ def _picture(canvas: FigureCanvasAgg) -> Picture:
 
 
 def _box(axis: Axes, height: int) -> tuple[int, int, int, int]:
-    """Return left, right, top and bottom of the inside of an axes [px]."""
+    """Return left, right, top and bottom of the inside of axes [px]."""
     box = axis.get_window_extent()
     return round(box.x0) + 1, round(box.x1) - 1, height - round(box.y1) + 1, height - round(box.y0)

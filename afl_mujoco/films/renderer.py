@@ -1,4 +1,4 @@
-"""Making films, on several processes."""
+"""Rendering of films, on several processes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from afl_mujoco.films.replay import Replay, record
 from afl_mujoco.films.video import write_picture, write_video
 
 POSTER_TIME = 1.2
-"""Instant of the still that stands for a film [s]: the pole is under way."""
+"""Instant of the poster of a film [s], at which the pole is moving."""
 
 Picture = NDArray[np.uint8]
 Unit = tuple[Film, Path]
 
 
 def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Path]:
-    """Write of each film the frame nearest to an instant.
+    """Write the frame of each film that is nearest to an instant.
 
     Parameters
     ----------
@@ -73,10 +73,10 @@ def make_films(
     workers: int = 1,
     progress: Callable[[int], None] = lambda frames: None,
 ) -> list[Path]:
-    """Make films and say in the folder's list what they show.
+    """Make films, and list them in the folder.
 
-    A film is made in a hidden folder and moved when it is whole; an interrupt leaves the films
-    that were finished, listed, and nothing else.
+    A film is made in a hidden folder and moved when it is complete; an interrupt leaves the films
+    that were finished, which are listed, and nothing else.
     """
     workers = min(workers, len(planned))
     if workers > 1:  # else each process would draw with as many threads as there are cores
@@ -98,7 +98,7 @@ def make_films(
 
 @contextlib.contextmanager
 def _hidden(folder: Path) -> Iterator[str]:
-    """Give a hidden folder inside a folder, and remove it."""
+    """Yield a hidden folder inside a folder, and remove it afterwards."""
     try:
         hidden = tempfile.TemporaryDirectory(
             dir=folder, prefix=".films-", ignore_cleanup_errors=True
@@ -125,7 +125,7 @@ def _made(
 
 
 def _shoot_unit(unit: Unit) -> None:
-    """Make a film in a process of its own."""
+    """Make a film in a separate process."""
     render_film(*unit)
 
 
@@ -137,7 +137,7 @@ def _record(film: Film) -> list[Replay]:
 
 
 def _scenes(film: Film, replays: Sequence[Replay], indices: Iterable[int]) -> Iterator[Picture]:
-    """Return the frames of a film, title_frames not counted."""
+    """Return the frames of a film without the title frames."""
     held = film.deployment.describe()
     if film.kind == SINGLE:
         return films.single(replays[0], held, film.size, film.fps, indices)
@@ -148,7 +148,7 @@ def _scenes(film: Film, replays: Sequence[Replay], indices: Iterable[int]) -> It
 def _with_cards(
     film: Film, replays: Sequence[Replay], scenes: Iterable[Picture]
 ) -> Iterable[Picture]:
-    """Return all frames of a film: those of a showcase stand between two title_frames."""
+    """Return all frames of a film: those of a showcase are between title frames."""
     if film.kind != SHOWCASE:
         return scenes
     title = films.title_card(replays, film.deployment.describe(), film.size)
@@ -160,7 +160,7 @@ def _with_cards(
 
 
 def _publish(film: Film, hidden: Path, folder: Path) -> None:
-    """Move a film to where it belongs, and list it."""
+    """Move a film to its folder, and list it."""
     for name in (film.poster, film.file):
         try:
             (hidden / name).replace(folder / name)

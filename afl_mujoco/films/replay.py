@@ -38,12 +38,12 @@ class Deployment:
     integrator: str = "RK4"
 
     def on(self, scenario: Scenario) -> Deployment:
-        """Return the same with the control period that holds on a scenario."""
+        """Return the same with the control period that applies to a scenario."""
         period = control_period_of(scenario, self.control_period, self.timestep)
         return replace(self, control_period=period)
 
     def describe(self) -> str:
-        """Say it in a line."""
+        """Describe the deployment in one line."""
         period = self.timestep if self.control_period is None else self.control_period
         return (
             f"as deployed: {self.integrator} at {1e3 * self.timestep:g} ms, "
@@ -53,7 +53,7 @@ class Deployment:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Replay:
-    """What a film shows, frame by frame; a run that has ended stays as it was, without forces.
+    """What a film shows, frame by frame; a run that has ended keeps its last state, without forces.
 
     Attributes
     ----------
@@ -70,12 +70,12 @@ class Replay:
     pole_mass, gravity
         m [kg] and g [m/s^2].
     endings
-        What to say of runs that did not complete, with the time [s] from which on it is true.
+        Texts about runs that did not complete, each with the time [s] from which it is true.
     ghost
-        What `ideal` is of: the ideal ODE, or a measurement.
+        What `ideal` shows: the ideal ODE, or a measurement.
     looks
-        Mass as which the cart is drawn [kg], where much of its mass is its drive's; its own by
-        default.
+        Mass that gives the drawn size of the cart [kg], if much of its mass belongs to its drive;
+        its own by default.
     """
 
     scenario: str
@@ -94,7 +94,7 @@ class Replay:
     looks: float | None = None
 
     def drawn_mass(self, index: int) -> float:
-        """Return the mass as which the cart of a frame is drawn [kg]."""
+        """Return the mass that gives the drawn size of the cart in a frame [kg]."""
         return float(self.cart_mass[index]) if self.looks is None else self.looks
 
     @property
@@ -117,9 +117,9 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
 def record(scenario: Scenario, controller: Controller, deployment: Deployment, fps: int) -> Replay:
     """Run the controller as deployed in MuJoCo, and the ideal ODE, for a film.
 
-    In the ideal ODE nothing of the scenario's imperfections is left, an estimating controller is
-    given the true parameters, and the force of one in Python is held: it may have memory, or
-    switch as often as it is asked.
+    The ideal ODE has none of the scenario's imperfections. A controller with the estimator gets the
+    true parameters, and the force of a Python controller is held: it may be stateful, or switch at
+    every call.
     """
     nominal = replace(scenario, imperfections=IDEAL)
     run = simulate_mujoco(
@@ -161,5 +161,5 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
 
 
 def _at(run: Trajectory, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the states at some times, linear between instants, the last one held; shape (N, 4)."""
+    """Return the states at some times, interpolated linearly, the last one held; shape (N, 4)."""
     return np.column_stack([np.interp(times, run.time, column) for column in run.state.T])

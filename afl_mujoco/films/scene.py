@@ -1,4 +1,4 @@
-"""The scene of a film: MuJoCo's cart-pole, mutated frame by frame, and what surrounds it."""
+"""The scene of a film: MuJoCo's cart-pole, mutated frame by frame, and its overlays."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Scene:
     model
         The cart-pole, mutated to each frame's M and l.
     renderer
-        What draws it.
+        MuJoCo's renderer, which draws it.
     """
 
     model: CartPoleModel
@@ -47,7 +47,7 @@ class Scene:
         return picture
 
     def place(self, replay: Replay, index: int, path: CameraPath) -> None:
-        """Move everything to a frame; arguments as of `draw`."""
+        """Move everything to a frame; arguments as for `draw`."""
         pose(self.model, replay, index)
         self.renderer.update_scene(self.model.mj_data, _camera(path, index))
         scene = self.renderer.scene
@@ -83,7 +83,7 @@ def require_size(width: int, height: int) -> None:
 
 @contextmanager
 def open_scene(replay: Replay, width: int, height: int) -> Iterator[Scene]:
-    """Give a scene, and free what draws it.
+    """Yield a scene, and free its renderer afterwards.
 
     Parameters
     ----------

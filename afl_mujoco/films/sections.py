@@ -13,15 +13,15 @@ from afl_mujoco.films.replay import IDEAL_ODE
 
 
 def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[Section]:
-    """Return what a report shows of a folder's films; nothing if there are none."""
+    """Return the films of a folder for a report; nothing if there are none."""
     entries = load_listing(folder)
     if not entries:
         return []
     scenarios = dict.fromkeys(entry.scenario for entry in entries if entry.scenario)
     blocks: list[Block] = [
         Text(
-            "MuJoCo's cart-pole as deployed; its ghost is the ideal ODE, without imperfections, "
-            "where a film does not say what else. Times are real times."
+            "MuJoCo's cart-pole as deployed, in real time. Its ghost is the ideal ODE, without "
+            "imperfections, unless the caption of a film says otherwise."
         )
     ]
     blocks += _films([entry for entry in entries if not entry.scenario], folder)
@@ -56,5 +56,5 @@ def _films(entries: Sequence[Entry], folder: Path) -> list[Film]:
 
 
 def _ghost(entry: Entry) -> str:
-    """Say what the ghost of a film is, where it is not the ideal ODE."""
+    """Say what the ghost of a film is, if it is not the ideal ODE."""
     return "" if entry.ghost == IDEAL_ODE else f"; the ghost is {entry.ghost}"

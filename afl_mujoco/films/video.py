@@ -1,4 +1,4 @@
-"""Pictures into MP4s, whole or not at all."""
+"""MP4 files and pictures, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ QUALITY = 21
 def write_video(
     pictures: Iterable[NDArray[np.uint8]], path: Path, size: tuple[int, int], fps: int, title: str
 ) -> None:
-    """Write an MP4: H.264, yuv420p, ready to play before it has been loaded whole.
+    """Write an MP4: H.264, yuv420p, playable before it has loaded completely.
 
     Parameters
     ----------
@@ -56,19 +56,19 @@ def _encoder() -> str:
     try:
         return str(imageio_ffmpeg.get_ffmpeg_exe())
     except RuntimeError:
-        rule = "must be there to write films; install imageio-ffmpeg's wheel, which carries it"
+        rule = "must be installed to write films; the wheel of imageio-ffmpeg contains it"
         raise GraphicsError("ffmpeg", rule) from None
 
 
 def _end(writer: mediapy.VideoWriter) -> str | None:
     """Finish a video and return why it failed, if it did."""
-    with contextlib.suppress(BrokenPipeError):  # what was left for an encoder that has gone
+    with contextlib.suppress(BrokenPipeError):  # data left for an encoder that has ended
         return _close(writer)
     return _close(writer)
 
 
 def _close(writer: mediapy.VideoWriter) -> str | None:
-    """Close a writer and return the last thing that an encoder in trouble said."""
+    """Close a writer and return the last message of an encoder that failed."""
     try:
         writer.close()
     except RuntimeError as error:
@@ -80,7 +80,7 @@ def _close(writer: mediapy.VideoWriter) -> str | None:
 
 
 def write_picture(picture: NDArray[np.uint8], path: Path) -> None:
-    """Write a PNG, whole or not at all.
+    """Write a PNG, completely or not at all.
 
     Parameters
     ----------

@@ -18,13 +18,13 @@ from afl_mujoco.simulation.decor import BAR
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
 DISTANCE = 7.5
-"""From the camera to the hinge [m], at first."""
+"""Initial distance from the camera to the hinge [m]."""
 
 MARKED = tuple(k * BAR for k in range(-40, 41))
 """Marks of the rail [m]."""
 
 PAUSE = 1.5
-"""Rest before a run is shown again [s]."""
+"""Pause before a run is shown again [s]."""
 
 
 def view(replay: Replay, model: CartPoleModel, speed: float) -> None:
@@ -34,7 +34,7 @@ def view(replay: Replay, model: CartPoleModel, speed: float) -> None:
             model.mj_model, model.mj_data, show_left_ui=False, show_right_ui=False
         )
     except (RuntimeError, mujoco.FatalError) as error:
-        raise GraphicsError("view", f"needs a display that it can open: {error}") from None
+        raise GraphicsError("view", f"needs a display: {error}") from None
     with handle as viewer:
         with viewer.lock():
             viewer.cam.lookat[:] = 0.0, 0.0, 0.6

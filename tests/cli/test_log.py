@@ -28,8 +28,8 @@ def test_what_cannot_be_is_refused_in_a_line_and_nothing_is_written(
     command_line, tmp_path: Path
 ) -> None:
     for arguments, message in (
-        (("log", "one.csv"), "description must be given: logs and their description together"),
-        (("log", "--description", "x.toml"), "logs must be given: logs and their description"),
+        (("log", "one.csv"), "description must be given: logs need their description"),
+        (("log", "--description", "x.toml"), "logs must be given: logs need their description"),
         (
             ("simulate", "step-step", "--log"),
             "scenario of a log must keep M and l constant, got step-step",

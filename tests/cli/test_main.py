@@ -222,9 +222,7 @@ def test_what_reproduces_a_validation_names_every_option_that_matters_and_no_oth
 
 
 def test_simulate_does_not_write_over_the_scenario_that_it_reads(folder: Path) -> None:
-    rejects(
-        folder, "short.toml is the scenario asked for and", "simulate", "short.toml", "--out", "."
-    )
+    rejects(folder, "short.toml is the input scenario and", "simulate", "short.toml", "--out", ".")
     assert (folder / "short.toml").read_text() == SHORT
     rejects(folder, "did you mean short.toml?", "simulate", "short")
 

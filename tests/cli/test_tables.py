@@ -41,7 +41,7 @@ def test_a_page_gets_the_claims_of_a_report_between_its_marks(tmp_path: Path) ->
 def test_a_page_without_its_marks_and_a_report_without_claims_are_refused(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- claims -->\nall of the rest\n")
-    with pytest.raises(FileError, match="must hold the marks of claims"):
+    with pytest.raises(FileError, match="must have the two marks of claims"):
         rewrite(page, "claims", "text")
     assert page.read_text() == "<!-- claims -->\nall of the rest\n"
     bare = replace(record("validate"), result=make_result(full=False))

@@ -49,7 +49,7 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     )  # fmt: skip
     assert not (tmp_path / "broken" / "gain_table.json").exists()
 
-    refused(tmp_path, "holds a search: pass --resume to go on", *table, "--out", "broken")
+    refused(tmp_path, "has a search: pass --resume to continue it", *table, "--out", "broken")
     other = ("table", *SMALL, "--generations", "1501", "--resume", "--out", "broken")
     refused(tmp_path, "settings.generations is 1500 there and 1501 here", *other)
     resumed = run("tune", *table, "--resume", "--out", "broken", cwd=tmp_path)
@@ -109,7 +109,10 @@ BAD = {
         ["table", "--lower", "100", "5", "90", "--upper", "200", "1", "110"],
         "upper[1] must not be below lower 5.0, got 1.0",
     ),
-    "empty grid": (["table", "--cart-masses"], "cart mass of the grid must hold at least one"),
+    "empty grid": (
+        ["table", "--cart-masses"],
+        "cart mass of the grid must have at least one value",
+    ),
     "negative mass": (
         [
             "table",
