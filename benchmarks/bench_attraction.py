@@ -1,4 +1,4 @@
-"""How long does a map of attraction take? 201 x 201 by the equations, 101 x 101 in MuJoCo.
+"""How long does a map of attraction take, 201 x 201 by the equations and 101 x 101 in MuJoCo?
 
 Run: python benchmarks/bench_attraction.py [--threads 2] [--controllers fixed adaptive lqr]
 
@@ -34,7 +34,7 @@ from afl_mujoco.simulation.attraction.ode_map import map_by_ode
 Simulate = Callable[..., AttractionMap]
 
 SIDES = {"equations": (map_by_ode, 201, 30.0), "MuJoCo": (map_in_mujoco, 101, 120.0)}
-"""The simulator, grid points along an axis, and the target [s]."""
+"""For each simulator, grid points along an axis and the target [s]."""
 
 
 def grid_of(plane: str, count: int) -> Grid:
@@ -48,7 +48,7 @@ def grid_of(plane: str, count: int) -> Grid:
 
 
 def timed(simulate: Simulate, grid: Grid, name: str, **options: Any) -> tuple[float, float]:
-    """The seconds that a map takes, by the clock and of the processor."""
+    """Return the wall time and the processor time of a map [s]."""
     wall, processor = time.perf_counter(), time.process_time()
     simulate(grid, afl.CONTROLLERS[name], **options)
     return time.perf_counter() - wall, time.process_time() - processor

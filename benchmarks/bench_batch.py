@@ -1,10 +1,10 @@
-"""How many closed loops of 20 s a second and core? The batch against the ways to do without it.
+"""How many closed loops of 20 s per second and core? The batch against its alternatives.
 
 Run: python benchmarks/bench_batch.py [--repeats 10]
 
 All ways are timed in turn in each repeat, on the same loops; a ratio is the median over the repeats
-of the ratio within one repeat. Rates are by the processor time of the process, those of two threads
-and two processes by the clock. JAX is one of the ways where it is installed.
+of the ratio within one repeat. Rates are by the processor time of the process; those of two threads
+and two processes are by wall time. JAX is one of the ways if it is installed.
 """
 
 from __future__ import annotations
@@ -50,19 +50,19 @@ START = (0.0, -math.pi / 3.0, 0.0, 0.0, 0.0, 0.0)
 """z, phi, their rates, and the integrals of their absolute values."""
 
 CLAIM = 1e-5
-"""Relative error of the objective that the batch claims, and that a fixed step must reach."""
+"""Relative error of the objective that the batch claims, and that fixed steps must reach."""
 
 LENGTHS = (0.05, 0.1, 0.2, 0.5, 1.0)
 STEPS = (2e-2, 1e-2, 8e-3, 5e-3, 4e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
-"""Edges of the classes of half-lengths [m], and the fixed steps that each may have [s]."""
+"""Edges of the classes of half-lengths [m], and the fixed steps to choose from [s]."""
 
 A_REPEAT, SHARED = 4, 20_000
-"""Loops of a repeat, of which the fast ways march copies, and loops for two threads to share."""
+"""Loops of a repeat, of which the fast ways integrate copies; loops that two threads share."""
 
 
 @register_jitable
 def rates(y, loop):
-    """The slopes of the six states and F by the readable equations, of floats, NumPy or JAX."""
+    """Return the slopes of the six states and F, by the readable equations, in any number type."""
     z, phi, z_dot, phi_dot = y[0], y[1], y[2], y[3]
     cart_mass, length, switching, slope, layer = loop
     surface, drift = sliding_and_drift(z, phi, z_dot, phi_dot, length, GRAVITY, slope)
@@ -98,7 +98,7 @@ compiled_rates = njit(error_model="numpy")(lambda y, loop: rates(y, loop))
 
 @njit(error_model="numpy")
 def fixed_steps(loops, steps):
-    """The terms of (O1), one loop after the other."""
+    """Return the terms of (O1), one loop after the other."""
     terms = np.empty((len(loops), 3))
     for i in range(len(loops)):
         y, peak = START, 0.0
@@ -157,7 +157,7 @@ def by_scipy(rates_of: Callable[[Array], Callable[[Array], Any]]) -> Way:
 
 
 def public_names(loop: Array) -> Callable[[Array], Any]:
-    """The same as `rates`, as a user of the package writes it."""
+    """Return the same as `rates`, as a user of the package would write it."""
     parameters = afl.CartPoleParameters(cart_mass=loop[0], half_length=loop[1])
     gains = afl.Gains(switching=loop[2], slope=loop[3], boundary_layer=loop[4])
 
@@ -169,7 +169,7 @@ def public_names(loop: Array) -> Callable[[Array], Any]:
 
 
 def functions_of(namespace: object) -> contextlib.ExitStack:
-    """Let the equations take sin, cos and the like from elsewhere than NumPy."""
+    """Make the equations use sin, cos and the like from another module than NumPy."""
     stack = contextlib.ExitStack()
     for module in (fl, sliding_mode, dynamics):
         stack.enter_context(mock.patch.object(module, "np", namespace))
@@ -214,7 +214,7 @@ def by_jax(step_of: Callable[[Array], Array]) -> Way:
 
 
 def largest_steps(loops: Array, expected: Array) -> Callable[[Array], Array]:
-    """The fixed step of each loop: the largest with which all loops of its class keep the claim.
+    """Return the fixed step of each loop: the largest with which all of its class keep the claim.
 
     The largest force is left out: steps that do not end on the edge of the boundary layer miss it
     where it is there, however small they are.
@@ -233,8 +233,8 @@ def largest_steps(loops: Array, expected: Array) -> Callable[[Array], Array]:
 
 
 def the_ways(loops: Array, expected: Array) -> dict[str, tuple[Way, int]]:
-    """Every way that marches loops on one core, and how many copies of a loop it is given."""
-    print(f"\nfixed steps, chosen for an error of {CLAIM:g}, the largest force left out")
+    """Return every way to integrate loops on one core, and its number of copies of a loop."""
+    print(f"\nfixed steps, chosen for an error of {CLAIM:g} without the largest force")
     step_of = largest_steps(loops, expected)
     ways = {
         "batch": (batch, 512),
@@ -293,7 +293,7 @@ def compare_sharing(repeats: int) -> None:
                 start = time.perf_counter()
                 call()
                 times[name].append(time.perf_counter() - start)
-    print(f"\n{SHARED} loops by the clock, median of {repeats} repeats")
+    print(f"\n{SHARED} loops, wall time, median of {repeats} repeats")
     for name, spent in times.items():
         gains = [a / b for a, b in zip(times["one thread"][1:], spent[1:], strict=True)]
         rate = SHARED / statistics.median(spent[1:])

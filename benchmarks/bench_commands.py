@@ -1,12 +1,12 @@
-"""How long do the commands of the README take, as a user waits for them?
+"""How long does a user wait for the commands of the README?
 
-Whole commands by the clock and in CPU seconds of all their processes, medians of several runs. The
-first run after set-up is the one that compiles: it is given an empty cache of compiled code.
+Times whole commands, in wall time and in CPU seconds of all their processes, medians of several
+runs. The first run after set-up is the one that compiles: it starts with an empty code cache.
 
     python benchmarks/bench_commands.py [--repeats 3] [--only validate simulate] [--root CLONE]
 
-`--root` times another clone of the repository, its environment set up: that is how two versions are
-compared in one sitting.
+`--root` times another clone of the repository whose environment is set up, to compare two versions
+in one session.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EXIT_CODES = {"refused": 2}
 
 
 def seconds(command: list[str], root: Path, expected: int, fresh: bool) -> tuple[float, float]:
-    """Return the seconds by the clock and of CPU that a command takes."""
+    """Return the wall time and the CPU time of a command [s]."""
     with tempfile.TemporaryDirectory() as folder:
         environment = dict(os.environ)
         if fresh:

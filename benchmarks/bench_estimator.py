@@ -1,11 +1,11 @@
-"""What does the adaptive law lose when nobody tells it M and l, and it has to estimate them?
+"""What does the adaptive controller lose if it has to estimate M and l?
 
 Run: python benchmarks/bench_estimator.py [--seeds 8] [--only cases start pulse rest rig drive]
 
-Sampled mode at 1 kHz on the paper's scenarios. The estimated law is told M, l and its state by the
-estimator; a law that is told gets the true M and l (or believes the nominal ones), the measured
-z and phi, and the true velocities. Errors are of ln M and ln l. Tracking over time and the
-objective (O1) against the oracle: `afl-mujoco estimation`.
+Sampled mode at 1 kHz on the paper's scenarios. With the estimator, the controller takes M, l and
+the state from it; an informed controller gets the true M and l (or assumes the nominal ones), the
+measured z and phi, and the true velocities. Errors are those of ln M and ln l. Tracking over time,
+and the objective (O1) against the informed controller: `afl-mujoco estimation`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ TOLD = afl.CONTROLLERS["adaptive"]
 
 @dataclass(frozen=True)
 class Run:
-    """A run and, of a law told by the estimator, its errors at the ticks but the first."""
+    """A run and, with the estimator, its errors at all ticks except the first."""
 
     run: afl.Trajectory
     time: Array
@@ -128,7 +128,7 @@ def show_case(label: str, runs: Sequence[Run]) -> None:
 
 def start(seeds: int) -> None:
     print("\n(T2) the start, by the initial belief: the paper's scenarios, and 36 constant plants")
-    print("  survived (3 s of the plants); largest force, and its ratio to that of the told law")
+    print("  survived (3 s of the plants); largest force, and its ratio to that with true M and l")
     print("  rms of ln M / ln l over the plants after 10, 20, 50, 100, 300 ms")
     beliefs = {
         "light": (0.1, 0.5),
@@ -145,7 +145,7 @@ def start(seeds: int) -> None:
         ]
         oracle = [told(s, rig) for s in plants]
         alive = sum(r.survived for r in oracle)
-        print(f"  control period {1e3 * period:g} ms; told law survives {alive}/36")
+        print(f"  control period {1e3 * period:g} ms; with true M and l {alive}/36 survive")
         for label, (mass, length) in beliefs.items():
             settings = settings_for(rig, initial_cart_mass=mass, initial_half_length=length)
             nine = [estimated(s, rig, settings) for s in afl.SCENARIOS.values()]
@@ -184,7 +184,7 @@ def pulse(seeds: int) -> None:
             was = peaks(told(scenario, IDEAL))
             print(
                 f"  {label:<10} {case:<22} {text}   peaks {after[0]:.3f} m, {after[1]:.3f} rad"
-                f" (told: {was[0]:.3f}, {was[1]:.3f})"
+                f" (true: {was[0]:.3f}, {was[1]:.3f})"
             )
 
 
@@ -266,7 +266,7 @@ def drive(seeds: int) -> None:
         **{f"delay {ms} ms": {"delay": 1e-3 * ms} for ms in (2, 5, 10)},
         **{f"slew {rate} N/s": {"slew_rate": float(rate)} for rate in (1000, 300)},
     }
-    print(f"  {'':<20} {'told':<22} {'force commanded':<28} force sensed")
+    print(f"  {'':<20} {'true M and l':<22} {'force commanded':<28} force sensed")
     for label, has in drives.items():
         rigs = seeded(replace(USUAL, **has), seeds)
         pairs = [(afl.SCENARIOS[case], one) for case in CASES for one in rigs]

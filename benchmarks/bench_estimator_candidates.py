@@ -1,12 +1,12 @@
-"""Which estimator of M and l? Six of them on the same measurements, their laws out of the loop.
+"""Which estimator of M and l? Six of them on the same measurements, outside the loop.
 
 Run: python benchmarks/bench_estimator_candidates.py [--seeds 8]
 
-The measurements are those of the run in MuJoCo as deployed at 1 kHz under the adaptive law that is
-told M and l, with white noise on z and phi; so no estimator disturbs another. Errors are of ln M
-and ln l, root mean square over the seeds and the four cases of the paper; the drift is that of
-step-step at rest. Every candidate knows m, g and the noise, starts at M = 0.1 kg, l = 0.5 m, and is
-clipped to the same box.
+The measurements are those of the run in MuJoCo as deployed at 1 kHz under the adaptive
+controller with the true M and l, with white noise on z and phi, so no estimator disturbs another.
+Errors are those of ln M and ln l, root mean square over the seeds and the four cases of the paper;
+the drift is that of step-step at rest. Every candidate knows m, g and the
+noise, starts at M = 0.1 kg, l = 0.5 m, and is clipped to the same box.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Why did the random rigs fail? Every failure of a campaign again, one imperfection taken away.
+"""Why did the hardware samples fail? Every failure again, with one imperfection removed.
 
 Run: python benchmarks/bench_failure_causes.py [renders/validation]
 
-Reads `montecarlo.json` and the failures' files of a whole `afl-mujoco montecarlo`, as it is without
-options (seed 1, RK4 at 1 ms). Says how many of each controller's failures stay up without rail
-damping, and so on, and how often it fails by where it starts and by the damping per cart mass.
+Reads `montecarlo.json` and the scenario files of the failures of a full `afl-mujoco montecarlo`
+without options (seed 1, RK4 at 1 ms). Prints how many of each controller's failures survive without
+rail damping, and so on, and how often it fails by start angle and by damping per cart mass.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ANGLE, DAMPING = "start angle |φ₀| [deg]", "rail damping / least cart mass [1
 
 
 def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int) -> int:
-    """How many of the runs of some files stay up where some options are ideal."""
+    """Count the runs of some files that survive if some options are ideal."""
     ideal = {name: getattr(IDEAL, name) for name in names}
     rigs = [afl.load_scenario(file) for file in files]
     rigs = [replace(rig, imperfections=replace(rig.imperfections, **ideal)) for rig in rigs]
@@ -51,14 +51,14 @@ def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int)
 
 
 def fifths(feature: NDArray[np.float64], failed: NDArray[np.bool_]) -> str:
-    """The share of failures in each fifth of the rigs, ordered by a feature."""
+    """Return the share of failures in each fifth of the samples, ordered by a feature."""
     parts = np.array_split(np.argsort(feature), 5)
     ends = [f"to {feature[part[-1]]:.3g}: {100.0 * failed[part].mean():.0f} %" for part in parts]
     return ", ".join(ends)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Take one imperfection away at a time.")
+    parser = argparse.ArgumentParser(description="Remove one imperfection at a time.")
     parser.add_argument("folder", type=Path, nargs="?", default=Path("renders/validation"))
     parser.add_argument("--threads", type=int, default=2)
     options = parser.parse_args()
@@ -70,11 +70,11 @@ def main() -> None:
         files = [options.folder / failure.file for failure in rates.failures]
         failed = np.zeros(count, dtype=bool)
         failed[[failure.index for failure in rates.failures]] = True
-        print(f"\n{name}: {len(files)} of {count} fail; of these stay up without")
+        print(f"\n{name}: {len(files)} of {count} fail; of these survive without")
         for label, names in TAKEN_AWAY.items():
             up = survivors(files, afl.find_controller(name), names, options.threads)
             print(f"  {label:<26} {up:>4}", flush=True)
-        print("  how many fail, in each fifth of the rigs, by")
+        print("  share of failures in each fifth of the samples, by")
         for label in (ANGLE, DAMPING):
             feature = np.array([FEATURES[label](rig) for rig in rigs])
             print(f"  {label}: {fifths(feature, failed)}")

@@ -41,7 +41,7 @@ Slope = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True, kw_only=True)
 class Tried(AFLController):
-    """Fixed gains, but for lambda, which a function gives of M and l along the whole run."""
+    """Fixed gains, except lambda, which a function computes from M and l along the whole run."""
 
     slope: Slope
 
@@ -69,7 +69,7 @@ def table() -> Slope:
 
 
 def held(slope: Slope) -> Slope:
-    """What a slope is at the start, for the whole run."""
+    """Return the slope at the start for the whole run."""
 
     def first(mass: Array, length: Array) -> Array:
         start = slope(mass.ravel()[:1], length.ravel()[:1])[0]
@@ -79,7 +79,7 @@ def held(slope: Slope) -> Slope:
 
 
 def rising(slope: Slope) -> Slope:
-    """The largest that a slope has been so far."""
+    """Return the largest slope so far."""
     return lambda m, x: np.maximum.accumulate(slope(m.ravel(), x.ravel())).reshape(m.shape)
 
 

@@ -1,4 +1,4 @@
-"""Steps a second of the Gymnasium environments, side by side in one run.
+"""How many steps per second do the Gymnasium environments make? All timed in one run.
 
 ``python benchmarks/bench_gymnasium.py [--envs 32] [--seconds 5]``: one environment, Gymnasium's own
 ``InvertedPendulum-v5`` where it can be made (it needs imageio), and many environments by
@@ -34,7 +34,7 @@ REPETITIONS = 3
 
 
 def rate_of_one(environment: gymnasium.Env, seconds: float) -> float:
-    """Return steps a second of one environment, resets included."""
+    """Return the steps per second of one environment, resets included."""
     rng = np.random.default_rng(1)
     shape, high = environment.action_space.shape, float(environment.action_space.high[0])
     environment.reset(seed=1)
@@ -48,7 +48,7 @@ def rate_of_one(environment: gymnasium.Env, seconds: float) -> float:
 
 
 def rate_of_many(environments: gymnasium.vector.VectorEnv, seconds: float) -> float:
-    """Return steps a second of all environments together, resets included."""
+    """Return the steps per second of all environments combined, resets included."""
     rng = np.random.default_rng(1)
     environments.reset(seed=1)
     count, begun = 0, time.perf_counter()

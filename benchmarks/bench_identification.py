@@ -1,4 +1,4 @@
-"""Does `identify` find what it should? Random cart-poles, simulated logs, its intervals.
+"""Does `identify` find the true values? Coverage of its intervals on simulated cart-poles.
 
     .venv/bin/python -m benchmarks.bench_identification --rigs 20 --logs 10
 

@@ -29,7 +29,7 @@ from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 TIMESTEP, THREADS = 1e-3, 2
 CONTROLLER = afl.CONTROLLERS["adaptive"]
 NOISE = Imperfections(noise_z=1e-3, noise_phi=1e-3, noise_z_dot=1e-2, noise_phi_dot=1e-2)
-"""Every channel of the measurement is noisy at every step, and nothing else is real."""
+"""Noise on every channel of the measurement at every step, and no other imperfection."""
 
 WAYS = (
     "mujoco.rollout, open loop",

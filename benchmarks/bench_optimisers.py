@@ -1,4 +1,4 @@
-"""Does the paper's genetic algorithm find the optimal gains, and which search finds them soonest?
+"""Does the paper's genetic algorithm find the optimal gains, and which search is the fastest?
 
 Run: python benchmarks/bench_optimisers.py [--runs 51] [--budget 100000] [--seed 0] [--workers 2]
      [--out DIR]
@@ -28,12 +28,12 @@ WIDTH = 34
 
 
 def count(evaluations: float) -> str:
-    """Evaluations in three digits at least, or a dash for infinitely many."""
+    """Return evaluations with at least three digits, or a dash for infinitely many."""
     return f"{evaluations:,.0f}" if math.isfinite(evaluations) else "-"
 
 
 def print_problems(result: Result) -> None:
-    """Print the optimum of each problem, and what each optimiser made of it."""
+    """Print the optimum of each problem, and the evaluations of each optimiser."""
     benchmark = result.benchmark
     for p, (problem, optimum) in enumerate(zip(benchmark.problems, result.optima, strict=True)):
         gains = ", ".join(f"{gain:.4f}" for gain in optimum.gains)
@@ -49,12 +49,12 @@ def print_problems(result: Result) -> None:
 
 
 def print_effects(result: Result) -> None:
-    """Print how probably a run of each optimiser is sooner than one of the first."""
+    """Print the probability that a run of each optimiser is faster than one of the first."""
     benchmark = result.benchmark
     first, *others = benchmark.optimisers
     if not others:
         return
-    print(f"\nA12: probability that a run is sooner than one of {first}")
+    print(f"\nA12: probability that a run is faster than one of {first}")
     print("   mean over the plants [95 % interval]")
     print(f"  {'':<{WIDTH}}" + "".join(f"{f'1 + {t:g}':>19}" for t in benchmark.targets))
     for name in others:

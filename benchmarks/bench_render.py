@@ -2,8 +2,8 @@
 
 Run: python benchmarks/bench_render.py [--size 640x480] [--workers 2]
 
-The plain film of 20 s is to be made in less than 20 s at 640x480 on two cores: ratio above 1. The
-runs that are filmed are simulated anew each time, as `afl-mujoco render` does.
+The target: a plain film of 20 s takes less than 20 s at 640x480 on two cores, a ratio above 1. The
+runs that are filmed are simulated again each time, as `afl-mujoco render` does.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def main() -> None:
     cases = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
     scenarios = [afl.SCENARIOS[name] for name in cases]
     films = plan(scenarios, CONTROLLERS, scenarios, size=(width, height), fps=30)
-    print(f"{BACKEND}, {width}x{height}, 30 frames a second")
+    print(f"{BACKEND}, {width}x{height}, 30 frames per second")
     for film in (films[0], films[2], films[-1]):
         report(f"one {film.kind}", [film], 1)
     report("four films", [film for film in films if film.kind == "film"][:4], options.workers)

@@ -1,4 +1,4 @@
-"""How much does the closed loop cost? Steps per second of five ways to step the cart-pole.
+"""How fast is the closed loop? Steps per second of five ways to step the cart-pole.
 
 Run: python benchmarks/bench_rollout.py [--steps 20000] [--repeats 15]
 
@@ -29,8 +29,8 @@ WAYS = (
     "bare mj_step(m, d, nstep)",
     "compiled loop, parameters constant",
     "compiled loop, mutated every step",
-    "Python mj_step loop, no law",
-    "Environment.step with the law",
+    "Python mj_step loop, no controller",
+    "Environment.step with controller",
 )
 TARGETS = {  # (numerator, denominator, integrator): least ratio
     (1, 0, "Euler"): 0.95,

@@ -1,1 +1,1 @@
-"""Seven optimisers on the search for gains: does the paper's find the optimum, and how soon."""
+"""Seven optimisers on the search for gains: does the paper's find the optimum, and how fast?"""

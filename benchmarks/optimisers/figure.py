@@ -13,7 +13,7 @@ from afl_mujoco.document.style import new_figure, styled
 from optimisers.result import Result
 
 _POINTS = 600
-"""Points of a curve, even on the logarithmic axis."""
+"""Number of points of a curve, evenly spaced on the logarithmic axis."""
 
 _STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito; legible without them
     {"color": "#0072B2", "ls": "-", "lw": 2.4, "marker": "o"},

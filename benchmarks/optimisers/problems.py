@@ -1,4 +1,4 @@
-"""The plants whose gains are searched, and the optimum of each as well as it can be known."""
+"""The plants whose gains are searched, and the best known optimum of each."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from afl_mujoco.studies.gain_tuning.gain_cost import (
 )
 
 RESOLUTION = 1e-6
-"""How well an optimal cost is known, relatively: tightening the tolerance of the simulation moves
-it by up to 8e-7. A target nearer to the optimum than that makes no sense."""
+"""Relative accuracy of an optimal cost: a tighter tolerance of the simulation moves it by up to
+8e-7. A target nearer to the optimum than that is meaningless."""
 
 TIGHT_TOLERANCE = 1e-8
 """Local error of a step at which the optimum is refined; the searches have 2e-6."""
@@ -70,12 +70,12 @@ PROBLEMS = tuple(
     Problem(cart_mass=mass, half_length=length)
     for mass, length in ((1.0, 0.5), (2.0, 1.0), (0.1, 0.65), (0.5, 0.2), (0.1, 0.05))
 )
-"""The optimal lambda lies inside the box for the first three, and on its bound for the others."""
+"""Plants; the optimal lambda is inside the box for the first three, else on its bound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optimum:
-    """The optimal gains (K, lambda, Phi); their cost as the searches see it, and the tight one."""
+    """The optimal gains (K, lambda, Phi), their cost as the searches see it, and the tight cost."""
 
     gains: tuple[float, float, float]
     cost: float

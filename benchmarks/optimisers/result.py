@@ -1,4 +1,4 @@
-"""What is compared, what it gave with its scores, and the JSON file that keeps it."""
+"""The settings of a benchmark, its result with scores, and the JSON file of both."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Benchmark:
-    """What is compared, and how; the defaults are those of the shipped result.
+    """The settings of a benchmark; the defaults are those of the shipped result.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Benchmark:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """What a benchmark gave.
+    """The result of a benchmark.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Result:
         return empirical_distribution(self.evaluations[self._place(optimiser)])
 
     def effect(self, optimiser: str, target: float, problem: Problem | None = None) -> Effect:
-        """Return how soon a search reaches a target, on one or all problems, against the first."""
+        """Compare a search with the first: how fast it reaches a target on one or all problems."""
         problems = self.benchmark.problems
         which = range(len(problems)) if problem is None else [problems.index(problem)]
         row = self.benchmark.targets.index(target)
@@ -145,7 +145,7 @@ def _plain(number: float) -> float | None:
 
 
 def save_result(result: Result, path: Path) -> None:
-    """Write a result with its scores, whole or not at all."""
+    """Write a result with its scores, completely or not at all."""
     benchmark = result.benchmark
     table = np.where(np.isfinite(result.evaluations), result.evaluations, -1).astype(int).tolist()
     content = {
@@ -180,7 +180,7 @@ def _never_as_none(table: Any) -> Any:
 
 
 def load_result(path: Path) -> Result:
-    """Read what `save_result` wrote; the scores are computed anew."""
+    """Read what `save_result` wrote; the scores are computed again."""
     with reading(path, "is not a result of bench_optimisers.py"):
         data = json.loads(path.read_text(encoding="utf-8"))
         problems = [dict(problem) for problem in data["problems"]]

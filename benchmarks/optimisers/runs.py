@@ -1,4 +1,4 @@
-"""The runs of a benchmark, shared among processes; the result does not depend on how many."""
+"""The runs of a benchmark, shared among processes, whose number does not change the result."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def run_benchmark(
     workers: int = 1,
     progress: Callable[[int, int], None] = lambda finished, of: None,
 ) -> Result:
-    """Run a benchmark; `progress` is called after every run with how many of how many are done.
+    """Run a benchmark; after every run, `progress` gets the number of finished runs and of all.
 
     A run that comes below what was taken for the optimum is an `AflMujocoError`.
     """

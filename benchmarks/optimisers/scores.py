@@ -1,4 +1,4 @@
-"""How searches are judged, from the evaluations that their runs took to reach a target.
+"""Scores of searches, from the evaluations that their runs took to reach a target.
 
 A run that did not reach it took infinitely many.
 """
@@ -31,14 +31,14 @@ def expected_running_time(evaluations: ArrayLike, budget: int) -> float:
 
 
 def empirical_distribution(evaluations: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return where the share of solved (problem, target, run) rises, and the share from there."""
+    """Return where the share of solved (problem, target, run) rises, and the share from then on."""
     taken = np.ravel(np.asarray(evaluations, dtype=np.float64))
     values, counts = np.unique(taken[np.isfinite(taken)], return_counts=True)
     return values, np.cumsum(counts) / len(taken)
 
 
 def superiority(evaluations: FloatArray, reference: FloatArray) -> FloatArray:
-    """Return Vargha and Delaney's A12: the probability that a run is sooner than one of another.
+    """Return Vargha and Delaney's A12: the probability that a run is faster than one of another.
 
     Ties count half. 0.5: no difference; 1: always sooner; 0: never. Shapes (..., R) and (..., S)
     give shape (...).

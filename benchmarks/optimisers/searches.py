@@ -40,11 +40,12 @@ RANDOM_BATCH = 1000
 
 
 class Finished(Exception):
-    """There is nothing left to search for."""
+    """Raised when nothing is left to search for."""
 
 
 class CountedCost:
-    """A cost that notes at which evaluation each threshold was first met, and ends the search.
+    """A cost that records the evaluation at which each threshold was first met, and ends the
+    search.
 
     It raises `Finished` when every threshold is reached or the budget of evaluations is spent;
     points beyond the budget are not evaluated.
@@ -73,14 +74,14 @@ class CountedCost:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Optimiser:
-    """One that is compared: `search(cost, box, seed)`, and its settings as plain data."""
+    """An optimiser to compare: `search(cost, box, seed)`, and its settings as plain data."""
 
     search: Search
     settings: Mapping[str, Any]
 
 
 def _genetic(settings: GeneticSettings) -> Optimiser:
-    """Return the paper's search, which goes on beyond its number of generations."""
+    """Return the paper's search, which continues beyond its number of generations."""
 
     def search(cost: Cost, box: Box, seed: tuple[int, ...]) -> NoReturn:
         breeding = MultipleCrossoverGA(box, settings, seed)
@@ -93,7 +94,7 @@ def _genetic(settings: GeneticSettings) -> Optimiser:
 
 
 def _restarted(run: Callable[[Cost, Box, Generator, int], object]) -> Search:
-    """Return a search that starts again, with other numbers, whenever it ends by itself."""
+    """Return a search that restarts with other random numbers whenever it ends by itself."""
 
     def search(cost: Cost, box: Box, seed: tuple[int, ...]) -> NoReturn:
         for restart in count():
@@ -156,4 +157,4 @@ OPTIMISERS: Mapping[str, Optimiser] = MappingProxyType(
         "random search": Optimiser(_restarted(_random), {"batch": RANDOM_BATCH}),
     }
 )
-"""By name. The first is the paper's; the others are compared with it."""
+"""Optimisers by name. The first is the paper's; the others are compared with it."""
