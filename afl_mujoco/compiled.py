@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import multiprocessing
 import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,8 @@ from llvmlite import ir
 from numba import njit, types
 from numba.core import caching
 from numba.extending import intrinsic
+
+from afl_mujoco.errors import AflMujocoWarning
 
 _PACKAGE = Path(__file__).parent
 _IMPORT = re.compile(
@@ -129,8 +133,26 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return a compiled function whose code is kept on disk."""
     dispatcher: Any = njit(nogil=True, error_model="numpy", **options)(function)
-    dispatcher._cache = _Cache(dispatcher.py_func)  # type: ignore[no-untyped-call]
+    try:
+        dispatcher._cache = _Cache(dispatcher.py_func)  # type: ignore[no-untyped-call]
+    except RuntimeError as error:
+        if "no locator" not in str(error):  # of a folder that can be written
+            raise
+        _warn_of_no_cache()
     return dispatcher
+
+
+@functools.cache
+def _warn_of_no_cache() -> None:
+    """Warn, once and not in every worker, that compiled code cannot be kept."""
+    if multiprocessing.parent_process() is not None:
+        return
+    warnings.warn(
+        "no folder for compiled code can be written: every command compiles anew; "
+        "set NUMBA_CACHE_DIR to a folder that can",
+        AflMujocoWarning,
+        stacklevel=2,
+    )
 
 
 _DOUBLE = ir.DoubleType()

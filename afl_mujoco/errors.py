@@ -10,6 +10,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 
+class AflMujocoWarning(UserWarning):
+    """Something that works less well than it could, explained in one line."""
+
+
 class AflMujocoError(Exception):
     """A request that cannot be met, explained in one line.
 

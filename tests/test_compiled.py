@@ -9,6 +9,7 @@ import pytest
 from numba.core import caching
 
 from afl_mujoco import compiled
+from afl_mujoco.errors import AflMujocoWarning
 
 PACKAGE = Path(compiled.__file__).parent
 LOOP = "simulation.sampled.loop"
@@ -77,3 +78,22 @@ def test_code_that_names_a_module_that_is_gone_is_compiled_anew(monkeypatch, tmp
     monkeypatch.setattr(caching.IndexDataCacheFile, "_load_index", load_index)
     assert compiled.kernel(double)(1.0) == 2.0
     assert not gone
+
+
+def test_where_no_cache_can_be_written_code_is_compiled_and_one_line_says_so(monkeypatch):
+    def refuse(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(caching._CacheLocator, "ensure_cache_path", refuse)
+    compiled._warn_of_no_cache.cache_clear()
+
+    def double(x):
+        return 2.0 * x
+
+    def triple(x):
+        return 3.0 * x
+
+    with pytest.warns(AflMujocoWarning, match="no folder .* NUMBA_CACHE_DIR") as said:
+        functions = [compiled.kernel(double), compiled.kernel(triple)]
+    assert len(said) == 1
+    assert [function(2.0) for function in functions] == [4.0, 6.0]

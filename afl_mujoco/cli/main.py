@@ -7,7 +7,8 @@ import io
 import os
 import re
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from typing import Any, Union, get_args
@@ -30,7 +31,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
-from afl_mujoco.errors import AflMujocoError, UnknownNameError
+from afl_mujoco.errors import AflMujocoError, AflMujocoWarning, UnknownNameError
 from afl_mujoco.studies.registry import studies
 
 PROGRAM = "afl-mujoco"
@@ -53,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 success, 1 a check failed, 2 bad input, 130 interrupted.
     """
     try:
-        code: int = _parse(arguments).run()
+        with _own_warnings_in_one_line():
+            code: int = _parse(arguments).run()
         return code
     except BrokenPipeError:  # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -66,6 +68,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(f"{PROGRAM}: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+@contextlib.contextmanager
+def _own_warnings_in_one_line() -> Iterator[None]:
+    """Print the warnings of this package without the source line that they stem from."""
+    usual: Any = warnings.formatwarning
+
+    def as_text(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> str:
+        if issubclass(category, AflMujocoWarning):
+            return f"{PROGRAM}: warning: {message}\n"
+        text: str = usual(message, category, *rest, **more)
+        return text
+
+    warnings.formatwarning = as_text
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

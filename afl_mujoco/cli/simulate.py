@@ -80,7 +80,7 @@ class Simulate:
         from afl_mujoco.files import output_folder
         from afl_mujoco.scenario.requirements import NONE
         from afl_mujoco.simulation.figures import draw_runs
-        from afl_mujoco.simulation.judgement import judged
+        from afl_mujoco.simulation.judgement import judged, remarks_on
         from afl_mujoco.simulation.metrics import metrics
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
         from afl_mujoco.studies.requirements_table import requirements_table, tally
@@ -105,7 +105,10 @@ class Simulate:
         if scenario.requirements != NONE:
             requirements = Section("Requirements", "requirements", [requirements_table([run])])
             print_sections([requirements], folder)
-        for remark in controller.remarks(scenario.assumed_plants):
+        for remark in (
+            *controller.remarks(scenario.assumed_plants),
+            *remarks_on(runs[0], scenario),
+        ):
             print(f"{controller.name}: {remark}")
         others = [f"{stem}.png", f"{scenario.name}.toml"]
         if self.log:

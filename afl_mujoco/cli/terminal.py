@@ -53,11 +53,12 @@ def _is_number(text: str) -> bool:
 def plain_help(kind: type[Command]) -> type[Command]:
     """Return the dataclass of a command, with a help that omits uninformative defaults.
 
-    These are None, whose meaning the help of the option explains, and those of switches.
+    These are None and nothing, whose meaning the help of the option explains, and those of
+    switches.
     """
     hints = get_type_hints(kind, include_extras=True)
     for option in fields(kind):  # type: ignore[arg-type]
-        if option.default is None or isinstance(option.default, bool):
+        if option.default in (None, ()) or isinstance(option.default, bool):
             silent = tyro.conf.arg(help_behavior_hint="")
             kind.__annotations__[option.name] = Annotated[hints[option.name], silent]
     return kind

@@ -229,6 +229,10 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
         controller = find_controller(base, gain_labels)
         return EstimatedController(name=f"{controller.name}{ESTIMATED}", controller=controller)
     if name not in CONTROLLERS:
+        module, _, attribute = name.removesuffix(".py").rpartition(".")
+        if module and attribute.isidentifier():
+            rule = f"must be given as module:attribute (did you mean {module}:{attribute}?)"
+            raise InvalidValueError("a controller of your own", rule, name)
         others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
     controller = CONTROLLERS[name]

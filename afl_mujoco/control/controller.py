@@ -26,7 +26,7 @@ class Estimator(NamedTuple):
     compiled
         The controller.
     settings
-        Settings of the estimator, `EstimatorSettings.record`.
+        Settings of the estimator, the record of `EstimatorSettings.on`.
     """
 
     compiled: CompiledController

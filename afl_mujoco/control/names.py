@@ -29,6 +29,6 @@ with."""
 
 KNOWN = (
     f"{', '.join(NAMES)}; any but -nominal followed by {ESTIMATED} (sampled mode); or your own, "
-    "as module:attribute (examples/README.md)."
+    "as module:attribute."
 )
 """Every way to name a controller."""

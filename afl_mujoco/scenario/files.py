@@ -135,7 +135,7 @@ def load_scenario(path: str | Path) -> Scenario:
     Parameters
     ----------
     path
-        The file. `docs/notation.md` lists its keys; keys that it leaves out are nominal.
+        The file. `docs/reference/scenario_files.md` lists its keys; what it leaves out is nominal.
 
     Returns
     -------

@@ -69,7 +69,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
 def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
     """Return a scenario with ranges: its own, else those of laboratory hardware.
 
-    Imperfections that the scenario sets itself stay as they are.
+    Imperfections that are not ideal in the scenario stay as they are.
 
     Parameters
     ----------

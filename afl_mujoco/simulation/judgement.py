@@ -174,3 +174,13 @@ def _rest(
         value=slowest if ever else None,
         left=limit - slowest,
     )
+
+
+def remarks_on(run: Trajectory, scenario: Scenario) -> list[str]:
+    """Return remarks on a run that no requirement makes, one sentence each."""
+    end = scenario.imperfections.rail_half_length
+    hits = np.flatnonzero(np.abs(run.state[:, 0]) >= end) if end is not None else np.array([])
+    if not len(hits):
+        return []
+    first = run.time[hits[0]]
+    return [f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s"]

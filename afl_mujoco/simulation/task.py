@@ -58,8 +58,8 @@ def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
     `dm_control.utils.rewards.tolerance` with its long tail, the reward is ``near(phi, PHI_MARGIN) *
     (1 + near(z, Z_MARGIN)) / 2 * (4 + near(force, FORCE_MARGIN)) / 5``. It is a product, as in the
     suite's cart-pole: balance counts most, a cart off centre at most halves it, effort costs at
-    most a fifth. The long tails leave a slope to follow far from the goal. It is 1 only for a pole
-    at rest upright at z = 0, without force.
+    most a fifth. The long tails leave a slope to follow far from the goal. It is 1 only where
+    the pole is upright at z = 0, without force.
 
     Parameters
     ----------

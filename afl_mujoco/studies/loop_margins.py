@@ -7,6 +7,7 @@ the sampled loop, which is transformed into a continuous loop with the same marg
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 
 import control
@@ -167,6 +168,13 @@ def _margins(system: control.StateSpace, period: float | None) -> Margins:
 
 def _disk(system: control.StateSpace) -> tuple[float, float, float]:
     """Return disk margin, its gain as a factor and its phase [deg]."""
+    with warnings.catch_warnings():  # python-control 0.10 does what NumPy 2.5 deprecates
+        warnings.filterwarnings("ignore", "Setting the shape", DeprecationWarning)
+        return _disk_margins(system)
+
+
+def _disk_margins(system: control.StateSpace) -> tuple[float, float, float]:
+    """Return the same, with the warnings of python-control."""
     closed = np.abs(control.poles(control.feedback(system)))
     bounds = closed.min() / BEYOND, closed.max() * BEYOND
     omega = np.geomspace(*bounds, COARSE)

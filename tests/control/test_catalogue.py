@@ -198,3 +198,10 @@ def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_paramet
 def test_the_retuned_gains_have_one_reading():
     assert find_controller("adaptive-retuned", "table1") is CONTROLLERS["adaptive-retuned"]
     assert find_controller("adaptive", "table1").name == "adaptive-table1"
+
+
+def test_a_controller_named_as_results_show_it_is_told_how_it_is_given() -> None:
+    with pytest.raises(
+        InvalidValueError, match=r"did you mean my_pid:Observer\?\), got my_pid.Observer"
+    ):
+        find_controller("my_pid.Observer")

@@ -66,7 +66,7 @@ def rk4(x, force, pole_mass, gravity, dt):
 
 
 class Textbook:
-    """The extended Kalman filter of docs/estimation.md in matrices, both measurements at once."""
+    """The extended Kalman filter (E1) to (E8) in matrices, both measurements at once."""
 
     def __init__(self, settings: EstimatorSettings, z: float, phi: float):
         s = self.settings = settings

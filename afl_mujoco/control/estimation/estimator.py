@@ -2,7 +2,7 @@
 
 The functions are compiled and work on a record that the caller holds, one for each run. `start` it
 with the first measurement, then `update` it once in each control period with the measurement at
-the end of the period and the force over it. Equation numbers: docs/estimation.md.
+the end of the period and the force over it. Equation numbers: docs/explanation/estimation.md.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def start(filter_, settings, z, phi):
     filter_
         From `new_filter`; written.
     settings
-        `EstimatorSettings.record`.
+        The record of `EstimatorSettings.on`.
     z, phi
         Measured position [m] and angle [rad].
     """
@@ -92,7 +92,7 @@ def update(filter_, settings, z, phi, force, dt):
     filter_
         From `new_filter`, started; changed.
     settings
-        `EstimatorSettings.record`.
+        The record of `EstimatorSettings.on`.
     z, phi
         Position [m] and angle [rad] measured at the end of the period.
     force

@@ -15,7 +15,7 @@ from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.judgement import judge, judge_failure
+from afl_mujoco.simulation.judgement import judge, judge_failure, remarks_on
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -119,7 +119,7 @@ def _compared(scenario: Scenario, controller: Controller, run: Trajectory) -> Co
         outcome=str(run.outcome),
         metrics=metrics(scenario, controller, run),
         requirements=judge(scenario, run),
-        remarks=tuple(controller.remarks(scenario.assumed_plants)),
+        remarks=(*controller.remarks(scenario.assumed_plants), *remarks_on(run, scenario)),
     )
 
 

@@ -46,7 +46,11 @@ def changes(scenario: Scenario) -> dict[str, Scenario]:
         "ten times the control rate, no delay": {"control_period": period, "delay": 0.0},
         "exact sensors": exact,
         "drive makes up for rail damping": {"rail_damping": 0.0},
-        "that, rail and force x4": {"rail_damping": 0.0, **longer, **stronger},
+        "drive makes up for rail damping, rail and force x4": {
+            "rail_damping": 0.0,
+            **longer,
+            **stronger,
+        },
     }
     return {
         name: _with(scenario, **changed)

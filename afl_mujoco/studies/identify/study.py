@@ -23,7 +23,7 @@ class Identify:
     Example: afl-mujoco identify logs/*.csv --description my-rig.toml --out renders/my-rig
 
     Writes identify.json, estimates.json for `afl-mujoco hardware`, and identified.toml, the
-    cart-pole as a scenario for every other command. Takes two minutes for 40 logs of 5 s.
+    cart-pole as a scenario for every other command. Takes a minute or two for 40 logs of 5 s.
     """
 
     logs: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()

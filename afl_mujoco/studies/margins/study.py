@@ -18,7 +18,7 @@ class MarginsConfiguration:
 
     Example: afl-mujoco margins my-rig.toml --controllers adaptive lqr
 
-    The loop is linearised by finite differences in MuJoCo. On six of the plants the study also
+    The loop is linearised by finite differences in MuJoCo. On some of the plants the study also
     measures the delay at which a small motion in MuJoCo grows. Writes margins.json and figures.
     """
 
@@ -40,7 +40,7 @@ class MarginsConfiguration:
     quick: bool = False
     """Every fourth M and l of the paper, unless given otherwise, and two plants measured."""
     measure: bool = True
-    """Measure on six plants of the grid which delay the loop in MuJoCo tolerates."""
+    """Do not measure the delay that the loop in MuJoCo tolerates on some plants of the grid."""
 
 
 def check(configuration: MarginsConfiguration) -> None:

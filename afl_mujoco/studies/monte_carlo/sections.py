@@ -100,8 +100,8 @@ def _assumed(result: Result) -> Iterator[Text]:
     """Say what varies if the scenario itself does not say so."""
     if result.assumed:
         yield Text(
-            f"{result.space.scenario.name} does not say what varies. Imperfections that it does "
-            "not set are those of random laboratory hardware; its start, M and l are the same in "
+            f"{result.space.scenario.name} does not say what varies. Imperfections that are ideal "
+            "in it are those of random laboratory hardware; its start, M and l are the same in "
             "every sample. Add a table [ranges] to its file to change this."
         )
 

@@ -35,7 +35,7 @@ class MonteCarlo:
 
     The table [ranges] of the scenario file says what varies: start, schedules of M and l within
     bounds and rates, imperfections. A scenario without it gets random laboratory hardware for all
-    imperfections that it does not set. A run passes if it meets the scenario's requirements or,
+    imperfections that are ideal in it. A run passes if it meets the scenario's requirements or,
     if there are none, survives to the end. The search looks for the sample that fails worst, or
     has the least robustness left. Writes montecarlo.json, figures, and a scenario file for every
     failure, which `afl-mujoco simulate` replays to the same bits. A full run takes about ten
@@ -51,7 +51,7 @@ class MonteCarlo:
     seed: int = 1
     """Seed of the samples, their noise and the search."""
     worst_case: bool = True
-    """Search for the hardest sample and the nearest failure by CMA-ES."""
+    """Do not search for the hardest sample and the nearest failure (by CMA-ES)."""
     generations: int | None = None
     """Number of generations of each search, 16 runs each; 30 by default."""
     quick: bool = False

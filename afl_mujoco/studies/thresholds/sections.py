@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
 
@@ -169,12 +170,15 @@ def _endless(result: Result, words: str) -> str:
 
 
 def _rail(rail: Imperfection, sweep: Sweep) -> str:
-    """Say that the reference rail is too short, and which rail is not."""
+    """Say that the reference rail is too short, and which rail is not, rounded up."""
     level = level_text(rail, rail.reference)
     text = f"The rail: the reference of {level} m to either side is too short"
-    if sweep.survives.bound == UPPER:
+    enough = sweep.survives.holds_at
+    if sweep.survives.bound == UPPER or enough is None:
         return text
-    return f"{text}; the shortest that suffices is {threshold_text(rail, sweep.survives)} m"
+    digits = 1 - math.floor(math.log10(enough))
+    enough = math.ceil(round(enough * 10.0**digits, 9)) / 10.0**digits
+    return f"{text}; {level_text(rail, enough)} m is enough"
 
 
 def _clause(one: Imperfection, sweep: Sweep) -> str:

@@ -13,7 +13,7 @@ class Criterion:
     Attributes
     ----------
     id
-        As in `docs/verification.md`.
+        As in `criteria.CRITERIA`.
     quantity
         What is measured.
     unit

@@ -23,4 +23,4 @@ DECISIONS: Mapping[str, str] = MappingProxyType(
         "D9": "M' and l' do not enter the dynamics, as in the paper.",
     }
 )
-"""Decision by id, as in `docs/notation.md`."""
+"""Decision by id, as in `docs/reference/notation.md`."""

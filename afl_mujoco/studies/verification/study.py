@@ -22,14 +22,14 @@ class Validate:
     Example: afl-mujoco validate step-step my-scenario.toml --controllers fixed adaptive
 
     Writes report.html, which needs no other file, report.json, report.md, report.npz, junit.xml
-    and figures. The exit code is 0 if every check holds, and 1 if one fails.
+    and figures. The exit code is 0 if every check holds and every requirement is met, else 1.
     """
 
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper by default."""
     controllers: tuple[str, ...] = PAPER
     """Controllers by name, as in `afl-mujoco simulate --help` except -estimated ones; or your own,
-    module:attribute (examples/README.md)."""
+    module:attribute."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     full: bool = False

@@ -92,6 +92,14 @@ def test_a_gain_beyond_its_table_is_remarked_on(result) -> None:
     assert "found for l 0.05 to 1 m, and l reaches 1.5 m here" in remarks["adaptive"]
 
 
+@pytest.mark.parametrize(("end", "remark"), [(3.0, "the cart hits the end stop, 3 m"), (30.0, "")])
+def test_a_cart_that_hits_its_end_stop_is_remarked_on(end: float, remark: str) -> None:
+    rail = Imperfections(rail_half_length=end)
+    scenario = replace(afl.SCENARIOS["nominal"], duration=2.0, imperfections=rail)
+    (run,) = afl.compare(scenario, "fixed").runs
+    assert " ".join(run.remarks).startswith(remark) and bool(run.remarks) == bool(remark)
+
+
 def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) -> None:
     code, output, errors = command_line(
         "compare", "rig.toml", "--controllers", "lqr", "compared:Counting", "compared:zero",

@@ -164,14 +164,14 @@ def _not_proved(omissions: Sequence[Omission]) -> str:
     )
     if not omissions:
         return (
-            f"{text}; `make proof` measures the effect of M'(t) and l'(t), which the paper "
-            "neglects (D9)."
+            f"{text}; `make proof` measures what freezing M and l at each instant, as the paper "
+            "does, leaves out (D9)."
         )
     found = [x for row in omissions for x in (row.stretching_rod, row.momenta_kept)]
     most = max((x for x in found if x is not None), default=None)
     return (
-        f"{text}; the effects of M'(t) and l'(t), which the paper neglects (D9), would change a "
-        f"state by up to {short(most, 2)} (m, rad, m/s or rad/s)."
+        f"{text}; what the paper leaves out by freezing M and l at each instant (D9) would change "
+        f"a state by up to {short(most, 2)} (m, rad, m/s or rad/s)."
     )
 
 
