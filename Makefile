@@ -6,12 +6,12 @@ READY := .venv/.ready
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # A target for each study, by the name that its folder gives it.
-named = $(shell sed -n 's/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
+named = $(shell sed -n '/^STUDY = Study(/,/^)/s/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
 STUDIES := $(call named,afl_mujoco/studies/*/study.py)
 QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*/study.py))
 
 .DEFAULT_GOAL := help
-.PHONY: $(STUDIES) help setup validate proof robustness render view report docs test slow regression baselines pinocchio cluster tune bench faults check lock clean distclean
+.PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune bench faults check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -39,8 +39,27 @@ $(STUDIES): $(READY)
 robustness: ## run every study that has --quick: what happens if the loop is not ideal (30 minutes; ARGS="--quick": 5)
 	@for study in $(QUICK); do $(MAKE) --no-print-directory $$study || exit; done
 
-docs: $(READY) ## write the tables of the documentation from the code
-	@$(BIN)/python -m afl_mujoco.cli.tables docs $(ARGS)
+docs: $(READY) ## build the site into docs/_build/html, the tutorial executed, and the parts of README.md (2 minutes)
+	@$(PIP_INSTALL) --no-deps --requirement requirements-docs.lock
+	@$(BIN)/python -m docs.content
+	@$(BIN)/sphinx-build --fresh-env --fail-on-warning --keep-going --quiet -b html docs docs/_build/html $(ARGS)
+	@echo "the site is in docs/_build/html/index.html"
+
+results: $(READY) ## make the results anew that the site rests on (an hour), or ARGS="--list", "--cheap --check", "margins"
+	@$(BIN)/python docs/make_results.py $(ARGS)
+
+dist: $(READY) ## build wheel and source distribution into dist/, check them, and install the wheel in an empty environment
+	@$(PIP_INSTALL) --no-deps --requirement requirements-docs.lock
+	$(require_python)
+	@rm -rf dist
+	@$(BIN)/python -m build --no-isolation --outdir dist . >/dev/null
+	@$(BIN)/twine check --strict dist/*
+	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
+	$(python) -m venv "$$fresh/venv"; \
+	"$$fresh/venv/bin/python" -m pip install --quiet --disable-pip-version-check dist/*.whl; \
+	"$$fresh/venv/bin/python" -c 'import sys; sys.exit(sys.version_info >= (3, 13))' \
+	|| "$$fresh/venv/bin/python" -m pip install --quiet --no-deps "dm-control>=1.0.50,<1.1"; \
+	cd "$$fresh" && venv/bin/afl-mujoco validate nominal --no-page --out out
 
 test: $(READY) ## run the tests except the slow ones, or exactly those of ARGS="tests/plant -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")
@@ -101,8 +120,11 @@ lock: ## resolve the newest versions that pyproject.toml allows into requirement
 	$(python) -m venv "$$fresh"; \
 	"$$fresh/bin/python" -m pip install --quiet --upgrade pip setuptools; \
 	"$$fresh/bin/python" -m pip install --quiet --group dev --editable .; \
-	{ grep '^#' requirements.lock; "$$fresh/bin/python" -m pip freeze --all --exclude-editable --exclude pip | sed "s/^labmaze.*/& ; python_version < '3.13'/"; } > "$$fresh/lock"; \
-	cp "$$fresh/lock" requirements.lock
+	frozen() { "$$fresh/bin/python" -m pip freeze --all --exclude-editable --exclude pip | sed "s/^labmaze.*/& ; python_version < '3.13'/"; }; \
+	{ grep '^#' requirements.lock; frozen; } > "$$fresh/lock"; \
+	"$$fresh/bin/python" -m pip install --quiet --group dev --group dist --editable '.[docs]'; \
+	{ grep '^#' requirements-docs.lock; frozen | grep -vxFf "$$fresh/lock"; } > "$$fresh/lock-docs"; \
+	cp "$$fresh/lock" requirements.lock; cp "$$fresh/lock-docs" requirements-docs.lock
 
 # The stamp is written last and holds the repository's path: an interrupted set-up or a moved repository starts over.
 ifneq ($(shell cat $(READY) 2>/dev/null),$(CURDIR))

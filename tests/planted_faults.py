@@ -5,9 +5,9 @@ fast checks run: the verdict of `afl-mujoco validate --full`, and if that does n
 tests. A copy without a fault must pass both; its compiled code goes into the others, where whatever
 depends on the faulty file is compiled anew.
 
-    python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--docs FILE] [--list]
+    python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--out FILE] [--list]
 
-With --only, --docs leaves the other rows of the page as they are.
+--out keeps what was found (docs/results/faults.json); with --only the rest of the file stays.
 
 Exit code 0 if every fault is caught, 1 otherwise, 130 when interrupted.
 """
@@ -31,7 +31,8 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from afl_mujoco.document.markdown import cells_as_table, rewrite
+from afl_mujoco.files import write_text
+from afl_mujoco.studies.record import versions
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 NEEDED = ("afl_mujoco", "models", "tests", "docs", "pyproject.toml", "README.md")
@@ -58,6 +59,7 @@ class Fault:
     file: str
     old: str
     new: str
+    tests: tuple[str, ...] = ()  # likely to object: they run first
 
     def plant(self, root: Path) -> None:
         """Make the replacement in a copy, or raise if the text does not stand there once."""
@@ -91,7 +93,8 @@ class Checks:
         try:
             shutil.copytree(self.pristine, root, dirs_exist_ok=True)
             fault.plant(root)
-            return self._verdict(root) or self._tests(root)
+            likely = self._tests(root, fault.tests) if fault.tests else ""
+            return likely or self._verdict(root) or self._tests(root)
         finally:
             shutil.rmtree(root, ignore_errors=True)
 
@@ -116,10 +119,10 @@ class Checks:
             return f"validate ends with an error: {_last_line(said)}"
         return ", ".join(failed)
 
-    def _tests(self, root: Path) -> str:
+    def _tests(self, root: Path, tests: Sequence[str] = TESTS) -> str:
         """Return the first test that fails."""
         quiet = ("-q", "-x", "--no-header", "-p", "no:cacheprovider")
-        code, said = self._run(root, "pytest", *quiet, *TESTS)
+        code, said = self._run(root, "pytest", *quiet, *tests)
         _require_environment(said)
         if code == 0:
             return ""
@@ -207,18 +210,13 @@ def run_all(faults: Sequence[Fault], jobs: int, report: Callable[[str], None]) -
     return {f.name: results[f.name] for f in (SOUND, *faults) if f.name in results}
 
 
-def as_markdown(results: dict[str, str]) -> str:
-    """Return the table of docs/verification.md."""
-    found = {name: by for name, by in results.items() if name != SOUND.name}
-    caught = sum(bool(by) and by != "not run" for by in found.values())
-    rows = [(name, by or "**nothing**") for name, by in found.items()]
-    return f"{caught} of {len(found)} faults are caught.\n\n{cells_as_table(HEADER, rows)}"
-
-
-def rows_of(page: Path) -> dict[str, str]:
-    """Return the rows that `as_markdown` wrote into a page: what caught each fault by its name."""
-    rows = re.findall(r"^\| (.+) \| (.+) \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return {name.replace("\\|", "|"): by.replace("\\|", "|") for name, by in rows}
+def save(results: dict[str, str], path: Path) -> None:
+    """Write what caught each fault; of those that were not run, what did before."""
+    before = json.loads(path.read_text(encoding="utf-8"))["caught"] if path.is_file() else {}
+    whole = {**before, **results}
+    caught = {fault.name: whole.get(fault.name, "not run") for fault in load_faults()}
+    found = {"command": "make faults", "versions": versions(), "caught": caught}
+    write_text(path, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
 
 
 def as_text(results: dict[str, str]) -> str:
@@ -254,7 +252,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Plant faults and see which check catches each.")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="parts of the names of faults")
     parser.add_argument("--jobs", type=int, default=2, help="how many faults at a time")
-    parser.add_argument("--docs", type=Path, metavar="FILE", help="put the table into this page")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="put what was found into a JSON")
     parser.add_argument("--list", action="store_true", help="only check and print the list")
     options = parser.parse_args()
     faults = load_faults()
@@ -271,10 +269,8 @@ def main() -> int:
         return 1
     missed = [fault.name for fault in faults if not results[fault.name]]
     print(f"\n{as_text(results)}\n{len(faults) - len(missed)} of {len(faults)} faults caught")
-    if options.docs:
-        before = rows_of(options.docs) if options.only else {}
-        whole = {fault.name: before.get(fault.name, "not run") for fault in load_faults()}
-        rewrite(options.docs, "faults", as_markdown(whole | results))
+    if options.out:
+        save(results, options.out)
     return 1 if missed else 0
 
 

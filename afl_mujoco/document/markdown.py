@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from pathlib import Path, PurePath
+from pathlib import PurePath
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, Span, spans
-from afl_mujoco.errors import FileError
-from afl_mujoco.files import write_text
 
 MARKS = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
 
@@ -103,20 +101,3 @@ def _code(text: str) -> str:
 def _plain(text: str) -> str:
     """Return text that is taken literally."""
     return _SPECIAL.sub(r"\\\1", text)
-
-
-def cells_as_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of cells that are already Markdown."""
-    lines = [header, ("---",) * len(header), *rows]
-    cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
-    return "".join(f"| {' | '.join(line)} |\n" for line in cells)
-
-
-def rewrite(page: Path, name: str, text: str) -> None:
-    """Put a text between two marks of a page, ``<!-- name -->`` and ``<!-- end of name -->``."""
-    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
-    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
-    _, closed, after = rest.partition(end)
-    if not (found and closed):
-        raise FileError(str(page), f"must have the two marks of {name}, in order")
-    write_text(page, before + begin + text + end + after)

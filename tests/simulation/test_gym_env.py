@@ -109,7 +109,7 @@ def test_importing_the_package_registers_whatever_is_imported_first(imports: str
 
 @needs_gymnasium
 def test_a_name_can_say_what_to_import_and_must_if_nothing_else_does() -> None:
-    """As docs/gymnasium.md has it: since 1.0 Gymnasium looks at no entry points."""
+    """As the guide has it: since 1.0 Gymnasium looks at no entry points."""
     made = program(
         "import gymnasium",
         "print(gymnasium.make('afl_mujoco:afl_mujoco/CartPole-step-step-v0').spec.id)",
@@ -121,7 +121,7 @@ def test_a_name_can_say_what_to_import_and_must_if_nothing_else_does() -> None:
 
 @needs_gymnasium
 def test_the_example_of_the_documentation_runs() -> None:
-    text = (ROOT / "docs" / "gymnasium.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "howto" / "learned_policies.md").read_text(encoding="utf-8")
     example = text.split("```python\n")[1].split("```")[0]
     run = program(*example.splitlines(), "print(terminated)")
     assert (run.stdout, run.stderr) == ("True\n", "")

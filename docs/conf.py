@@ -1,0 +1,65 @@
+"""The site, built by Sphinx: `make docs`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+os.environ["COLUMNS"] = "88"  # of the help texts
+
+from sphinx.application import Sphinx  # noqa: E402
+
+from docs.content import DOCS, FIGURES, Content, draw  # noqa: E402
+
+project = "afl_mujoco"
+author = "the afl_mujoco developers"
+copyright = "2026, the afl_mujoco developers"
+release = version = version_of("afl_mujoco")
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "numpydoc",
+    "sphinx_copybutton",
+    "sphinx_design",
+]
+exclude_patterns = ["results", "_build", "jupyter_execute", "parts"]
+
+html_theme = "furo"
+html_title = "afl_mujoco"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
+default_role = "code"  # docstrings quote code by single backticks
+autodoc_typehints = "none"  # they stand in the signature
+numpydoc_show_class_members = False
+suppress_warnings = ["ref.python"]  # a field of two classes has one name
+autodoc_member_order = "bysource"
+copybutton_prompt_text = "$ "
+
+CONTENT = Content()
+
+
+def setup(app: Sphinx) -> None:
+    """Draw the figures, and put what nobody types into each page."""
+    app.connect("builder-inited", lambda _: draw(CONTENT.figures(), DOCS / FIGURES))
+    app.connect("source-read", _render)
+
+
+def _render(app: Sphinx, page: str, source: list[str]) -> None:
+    """Render a page, which is a template."""
+    source[0] = CONTENT.render(source[0])

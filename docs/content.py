@@ -1,0 +1,328 @@
+"""What the pages hold that nobody types: tables, numbers, results, help texts.
+
+A page is a Jinja template. ``{{ table("criteria") }}`` is what the code declares,
+``{{ thresholds.delay_adaptive }}`` a number of ``numbers.toml``, ``{{ sections("margins") }}`` what
+a study says of its result in ``results/``, ``{{ output("bench_batch") }}`` what a benchmark
+printed, ``{{ help("compare") }}`` the help of a command, ``{{ part("findings") }}`` a page of
+``parts/``, which README.md has too. An unknown name is an error.
+
+    python -m docs.content
+
+writes the parts into README.md.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+import re
+import sys
+import textwrap
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+import afl_mujoco
+from afl_mujoco.cli.main import OTHERS, main
+from afl_mujoco.document.blocks import Block, Figure, Section, figures_of
+from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.document.style import save_figure, write_figure
+from afl_mujoco.errors import FileError
+from afl_mujoco.studies.record import Record, load_record
+from afl_mujoco.studies.registry import studies
+from docs.tables import faults_table, optimisers_table, tables
+
+DOCS = Path(__file__).parent
+RESULTS = DOCS / "results"
+SHIPPED = Path(afl_mujoco.__file__).parent / "control" / "data"
+"""Results that come with the package."""
+
+FIGURES = "generated"
+"""Folder of the figures that a build draws, beside this file."""
+
+GALLERY = {
+    "thresholds": "explanation/robustness.md",
+    "attraction": "explanation/robustness.md",
+    "margins": "explanation/robustness.md",
+    "montecarlo": "explanation/random_hardware.md",
+    "estimation": "explanation/estimation.md",
+    "hardware": "explanation/hardware.md",
+}
+"""Studies whose figures the gallery shows, and the page that explains them."""
+
+RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+PARTS = ("abstract", "findings")
+"""What README.md has of the site, each between its marks."""
+
+
+def sweep(found: Any, imperfection: str, controller: str) -> Any:
+    """Return what thresholds found of a controller under an imperfection."""
+    asked = (imperfection, controller)
+    return next(s for s in found.sweeps if (s.imperfection, s.controller) == asked)
+
+
+def estimate(found: Any, name: str) -> Any:
+    """Return an estimate of a step of an identification, or of what it comes to."""
+    among = found.estimates if hasattr(found, "estimates") else found.physical
+    return next(one for one in among if one.name == name)
+
+
+def loop(case: Any, parameters: str, noise: bool) -> Any:
+    """Return a loop of a schedule of the study of estimation."""
+    return next(x for x in case.loops if (x.parameters, x.noise) == (parameters, noise))
+
+
+NAMES = {
+    "len": len,
+    "max": max,
+    "min": min,
+    "sum": sum,
+    "next": next,
+    "sweep": sweep,
+    "estimate": estimate,
+    "loop": loop,
+}
+"""What an expression of ``numbers.toml`` may call, besides the functions below."""
+
+
+def floor_to(x: float, digits: int = 2) -> float:
+    """Round towards zero to significant digits: the safe side of what is tolerated."""
+    return _to(math.floor, x, digits)
+
+
+def ceil_to(x: float, digits: int = 2) -> float:
+    """Round away from zero to significant digits: the safe side of what is needed."""
+    return _to(math.ceil, x, digits)
+
+
+def _to(rounded: Callable[[float], int], x: float, digits: int) -> float:
+    """Round to significant digits; a trace of round-off is no reason for another digit."""
+    scale = 10.0 ** (digits - 1 - math.floor(math.log10(abs(x))))
+    return math.copysign(rounded(round(abs(x) * scale, 9)) / scale, x)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Number:
+    """A number of the pages.
+
+    Attributes
+    ----------
+    value
+        As it is in the result.
+    shown
+        As the pages show it.
+    within
+        Relative change that is no news.
+    """
+
+    value: float
+    shown: str
+    within: float
+
+    def __str__(self) -> str:
+        """Return it as it is shown."""
+        return self.shown
+
+    def moved_to(self, other: Number) -> bool:
+        """Return whether another value is news."""
+        least = min(abs(self.value), abs(other.value))  # so that 10 means eleven times at most
+        return abs(other.value - self.value) > self.within * least
+
+
+class Content:
+    """What pages are made of.
+
+    Parameters
+    ----------
+    results
+        Folder of the results.
+    """
+
+    def __init__(self, results: Path = RESULTS) -> None:
+        self.results = results
+
+    @cached_property
+    def records(self) -> dict[str, Record]:
+        """The results of studies, by the name of the study."""
+        there = (s for s in studies().values() if (self.results / f"{s.stem}.json").is_file())
+        return {study.name: load_record(study, self.results) for study in there}
+
+    @cached_property
+    def numbers(self) -> dict[str, dict[str, Number]]:
+        """The numbers of ``numbers.toml`` whose results are there, by result and name."""
+        declared = tomllib.loads((DOCS / "numbers.toml").read_text(encoding="utf-8"))
+        found = {}
+        for group, entries in declared.items():
+            if (result := self._result(group)) is not None:
+                found[group] = {name: _number(one, result) for name, one in entries.items()}
+        return found
+
+    def _result(self, group: str) -> Any:
+        """Return the result that a group of numbers is from, None if it is not there."""
+        if group in self.records:
+            return self.records[group].result
+        for folder in (self.results, SHIPPED):
+            if (path := folder / f"{group}.json").is_file():
+                return json.loads(path.read_text(encoding="utf-8"))
+        return None
+
+    @cached_property
+    def _tables(self) -> dict[str, str]:
+        """The tables, by name."""
+        return {
+            **tables(),
+            "faults": faults_table(self.results),
+            "optimisers": optimisers_table(SHIPPED),
+        }
+
+    def table(self, name: str) -> str:
+        """Return a table."""
+        return self._tables[name]
+
+    def sections(self, study: str, *anchors: str, level: int = 2, made: bool = True) -> str:
+        """Return what a study says of its result, or those of its sections that are asked for."""
+        found = self._sections(study)
+        if anchors:
+            known = {section.anchor: section for section in _all_of(found)}
+            found = [known[anchor] for anchor in anchors]
+        text = to_markdown([replace(s, blocks=tuple(_on_the_site(s.blocks))) for s in found], level)
+        return text if made else re.sub(r"\n\nMade by:\n\n```sh\n.*\n```", "", text)
+
+    def _sections(self, study: str) -> list[Section]:
+        """Return the sections of a study."""
+        if study not in self.records:
+            raise FileError(f"{self.results / study}", "must be there: run make results")
+        return self.records[study].sections
+
+    def output(self, name: str) -> str:
+        """Return what a benchmark printed."""
+        text = (self.results / f"{name}.txt").read_text(encoding="utf-8")
+        return f"```text\n{text}```"
+
+    def part(self, name: str) -> str:
+        """Return a part that the README has too."""
+        return self.render((DOCS / "parts" / f"{name}.md").read_text(encoding="utf-8")).rstrip("\n")
+
+    def figures(self) -> Iterator[Figure]:
+        """Yield the figures of every result."""
+        for study in self.records:
+            yield from figures_of(self._sections(study))
+
+    def pictures(self) -> list[tuple[str, str, str, str]]:
+        """Return the figures of the gallery: title, file, text in its place, and page."""
+        found = []
+        for study, page in GALLERY.items():
+            for figure in figures_of(self._sections(study)):
+                found.append((figure.title, f"/{FIGURES}/{figure.files['png']}", figure.alt, page))
+        return found
+
+    def render(self, text: str) -> str:
+        """Return a page."""
+        context = {
+            **self.numbers,
+            "table": self.table,
+            "sections": self.sections,
+            "output": self.output,
+            "help": help_of,
+            "commands": commands,
+            "part": self.part,
+            "films": films,
+            "pictures": self.pictures,
+        }
+        environment = jinja2.Environment(
+            undefined=jinja2.StrictUndefined, keep_trailing_newline=True
+        )
+        return environment.from_string(text).render(context)
+
+
+def _number(declared: Mapping[str, Any], result: Any) -> Number:
+    """Return a number that is declared, of a result."""
+    names = {**NAMES, "r": result, "math": math, "floor_to": floor_to, "ceil_to": ceil_to}
+    value = eval(declared["value"], {"__builtins__": {}, **names})  # our own file
+    shown = re.sub(
+        r"e-0?(\d+)", lambda m: f"×10⁻{m[1].translate(RAISED)}", declared["format"].format(value)
+    )
+    return Number(value=float(value), shown=shown, within=declared["within"])
+
+
+def _all_of(found: Sequence[Block]) -> Iterator[Section]:
+    """Yield sections and what they hold of sections."""
+    for block in found:
+        if isinstance(block, Section):
+            yield block
+            yield from _all_of(block.blocks)
+
+
+def _on_the_site(found: tuple[Block, ...]) -> Iterator[Block]:
+    """Yield blocks whose figures are where a build draws them."""
+    for block in found:
+        if isinstance(block, Section):
+            yield replace(block, blocks=tuple(_on_the_site(block.blocks)))
+        elif isinstance(block, Figure):
+            yield replace(block, name=f"/{FIGURES}/{block.name}")
+        else:
+            yield block
+
+
+def commands() -> list[str]:
+    """Return the names of every command, the studies first."""
+    return [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
+
+
+def help_of(command: str) -> str:
+    """Return the help of a command."""
+    if command not in commands():
+        raise KeyError(f"no command {command!r}")
+    with contextlib.redirect_stdout(io.StringIO()) as printed, contextlib.suppress(SystemExit):
+        main([command, "--help"])
+    lines = printed.getvalue().splitlines()
+    return "\n".join(textwrap.fill(x, 88) if x and not x.startswith(" ") else x for x in lines)
+
+
+def draw(figures: Iterator[Figure], folder: Path) -> None:
+    """Draw the figures of the results into a folder, and those of what comes with the package."""
+    folder.mkdir(exist_ok=True)
+    for figure in figures:
+        drawn = replace(figure, name=figure.name.rpartition("/")[2])
+        write_figure(drawn, folder)
+    sys.path.append(str(DOCS.parent / "benchmarks"))
+    from optimisers.figure import draw_benchmark
+    from optimisers.result import load_result
+
+    save_figure(draw_benchmark(load_result(SHIPPED / "optimisers.json")), folder / "optimisers.png")
+
+
+def films() -> list[tuple[str, str]]:
+    """Return the films of the gallery: name and what it shows."""
+    listed = tomllib.loads((DOCS / "_static" / "films" / "films.toml").read_text(encoding="utf-8"))
+    return list(listed.items())
+
+
+def rewrite(text: str, name: str, part: str) -> str:
+    """Return a text with a part between its marks, comments of HTML."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+    before, found, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
+    if not (found and closed):
+        raise ValueError(f"README.md must hold the marks of {name}, one after the other")
+    return f"{before}{begin}{part}\n{end}{after}"
+
+
+def readme(content: Content, text: str) -> str:
+    """Return the text of README.md with its parts as they are now."""
+    for name in PARTS:
+        text = rewrite(text, name, content.part(name))
+    return text
+
+
+if __name__ == "__main__":
+    README = DOCS.parent / "README.md"
+    README.write_text(readme(Content(), README.read_text(encoding="utf-8")), encoding="utf-8")

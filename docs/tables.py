@@ -1,0 +1,178 @@
+"""Tables of what the code declares, as Markdown."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from itertools import groupby, pairwise
+from pathlib import Path
+
+from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.laboratory import LABORATORY, REASONS
+from afl_mujoco.scenario.requirements import BANDS, UNITS, Requirements
+from afl_mujoco.scenario.sample_space import SampleSpace
+from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.thresholds.classes import level_text
+from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL, added
+from afl_mujoco.studies.verification.criteria import CRITERIA
+from docs.sources import SOURCES
+
+REQUIREMENT_UNITS = {**UNITS, **BANDS}
+
+
+def tables() -> dict[str, str]:
+    """Return each table by its name."""
+    return {
+        "criteria": criteria_table(),
+        "imperfections": fields_table(),
+        "requirements": requirements_table(),
+        "reference hardware": thresholds_table(),
+        "space": space_table(),
+        "result files": results_table(),
+        "sources": sources_table(),
+    }
+
+
+def cells_as_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return cells that are Markdown already as a table."""
+    lines = [header, ("---",) * len(header), *rows]
+    cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
+    return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+
+
+def faults_table(results: Path) -> str:
+    """Return which check catches each planted fault."""
+    found = json.loads((results / "faults.json").read_text(encoding="utf-8"))["caught"]
+    return cells_as_table(
+        ("fault", "caught by"), [(name, by or "**nothing**") for name, by in found.items()]
+    )
+
+
+def optimisers_table(folder: Path) -> str:
+    """Return the expected evaluations of each optimiser to the closest target, by plant."""
+    found = json.loads((folder / "optimisers.json").read_text(encoding="utf-8"))
+    shown = next(iter(found["summary"].values()))
+    plants = [plant for plant, row in shown.items() if "successes" in row]
+    rows = []
+    for optimiser, by_plant in found["summary"].items():
+        cells = []
+        for plant in plants:
+            runs, needed = (by_plant[plant][k][-1] for k in ("successes", "expected_running_time"))
+            cells.append("–" if needed is None else f"{needed:.0f}")
+            cells[-1] += "" if runs == found["runs"] else f" ({runs} of {found['runs']} runs)"
+        rows.append((optimiser, *cells))
+    header = (f"expected evaluations to within {found['targets'][-1]:g} of the optimum", *plants)
+    return cells_as_table(header, rows)
+
+
+def sources_table() -> str:
+    """Return what makes each result that the pages rest on, and how long it takes."""
+    rows = [(f"`{s.file}`", f"`{s.command}`", f"{s.minutes:g}") for s in SOURCES]
+    return cells_as_table(("file", "made by", "minutes on two cores"), rows)
+
+
+def criteria_table() -> str:
+    """Return every criterion."""
+    header = ("check", "quantity", "unit", "limit", "why this limit", "proves", "leaves open")
+    rows = [
+        (c.id, c.quantity, c.unit, f"{c.limit:g}", c.reason, c.proves, c.leaves_open)
+        for c in CRITERIA.values()
+    ]
+    return cells_as_table(header, rows)
+
+
+def results_table() -> str:
+    """Return the keys of every study's result file, with what the docstrings say of them."""
+    rows = []
+    for study in studies().values():
+        file = f"`{study.stem}.json`, schema {study.schema}"
+        said = _attributes(study.result_type)
+        names = [field.name for field in fields(study.result_type)]
+        for text, alike in groupby(names, key=said.__getitem__):
+            rows.append((file, ", ".join(f"`{name}`" for name in alike), text))
+            file = ""
+    return cells_as_table(("file", "key", "what it holds"), rows)
+
+
+def _attributes(kind: type) -> dict[str, str]:
+    """Return what the docstring of a dataclass says of each attribute."""
+    _, _, text = inspect.cleandoc(kind.__doc__ or "").partition("Attributes\n----------\n")
+    found: dict[str, list[str]] = {}
+    names: list[str] = []
+    for line in text.splitlines():
+        if line and not line.startswith(" "):
+            names = line.split(", ")
+        for name in names if line.startswith(" ") else ():
+            found.setdefault(name, []).append(line.strip())
+    return {name: " ".join(lines).removesuffix(".") for name, lines in found.items()}
+
+
+def fields_table() -> str:
+    """Return the fields of `Imperfections`: key, unit, default, meaning."""
+    said = _docstrings(Imperfections)
+    rows = []
+    for name, declared in DECLARATIONS.items():
+        ideal = getattr(IDEAL, name)
+        default = "none" if ideal is None else json.dumps(ideal)
+        rows.append((f"`{name}`", declared.unit or "–", default, said[name]))
+    return cells_as_table(("key", "unit", "default", "meaning"), rows)
+
+
+def requirements_table() -> str:
+    """Return the fields of `Requirements`: key, unit, default, meaning."""
+    said = _attributes(Requirements)
+    rows = []
+    for field in fields(Requirements):
+        default = "none" if field.default is None else json.dumps(field.default)
+        unit = "–" if field.name == "completes" else REQUIREMENT_UNITS[field.name]
+        rows.append((f"`{field.name}`", unit, default, said[field.name]))
+    return cells_as_table(("key", "unit", "default", "meaning"), rows)
+
+
+def thresholds_table() -> str:
+    """Return the imperfections that are swept: fields, reference level, range, why."""
+    rows = []
+    for declared in DECLARATIONS.values():
+        for one in declared.swept:
+            sets = [f"`{name}`" + _factor(x) for name, x in one.fields.items()]
+            sets += [f"`{name}`" for name in one.switches]
+            reference, *ends = (level_text(one, x) for x in (one.reference, one.benign, one.harsh))
+            levels = (f"{reference} {one.unit}", f"{' to '.join(ends)} {one.unit}")
+            rows.append((f"`{one.name}`", ", ".join(sets), *levels, declared.why))
+    together = {one.name for one in added()} - {RAIL}
+    left_out = ", ".join(f"`{one.name}`" for one in IMPERFECTIONS if one.name not in together)
+    span = " to ".join(level_text(COMBINED, x) for x in (COMBINED.benign, COMBINED.harsh))
+    rows.append(("`combined`", f"all but {left_out}", "1 ×", f"{span} ×", "scaled together"))
+    return cells_as_table(("imperfection", "sets", "reference hardware", "searched", "why"), rows)
+
+
+def _factor(factor: float) -> str:
+    """Return what a level is multiplied by, nothing for 1."""
+    return "" if factor == 1.0 else f" × {factor:g}"
+
+
+def space_table() -> str:
+    """Return the space of random hardware: unit, range, why."""
+    rows = []
+    for name, unit, value in SampleSpace(LABORATORY).quantities():
+        ends = value if isinstance(value, tuple) else (value,)
+        text = " to ".join(f"{x:.4g}" for x in ends)
+        rows.append((f"`{name}`", unit, text, REASONS[name]))
+    return cells_as_table(("field", "unit", "range", "why"), rows)
+
+
+def _docstrings(kind: type) -> Mapping[str, str]:
+    """Return the docstring under each field of a dataclass, on one line."""
+
+    def found() -> Iterator[tuple[str, str]]:
+        (source,) = ast.parse(inspect.getsource(kind)).body
+        assert isinstance(source, ast.ClassDef)
+        for one, following in pairwise(source.body):
+            if isinstance(one, ast.AnnAssign) and isinstance(following, ast.Expr):
+                text = ast.literal_eval(following.value)
+                yield ast.unparse(one.target), " ".join(text.split()).removesuffix(".")
+
+    return dict(found())

@@ -1,0 +1,27 @@
+"""The tables of the pages say what the code declares."""
+
+from __future__ import annotations
+
+from afl_mujoco.scenario.imperfections import DECLARATIONS
+from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.verification.criteria import CRITERIA
+from docs.tables import cells_as_table, tables
+from tests.docs.test_content import CONTENT
+from tests.planted_faults import load_faults
+
+
+def test_every_criterion_imperfection_and_result_file_has_a_row() -> None:
+    found = tables()
+    assert all(f"| {name} |" in found["criteria"] for name in CRITERIA)
+    assert all(f"| `{name}` |" in found["imperfections"] for name in DECLARATIONS)
+    assert all(f"`{study.stem}.json`" in found["result files"] for study in studies().values())
+
+
+def test_every_planted_fault_has_a_row() -> None:
+    rows = CONTENT.table("faults")
+    assert "not run" not in rows, "run: make faults"
+    assert [f.name for f in load_faults() if f"| {f.name} |" not in rows.replace("\\|", "|")] == []
+
+
+def test_a_cell_may_hold_a_bar() -> None:
+    assert cells_as_table(("a",), [("|x|",)]) == "| a |\n| --- |\n| \\|x\\| |\n"
