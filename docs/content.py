@@ -17,11 +17,10 @@ import contextlib
 import io
 import json
 import math
-import re
 import sys
 import textwrap
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +32,7 @@ import afl_mujoco
 from afl_mujoco.cli.main import OTHERS, main
 from afl_mujoco.document.blocks import Block, Figure, Section, figures_of
 from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.document.numbers import ceil_to, floor_to, short
 from afl_mujoco.document.style import save_figure, write_figure
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import Record, load_record
@@ -56,8 +56,6 @@ GALLERY = {
     "hardware": "explanation/hardware.md",
 }
 """Studies whose figures the gallery shows, and the page that explains them."""
-
-RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 PARTS = ("abstract", "findings")
 """What README.md has of the site, each between its marks."""
@@ -89,24 +87,11 @@ NAMES = {
     "sweep": sweep,
     "estimate": estimate,
     "loop": loop,
+    "floor_to": floor_to,
+    "ceil_to": ceil_to,
+    "math": math,
 }
-"""What an expression of ``numbers.toml`` may call, besides the functions below."""
-
-
-def floor_to(x: float, digits: int = 2) -> float:
-    """Round towards zero to significant digits: the safe side of what is tolerated."""
-    return _to(math.floor, x, digits)
-
-
-def ceil_to(x: float, digits: int = 2) -> float:
-    """Round away from zero to significant digits: the safe side of what is needed."""
-    return _to(math.ceil, x, digits)
-
-
-def _to(rounded: Callable[[float], int], x: float, digits: int) -> float:
-    """Round to significant digits; a trace of round-off is no reason for another digit."""
-    scale = 10.0 ** (digits - 1 - math.floor(math.log10(abs(x))))
-    return math.copysign(rounded(round(abs(x) * scale, 9)) / scale, x)
+"""What an expression of ``numbers.toml`` may call."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,14 +172,13 @@ class Content:
         """Return a table."""
         return self._tables[name]
 
-    def sections(self, study: str, *anchors: str, level: int = 2, made: bool = True) -> str:
+    def sections(self, study: str, *anchors: str, level: int = 2) -> str:
         """Return what a study says of its result, or those of its sections that are asked for."""
         found = self._sections(study)
         if anchors:
             known = {section.anchor: section for section in _all_of(found)}
             found = [known[anchor] for anchor in anchors]
-        text = to_markdown([replace(s, blocks=tuple(_on_the_site(s.blocks))) for s in found], level)
-        return text if made else re.sub(r"\n\nMade by:\n\n```sh\n.*\n```", "", text)
+        return to_markdown(list(_on_the_site(found)), level)
 
     def _sections(self, study: str) -> list[Section]:
         """Return the sections of a study."""
@@ -244,12 +228,9 @@ class Content:
 
 
 def _number(declared: Mapping[str, Any], result: Any) -> Number:
-    """Return a number that is declared, of a result."""
-    names = {**NAMES, "r": result, "math": math, "floor_to": floor_to, "ceil_to": ceil_to}
-    value = eval(declared["value"], {"__builtins__": {}, **names})  # our own file
-    shown = re.sub(
-        r"e-0?(\d+)", lambda m: f"×10⁻{m[1].translate(RAISED)}", declared["format"].format(value)
-    )
+    """Return a number that is declared, of a result; without a format, as a report shows it."""
+    value = eval(declared["value"], {"__builtins__": {}, **NAMES, "r": result})  # our own file
+    shown = declared["format"].format(value) if "format" in declared else short(value, 2)
     return Number(value=float(value), shown=shown, within=declared["within"])
 
 
@@ -261,7 +242,7 @@ def _all_of(found: Sequence[Block]) -> Iterator[Section]:
             yield from _all_of(block.blocks)
 
 
-def _on_the_site(found: tuple[Block, ...]) -> Iterator[Block]:
+def _on_the_site(found: Sequence[Block]) -> Iterator[Any]:
     """Yield blocks whose figures are where a build draws them."""
     for block in found:
         if isinstance(block, Section):
@@ -291,8 +272,7 @@ def draw(figures: Iterator[Figure], folder: Path) -> None:
     """Draw the figures of the results into a folder, and those of what comes with the package."""
     folder.mkdir(exist_ok=True)
     for figure in figures:
-        drawn = replace(figure, name=figure.name.rpartition("/")[2])
-        write_figure(drawn, folder)
+        write_figure(figure, folder)
     sys.path.append(str(DOCS.parent / "benchmarks"))
     from optimisers.figure import draw_benchmark
     from optimisers.result import load_result

@@ -36,7 +36,7 @@ def make(source: Source, folder: Path) -> None:
     if source.benchmark:
         _write_output(source, folder)
         return
-    old = [MADE / f"{source.stem}{suffix}" for suffix in (".json", ".npz")]
+    old = [(MADE / source.file).with_suffix(suffix) for suffix in (".json", ".npz")]
     for path in old:
         path.unlink(missing_ok=True)
     words = (source.name, *source.words, "--no-page", "--out", str(MADE))
@@ -95,6 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         and source.name in (options.names or names)
         and not (options.check and source.benchmark)  # its times differ from machine to machine
     ]
+    if not chosen:
+        parser.error("nothing is left to do: a benchmark is not compared, and not all is cheap")
     if options.list:
         print("\n".join(f"{s.name:<28}{s.minutes:>5g} minutes on two cores" for s in chosen))
         return 0
@@ -106,9 +108,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{source.name}: {(time.monotonic() - started) / 60.0:.1f} minutes", flush=True)
         if not options.check:
             return 0
-        compared = [source.name for source in chosen]
-        found = moved(Content(), Content(folder), compared)
-    how_many = sum(len(Content().numbers[name]) for name in compared)
+        compared, before = [source.name for source in chosen], Content()
+        found = moved(before, Content(folder), compared)
+    how_many = sum(len(before.numbers[name]) for name in compared)
     print("\n".join(found) or f"none of {how_many} numbers moved by more than its uncertainty")
     return 1 if found else 0
 

@@ -6,6 +6,8 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
+from afl_mujoco.studies.registry import find_study
+
 ROOT = Path(__file__).resolve().parent.parent
 
 MADE = ROOT / "renders" / "results"
@@ -15,7 +17,7 @@ CHEAP = 3.0
 """Minutes up to which a result is cheap enough for every CI run."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Source:
     """What makes a result.
 
@@ -23,18 +25,15 @@ class Source:
     ----------
     name
         Of the study or the benchmark.
-    words
-        Behind it on the command line.
     minutes
         That it takes on two cores.
-    stem
-        Of the files that are kept.
+    words
+        Behind it on the command line.
     """
 
     name: str
-    words: tuple[str, ...] = ()
     minutes: float
-    stem: str
+    words: tuple[str, ...] = ()
 
     @property
     def benchmark(self) -> bool:
@@ -50,7 +49,7 @@ class Source:
     @property
     def file(self) -> str:
         """The file of ``docs/results``."""
-        return f"{self.stem}.{'txt' if self.benchmark else 'json'}"
+        return f"{self.name}.txt" if self.benchmark else f"{find_study(self.name).stem}.json"
 
     @property
     def cheap(self) -> bool:
@@ -58,31 +57,21 @@ class Source:
         return self.minutes <= CHEAP and not self.benchmark
 
 
-def _study(name: str, *words: str, minutes: float, stem: str = "") -> Source:
-    """Return a study."""
-    return Source(name=name, words=words, minutes=minutes, stem=stem or name)
-
-
-def _benchmark(name: str, *words: str, minutes: float) -> Source:
-    """Return a benchmark."""
-    return Source(name=f"bench_{name}", words=words, minutes=minutes, stem=f"bench_{name}")
-
-
 SOURCES = (
-    _study("validate", "--full", minutes=2, stem="report"),
-    _study("estimation", minutes=0.5),
-    _study("margins", minutes=1),
-    _study("hardware", minutes=2),
-    _study("identify", minutes=2),
-    _study("attraction", minutes=7),
-    _study("thresholds", minutes=12),
-    _study("montecarlo", minutes=8),
-    _benchmark("gymnasium", minutes=2),
-    _benchmark("estimator", minutes=3),
-    _benchmark("estimator_candidates", minutes=3),
-    _benchmark("gain_functions", minutes=3),
-    _benchmark("batch", minutes=3),
-    _benchmark("failure_causes", str(MADE.relative_to(ROOT)), minutes=3),
-    _benchmark("montecarlo", minutes=5),
-    _benchmark("identification", minutes=15),
+    Source("validate", 2, ("--full",)),
+    Source("estimation", 0.5),
+    Source("margins", 1),
+    Source("hardware", 2),
+    Source("identify", 2),
+    Source("attraction", 7),
+    Source("thresholds", 12),
+    Source("montecarlo", 8),
+    Source("bench_gymnasium", 2),
+    Source("bench_estimator", 3),
+    Source("bench_estimator_candidates", 3),
+    Source("bench_gain_functions", 3),
+    Source("bench_batch", 3),
+    Source("bench_failure_causes", 3, (str(MADE.relative_to(ROOT)),)),
+    Source("bench_montecarlo", 5),
+    Source("bench_identification", 15),
 )

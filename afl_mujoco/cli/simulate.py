@@ -105,10 +105,7 @@ class Simulate:
         if scenario.requirements != NONE:
             requirements = Section("Requirements", "requirements", [requirements_table([run])])
             print_sections([requirements], folder)
-        for remark in (
-            *controller.remarks(scenario.assumed_plants),
-            *remarks_on(runs[0], scenario),
-        ):
+        for remark in remarks_on(runs[0], scenario, controller):
             print(f"{controller.name}: {remark}")
         others = [f"{stem}.png", f"{scenario.name}.toml"]
         if self.log:

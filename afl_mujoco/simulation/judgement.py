@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.scenario.requirements import UNITS, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
@@ -176,11 +177,14 @@ def _rest(
     )
 
 
-def remarks_on(run: Trajectory, scenario: Scenario) -> list[str]:
+def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
     """Return remarks on a run that no requirement makes, one sentence each."""
+    remarks = controller.remarks(scenario.assumed_plants)
     end = scenario.imperfections.rail_half_length
-    hits = np.flatnonzero(np.abs(run.state[:, 0]) >= end) if end is not None else np.array([])
-    if not len(hits):
-        return []
+    if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
+        return remarks
     first = run.time[hits[0]]
-    return [f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s"]
+    return [
+        *remarks,
+        f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s",
+    ]

@@ -12,7 +12,7 @@ import jinja2
 import pytest
 
 from docs import make_results
-from docs.content import DOCS, Content, ceil_to, floor_to, readme, rewrite
+from docs.content import DOCS, Content, readme, rewrite
 from docs.sources import SOURCES
 
 PAGES = sorted(
@@ -87,11 +87,6 @@ def test_round_off_may_be_ten_times_larger_but_not_a_billion_times() -> None:
     error = CONTENT.numbers["validate"]["b1"]
     assert not error.moved_to(replace(error, value=8.0 * error.value))
     assert error.moved_to(replace(error, value=1e9 * error.value))
-
-
-def test_numbers_are_rounded_to_the_safe_side() -> None:
-    assert [floor_to(x) for x in (42.99, 7.3, 0.0419)] == [42.0, 7.3, 0.041]
-    assert [ceil_to(x) for x in (4.068, 10.0, 0.0411)] == [4.1, 10.0, 0.042]
 
 
 def test_a_page_without_its_marks_is_refused() -> None:

@@ -6,7 +6,15 @@ import math
 
 import pytest
 
-from afl_mujoco.document.numbers import fixed, limit, percent, scientific, short
+from afl_mujoco.document.numbers import (
+    ceil_to,
+    fixed,
+    floor_to,
+    limit,
+    percent,
+    scientific,
+    short,
+)
 
 
 @pytest.mark.parametrize(
@@ -48,3 +56,8 @@ def test_shares_and_columns() -> None:
     assert fixed(-0.04, 1) == "0.0"
     assert fixed(-66.49, 1) == "−66.5"
     assert fixed(None, 1) == fixed(math.inf, 1) == fixed(math.nan, 1) == "–"
+
+
+def test_numbers_are_rounded_to_the_safe_side() -> None:
+    assert [floor_to(x) for x in (42.99, 7.3, 0.0419)] == [42.0, 7.3, 0.041]
+    assert [ceil_to(x) for x in (4.068, 10.0, 0.0411)] == [4.1, 10.0, 0.042]

@@ -119,7 +119,7 @@ def _compared(scenario: Scenario, controller: Controller, run: Trajectory) -> Co
         outcome=str(run.outcome),
         metrics=metrics(scenario, controller, run),
         requirements=judge(scenario, run),
-        remarks=(*controller.remarks(scenario.assumed_plants), *remarks_on(run, scenario)),
+        remarks=tuple(remarks_on(run, scenario, controller)),
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from functools import partial
 
@@ -18,7 +17,7 @@ from afl_mujoco.document.blocks import (
     Table,
     Text,
 )
-from afl_mujoco.document.numbers import fixed, listed, percent, sentence, short
+from afl_mujoco.document.numbers import ceil_to, fixed, listed, percent, sentence, short
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
@@ -176,9 +175,7 @@ def _rail(rail: Imperfection, sweep: Sweep) -> str:
     enough = sweep.survives.holds_at
     if sweep.survives.bound == UPPER or enough is None:
         return text
-    digits = 1 - math.floor(math.log10(enough))
-    enough = math.ceil(round(enough * 10.0**digits, 9)) / 10.0**digits
-    return f"{text}; {level_text(rail, enough)} m is enough"
+    return f"{text}; {level_text(rail, ceil_to(enough))} m is enough"
 
 
 def _clause(one: Imperfection, sweep: Sweep) -> str:
