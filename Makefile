@@ -8,7 +8,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # A target for each study, by the name that its folder gives it.
 named = $(shell sed -n '/^STUDY = Study(/,/^)/s/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
 STUDIES := $(call named,afl_mujoco/studies/*/study.py)
-QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*/study.py))
+QUICK = $(filter-out readings,$(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*/study.py)))
 
 .DEFAULT_GOAL := help
 .PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune bench faults check lock clean distclean
@@ -36,7 +36,7 @@ report: $(READY) ## make renders/validation/report.html again from the results t
 $(STUDIES): $(READY)
 	@$(BIN)/afl-mujoco $@ $(ARGS)
 
-robustness: ## run every study that has --quick: what happens if the loop is not ideal (30 minutes; ARGS="--quick": 5)
+robustness: ## run every study of robustness: what happens if the loop is not ideal (30 minutes; ARGS="--quick": 5)
 	@for study in $(QUICK); do $(MAKE) --no-print-directory $$study || exit; done
 
 docs: $(READY) ## build the site into docs/_build/html, the tutorial executed, and the parts of README.md (2 minutes)

@@ -53,6 +53,7 @@ GALLERY = {
     "margins": "explanation/robustness.md",
     "montecarlo": "explanation/random_hardware.md",
     "estimation": "explanation/estimation.md",
+    "readings": "explanation/claims.md",
     "hardware": "explanation/hardware.md",
 }
 """Studies whose figures the gallery shows, and the page that explains them."""

@@ -60,6 +60,7 @@ class Source:
 SOURCES = (
     Source("validate", 2, ("--full",)),
     Source("estimation", 0.5),
+    Source("readings", 25),
     Source("margins", 1),
     Source("hardware", 2),
     Source("identify", 2),

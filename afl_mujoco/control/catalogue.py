@@ -19,7 +19,8 @@ from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
-from afl_mujoco.control.names import ESTIMATED, INFORMED
+from afl_mujoco.control.held import HeldController
+from afl_mujoco.control.names import ESTIMATED, HELD, INFORMED
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -168,6 +169,7 @@ def _build() -> dict[str, Controller]:
         catalogue.append(
             AFLController(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
         )
+    catalogue.append(HeldController(name=HELD, fixed=Gains(**retuned["fixed"])))
     catalogue += [
         StateFeedback(name=n, kind=kind, gains=design) for n, (kind, design) in DESIGNS.items()
     ]

@@ -10,14 +10,18 @@ AFL = (
 )
 """Feedback linearisation: the paper's gains; gains found here; nominal M and l assumed."""
 
+HELD = "adaptive-held"
+"""Feedback linearisation with gains found here, chosen when a run starts and kept: it remembers,
+so that only sampled mode supports it."""
+
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 """State feedback controllers to compare it with."""
 
-NAMES = (*AFL, *BASELINES)
+NAMES = (*AFL, HELD, *BASELINES)
 """Every controller of the catalogue, in its order."""
 
-INFORMED = tuple(name for name in NAMES if not name.endswith("-nominal"))
-"""Controllers that know the true M(t) and l(t)."""
+INFORMED = tuple(n for n in NAMES if not n.endswith("-nominal") and n != HELD)
+"""Controllers that know the true M(t) and l(t) at every instant, and nothing of the past."""
 
 ESTIMATED = "-estimated"
 """Ending of the name of a controller that uses the estimator: ``adaptive-estimated``. Such

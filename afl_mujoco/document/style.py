@@ -32,6 +32,7 @@ CONTROLLERS: Mapping[str, str] = {
     "adaptive-retuned": BLUE,
     "fixed-nominal": PURPLE,
     "adaptive-nominal": GREEN,
+    "adaptive-held": "#117733",
     "lqr": "#882255",
     "pole-placement": "#332288",
     "partial-linearization": "#999933",

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
 from afl_mujoco.control.catalogue import CONTROLLERS
-from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.batch.objective import ObjectiveScales, objective
-from afl_mujoco.simulation.metrics import Metrics, integral, metrics
-from afl_mujoco.simulation.ode import simulate_ode, solve_ode
-from afl_mujoco.simulation.trajectory import COMPLETED, controller_inputs
+from afl_mujoco.simulation.metrics import Metrics, metrics
+from afl_mujoco.simulation.ode import simulate_ode
 
 TERMS = ("iae_z", "iae_phi", "max_force")
 """The metrics that the objective (O1) adds up."""
-
-COARSE: Any = {"sample_period": 2e-3, "rtol": 1e-9, "atol": 1e-11, "longest_step": 0.1}
-"""How `ideal_objective` solves the equations."""
 
 
 def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
@@ -27,21 +17,6 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
     iae_z, iae_phi, max_force = (figures[name] for name in TERMS)
     known = None not in (iae_z, iae_phi, max_force)
     return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
-
-
-def ideal_objective(
-    scenario: Scenario, controller: Controller, scales: ObjectiveScales
-) -> float | None:
-    """Return the objective (O1) on the ideal equations, fast; None if the run did not complete.
-
-    It equals that of `simulate_ode` to a relative 1e-6, without the trajectory.
-    """
-    times, states, outcome = solve_ode(scenario, controller, **COARSE)
-    if outcome.kind != COMPLETED:
-        return None
-    forces = controller.forces(states, controller_inputs(scenario, controller, times), times)
-    iae_z, iae_phi = (integral(np.abs(states[:, column]), times) for column in (0, 1))
-    return float(objective(iae_z, iae_phi, np.abs(forces).max(), scales))
 
 
 def nominal_scales(sample_period: float) -> ObjectiveScales:

@@ -284,11 +284,13 @@ def controller_policy(
     """
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")
-    period, tick = control_period or 0.0, 0
+    period, tick, own = control_period or 0.0, 0, controller.start()
 
     def policy(time_step: TimeStep) -> NDArray[np.float64]:
-        nonlocal tick
+        nonlocal tick, own
         tick = 0 if time_step.first() else tick + 1
+        if time_step.first():
+            own = controller.start()
         seen = time_step.observation
         for name in ("position", "velocity", "parameters"):
             if name not in seen:
@@ -301,6 +303,6 @@ def controller_policy(
             gravity=scenario.gravity,
         )
         state = np.concatenate([seen["position"], seen["velocity"]])
-        return np.array([controller.force(state, truth, tick * period)])
+        return np.array([own.force(state, truth, tick * period)])
 
     return policy

@@ -129,7 +129,8 @@ BAD_ARGUMENTS = {
     "no command": (
         [],
         "Expected one of {validate, compare, thresholds, montecarlo, attraction, margins, "
-        "estimation, identify, hardware, report, simulate, log, render, view, tune, regression}",
+        "estimation, readings, identify, hardware, report, simulate, log, render, view, tune, "
+        "regression}",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],

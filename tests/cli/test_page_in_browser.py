@@ -160,7 +160,7 @@ def test_every_image_loads(opened: webdriver.Chrome) -> None:
         "[...document.images].every(i => i.complete) && "
         "[...document.images].map(i => [i.alt, i.naturalWidth, i.naturalHeight])",
     )
-    assert len(images) == 23  # of every study, and two that the page opens with
+    assert len(images) == 24  # of every study, and two that the page opens with
     assert all(alt and width > 100 and height > 100 for alt, width, height in images)
 
 

@@ -1,4 +1,4 @@
-"""Thousands of closed loops on constant plants at once, and the paper's objective of each."""
+"""Thousands of closed loops, on constant plants or schedules, and the paper's objective of each."""
 
 from afl_mujoco.simulation.batch.integrate import TOLERANCE, Terms, closed_loop_terms
 from afl_mujoco.simulation.batch.objective import (
@@ -6,12 +6,15 @@ from afl_mujoco.simulation.batch.objective import (
     objective,
     penalised_objective,
 )
+from afl_mujoco.simulation.batch.scheduled import ScheduledTerms, scheduled_terms
 
 __all__ = [
     "TOLERANCE",
     "ObjectiveScales",
+    "ScheduledTerms",
     "Terms",
     "closed_loop_terms",
     "objective",
     "penalised_objective",
+    "scheduled_terms",
 ]

@@ -102,7 +102,7 @@ class Request(NamedTuple):
 
 def request_of(configuration: Attraction) -> Request:
     """Return the request of a configuration, or raise."""
-    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.control.catalogue import find_controller, require_stateless
     from afl_mujoco.scenario.parameters import require_distinct, require_positive
     from afl_mujoco.scenario.sampling import whole_steps
     from afl_mujoco.simulation.attraction.grid import Settling
@@ -123,6 +123,7 @@ def request_of(configuration: Attraction) -> Request:
     require_integrator(c.integrator)
     for controller in controllers:
         _ = controller.kind  # raises if it has no compiled form
+        require_stateless(controller, "a map over plants")
         for grid in maps:  # raises if a gain is not positive
             masses, lengths = grid.plants.T
             controller.inputs_along_run(masses, lengths, grid.pole_mass, grid.gravity)

@@ -18,8 +18,8 @@ from afl_mujoco.studies.contract import (
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
     from afl_mujoco.scenario.sample_space import SampleSpace
+    from afl_mujoco.studies.cube_search import Budget
     from afl_mujoco.studies.monte_carlo.result import Result
-    from afl_mujoco.studies.monte_carlo.search import Budget
     from afl_mujoco.studies.monte_carlo.trial import Settings
 
 LABORATORY = "laboratory"
@@ -96,8 +96,8 @@ def request_of(configuration: MonteCarlo) -> Request:
         require_backend()  # before MuJoCo
 
     from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.studies.cube_search import Budget
     from afl_mujoco.studies.monte_carlo.campaign import require_campaign
-    from afl_mujoco.studies.monte_carlo.search import Budget
     from afl_mujoco.studies.monte_carlo.trial import Settings
 
     samples = QUICK_SAMPLES if c.quick else SAMPLES

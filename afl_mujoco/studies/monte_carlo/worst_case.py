@@ -13,8 +13,8 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.cube_search import Budget, Point, minimise
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
-from afl_mujoco.studies.monte_carlo.search import Budget, Point, minimise
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
 
 HARDEST, NEAREST = "hardest", "nearest"

@@ -18,7 +18,6 @@ from afl_mujoco.studies.verification.checks.equation_checks import equation_chec
 from afl_mujoco.studies.verification.checks.explanation import plateau_check
 from afl_mujoco.studies.verification.checks.reference_checks import free_swings, reference_checks
 from afl_mujoco.studies.verification.claims.ledger import judge_claims
-from afl_mujoco.studies.verification.claims.schedules import FULL, QUICK
 from afl_mujoco.studies.verification.result import Result, verdict_of
 
 
@@ -55,8 +54,7 @@ def verify(
             for run in runs
             if run.simulator == DECISIVE and run.scenario in published
         }
-        schedules = FULL if settings.full else QUICK
-        ledger = judge_claims(decisive, scales, schedules, executor, progress)
+    ledger = judge_claims(decisive, scales)
     for case in judged:
         checks += [*case.checks, *case.explanation.checks]
         studies += case.explanation.studies

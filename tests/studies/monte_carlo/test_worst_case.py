@@ -15,9 +15,9 @@ from afl_mujoco.scenario.sample_space import (
     search_generator,
 )
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.cube_search import Budget, minimise
 from afl_mujoco.studies.monte_carlo import worst_case
 from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
-from afl_mujoco.studies.monte_carlo.search import Budget, minimise
 from afl_mujoco.studies.monte_carlo.trial import Settings, run_trials
 from afl_mujoco.studies.monte_carlo.worst_case import (
     HARDEST,

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 REPRODUCED, IN_PART = "reproduced", "reproduced in part"
 NOT_REPRODUCED, UNDETERMINED = "not reproduced", "cannot be determined"
+EVERY, SOME, NONE = (
+    f"holds under {which}" for which in ("every reading tried", "some readings", "no reading tried")
+)
+"""Verdicts on what hangs on what the paper leaves open (`studies.paper_readings`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +28,7 @@ class Claim:
     paper, here
         The paper's number and ours; ``None`` if there is none.
     verdict
-        One of the four verdicts of this module.
+        One of the verdicts of this module.
     why
         The reason for the verdict, one sentence.
     """
@@ -35,6 +40,12 @@ class Claim:
     here: float | None
     verdict: str
     why: str
+
+
+def verdict_on_readings(holds: Iterable[bool]) -> str:
+    """Return the verdict on a claim from whether it holds under each reading tried."""
+    found = list(holds)
+    return EVERY if all(found) else SOME if any(found) else NONE
 
 
 def verdict(share: float, enough: float = 1.0, least: float = 0.0) -> str:

@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.simulation.batch import ObjectiveScales
-from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.verification.claims.claim import Claim
 from afl_mujoco.studies.verification.claims.gains import (
     fit_claim,
@@ -22,9 +20,11 @@ from afl_mujoco.studies.verification.claims.performance import (
     Runs,
     performance_claims,
 )
+from afl_mujoco.studies.verification.claims.readings import READINGS, try_readings
 from afl_mujoco.studies.verification.claims.schedules import (
+    SCHEDULES,
     Comparison,
-    objectives_on_schedule,
+    objectives_on_schedules,
     schedules_claim,
 )
 from afl_mujoco.studies.verification.claims.search import search_claim
@@ -54,27 +54,23 @@ def decidable(runs: Runs) -> bool:
 def judge_claims(
     runs: Runs,
     scales: ObjectiveScales,
-    schedules: int,
-    executor: Executor,
-    progress: Progress = silent,
+    schedules: int = SCHEDULES,
+    readings: int = READINGS,
 ) -> Ledger:
     """Judge the claims; return an empty ledger if the runs do not decide them.
 
     Parameters
     ----------
-    schedules
-        Number of random schedules to draw for C9.
+    schedules, readings
+        Numbers of random schedules for C9, and of random readings for C3 to C6.
     """
     if not decidable(runs):
         return Ledger()
-    units = [(index, scales) for index in range(schedules)]
-    advance = counted(progress, "random schedules", schedules)
-    objectives = compute_all(objectives_on_schedule, units, executor, advance)
-    c9, comparisons = schedules_claim(objectives)
+    c9, comparisons = schedules_claim(objectives_on_schedules(schedules, scales))
     table = GainTable.shipped()
     claims = (
         linearisation_claim(),
-        *performance_claims(runs),
+        *performance_claims(runs, try_readings(readings)),
         c9,
         optima_claim(table, scales),
         fit_claim(table),

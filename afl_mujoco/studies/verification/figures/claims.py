@@ -21,17 +21,23 @@ from afl_mujoco.document.style import (
     new_figure,
 )
 from afl_mujoco.studies.verification.claims.claim import (
+    EVERY,
     IN_PART,
+    NONE,
     NOT_REPRODUCED,
     REPRODUCED,
+    SOME,
     UNDETERMINED,
     Claim,
 )
 
 VERDICTS: Mapping[str, tuple[str, str]] = {
     REPRODUCED: ("o", BLUE),
+    EVERY: ("P", BLUE),
     IN_PART: ("D", ORANGE),
+    SOME: ("^", ORANGE),
     NOT_REPRODUCED: ("X", VERMILION),
+    NONE: ("v", VERMILION),
     UNDETERMINED: ("$?$", GREY),
 }
 """Marker and colour of each verdict."""
@@ -58,7 +64,8 @@ def claims_figure(claims: Sequence[Claim], interval: Sequence[float] | None) -> 
         title="Verdicts on the paper's claims",
         caption="Each claim of the paper with its verdict, the paper's number (open) and the one "
         "found here (filled), and the 95 % confidence interval of the share in C9. The "
-        "improvements of C3 to C6 are those of the paper's Table 3.",
+        "improvements of C3 to C6 are those of the paper's Table 3, and those found here rest on "
+        "the schedules of D3 and the scales of D4.",
         alt=f"{said}. " + " ".join(map(_in_words, claims)),
         draw=partial(_draw, claims, interval),
     )
@@ -84,7 +91,7 @@ def _draw(claims: Sequence[Claim], interval: Sequence[float] | None) -> Figure:
     numbers.tick_params(axis="y", length=0.0, labelleft=False)
     numbers.spines["left"].set_visible(False)
     numbers.set_yticks([row - 0.5 for row in range(1, len(claims))])
-    _draw_legend(figure)
+    _draw_legend(figure, claims)
     return figure
 
 
@@ -153,11 +160,12 @@ def _in_words(claim: Claim) -> str:
     return f"{claim.id} ({claim.figure}): {_numbers(claim)}."
 
 
-def _draw_legend(figure: Figure) -> None:
+def _draw_legend(figure: Figure, claims: Sequence[Claim]) -> None:
     """Draw the legend below the figure."""
     handles = {
         verdict: Line2D([], [], marker=marker, color=colour, linestyle="none", markersize=8.0)
         for verdict, (marker, colour) in VERDICTS.items()
+        if any(claim.verdict == verdict for claim in claims)
     }
     handles["paper"] = Line2D(
         [], [], marker="o", color=BLACK, markerfacecolor="white", linestyle="none", markersize=8.0

@@ -20,9 +20,12 @@ from afl_mujoco.document.blocks import (
 from afl_mujoco.document.numbers import fixed, interval, listed, percent, sentence, short
 from afl_mujoco.studies.gain_figures import gains_figure
 from afl_mujoco.studies.verification.claims.claim import (
+    EVERY,
     IN_PART,
+    NONE,
     NOT_REPRODUCED,
     REPRODUCED,
+    SOME,
     UNDETERMINED,
     Claim,
 )
@@ -33,16 +36,22 @@ from afl_mujoco.studies.verification.sections.decisions import claim_decisions, 
 
 STATUSES: Mapping[str, Status] = {
     REPRODUCED: "good",
+    EVERY: "good",
     IN_PART: "neutral",
+    SOME: "neutral",
     NOT_REPRODUCED: "bad",
+    NONE: "bad",
     UNDETERMINED: "open",
 }
 """Status with which a verdict on a claim is shown."""
 
 WORDS = {
     REPRODUCED: "hold here",
+    EVERY: "hold under every reading tried",
     IN_PART: "hold in part",
+    SOME: "hold under some readings of what the paper leaves open",
     NOT_REPRODUCED: "do not hold",
+    NONE: "hold under no reading tried",
     UNDETERMINED: "cannot be determined",
 }
 """The verdicts for use in a sentence."""
@@ -165,7 +174,7 @@ def _summary(claims: Sequence[Claim]) -> str:
         paper, here = (sorted(pair[k] for pair in pairs) for k in (0, 1))
         more = (
             f"; the improvement by adaptive gains, {_range(paper)} in the paper's Table 3, is "
-            f"{_range(here)} on the schedules assumed here (D3)"
+            f"{_range(here)} on the schedules assumed here (D3) and scales of D4"
         )
     return f"Of {len(claims)} claims {listed(told, 'and')}{more}."
 

@@ -1,0 +1,164 @@
+"""The control law with gains chosen from the gain table when a run starts, and kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.afl import sliding_and_drift
+from afl_mujoco.control.compiled_controller import AFL, CompiledController
+from afl_mujoco.control.controller import Controller, assumed_as_data
+from afl_mujoco.control.gain_table import GainTable
+from afl_mujoco.control.gains import Gains
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import (
+    CART_MASSES,
+    HALF_LENGTHS,
+    CartPoleParameters,
+    PlantRange,
+)
+
+DAMPING = 0.2
+"""Exponent by which the slope follows the table: of those tried, the one that most often has a
+lower objective than the fixed gains on random schedules (`benchmarks/bench_gain_functions.py`)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldController(Controller):
+    """The control law (L1)-(L10) with gains that are chosen at the start of a run.
+
+    ``lambda = lambda_0 (lambda_table(M, l) / lambda_0)^DAMPING`` with M and l as assumed at the
+    start; K, Phi and lambda_0 are the fixed gains. Beyond the table the gain of its edge is taken.
+    It remembers: only where a run has a start is it defined.
+
+    Attributes
+    ----------
+    name
+        Name for reports and files.
+    fixed
+        The fixed gains.
+    """
+
+    name: str
+    fixed: Gains
+    belief: CartPoleParameters | None = None
+    _chosen: list[Gains] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def kind(self) -> int:
+        """The paper's control law."""
+        return AFL
+
+    @property
+    def stateful(self) -> bool:
+        """It remembers its gains."""
+        return True
+
+    def gains(self, cart_mass: float, half_length: float) -> Gains:
+        """Return the gains of a run that starts with M [kg] and l [m]."""
+        slope = _table_slope()(
+            (np.clip(cart_mass, *_ends(CART_MASSES)), np.clip(half_length, *_ends(HALF_LENGTHS)))
+        )
+        base = self.fixed.slope
+        return Gains(
+            switching=self.fixed.switching,
+            slope=base * float(slope / base) ** DAMPING,
+            boundary_layer=self.fixed.boundary_layer,
+        )
+
+    def compiled_for(self, plants: PlantRange) -> CompiledController:
+        """Raise: no table of gains over M and l is this controller."""
+        _need_a_start(self.name)
+
+    def inputs_along_run(
+        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
+    ) -> NDArray[np.float64]:
+        """Return M, m, l, g along a run and the gains of its first instant, shape (..., 7)."""
+        assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
+        first = assumed.reshape(-1, 4)[0]
+        gains = self.gains(float(first[0]), float(first[2]))
+        inputs = np.empty((*assumed.shape[:-1], 7))
+        inputs[..., :4] = assumed
+        inputs[..., 4:] = gains.switching, gains.slope, gains.boundary_layer
+        return inputs
+
+    def saturation_ratio(
+        self, states: NDArray[np.float64], inputs: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return s / Phi at each of many states; arguments as for `Controller.forces`."""
+        z, phi, z_dot, phi_dot = states.T
+        assumed = inputs[:, 2], inputs[:, 3], inputs[:, 5]
+        surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, *assumed)
+        return np.asarray(surface / inputs[:, 6])
+
+    def remarks(self, plants: PlantRange) -> list[str]:
+        """Return where a plant lies beyond the table."""
+        axes = (
+            ("M", "kg", CART_MASSES, plants.cart_mass),
+            ("l", "m", HALF_LENGTHS, plants.half_length),
+        )
+        return [
+            f"Its gains are chosen from a table for {symbol} {nodes[0]:g} to {nodes[-1]:g} {unit}, "
+            f"and {symbol} reaches {far:g} {unit} here: a start there gets those of the edge."
+            for symbol, unit, nodes, ends in axes
+            for far, beyond in ((ends[0], ends[0] < nodes[0]), (ends[1], ends[1] > nodes[-1]))
+            if beyond
+        ]
+
+    def start(self) -> HeldController:
+        """Return the controller for one run, which chooses its gains at the first call."""
+        return replace(self, _chosen=[])
+
+    def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
+        """Return the force [N] at one state of a run begun by `start`; arguments as in the base."""
+        p = truth
+        assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+        return self.command(time, state, np.array(assumed))
+
+    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
+        """Return the force [N], NaN where the controller has none; `assumed` is (M, m, l, g)."""
+        if self._chosen is None:
+            _need_a_start(self.name)
+        if not self._chosen:
+            self._chosen.append(self.gains(float(assumed[0]), float(assumed[2])))
+        g = self._chosen[0]
+        inputs = np.array([[*assumed, g.switching, g.slope, g.boundary_layer]])
+        return float(self.forces(np.asarray(state, dtype=np.float64).reshape(1, 4), inputs)[0])
+
+    def describe(self) -> dict[str, Any]:
+        """Return the controller as plain data, for provenance."""
+        return {
+            "name": self.name,
+            "fixed": {name: getattr(self.fixed, name) for name in self.fixed.__slots__},
+            "damping": DAMPING,
+            "belief": assumed_as_data(self.belief),
+        }
+
+
+def _need_a_start(name: str) -> NoReturn:
+    """Raise: the controller is asked for something that does not know how its run started."""
+    rule = "chooses its gains when a run starts, and is defined only for runs"
+    raise InvalidValueError(f"controller {name!r}", rule)
+
+
+def _ends(nodes: ArrayLike) -> tuple[float, float]:
+    """Return the ends of an axis of the table."""
+    found = np.asarray(nodes)
+    return float(found[0]), float(found[-1])
+
+
+@cache
+def _table_slope() -> Any:
+    """Return the slope of the shipped table over (M, l), linear between its plants."""
+    from scipy.interpolate import RegularGridInterpolator  # a second to import
+
+    table = GainTable.shipped()
+    columns = [table.column(name) for name in ("cart_mass", "half_length", "slope")]
+    masses, lengths = (np.unique(x) for x in columns[:2])
+    order = np.lexsort((columns[1], columns[0]))
+    slopes = columns[2][order].reshape(len(masses), len(lengths))
+    return RegularGridInterpolator((masses, lengths), slopes)

@@ -1,0 +1,276 @@
+"""Readings of the paper: what it leaves open as unknowns, and its Table 3 under each.
+
+The paper prints neither the values and times of the schedules nor the horizon and the scales of
+the objective, and it contradicts itself on two columns (decisions D2 to D5). A reading is a choice
+of all these. Its schedules have the shapes that the paper names: two steps between three levels,
+and a trapezoid between two.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import resources
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.catalogue import AFLController, find_controller
+from afl_mujoco.errors import reading
+from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import Schedule, staircase, trapezoid
+from afl_mujoco.simulation.batch import scheduled_terms
+
+Array = NDArray[np.float64]
+
+TABLE_3 = {
+    "step-step": (0.9501, 0.5888, 38.03),
+    "step-trapezoid": (1.0007, 0.7077, 29.28),
+    "trapezoid-step": (2.4867, 1.4996, 39.70),
+    "trapezoid-trapezoid": (2.5476, 1.6137, 36.66),
+}
+"""The paper's Table 3: the objective of each case with fixed and with adaptive gains, and by how
+much adaptive gains lower it [%]."""
+
+CASES = tuple(TABLE_3)
+PUBLISHED = np.array([row[:2] for row in TABLE_3.values()])
+PUBLISHED_IMPROVEMENTS = np.array([row[2] for row in TABLE_3.values()])
+
+NEAR = 5.0
+"""How close to the paper's an improvement must come to be reproduced [percentage points]."""
+
+HORIZONS = (10.0, 30.0)
+"""Range of the horizon [s]."""
+
+FACTORS = (-1.0, 1.0)
+"""Range of log10 of the factors that multiply the scales of D4 for the integrals of z and phi,
+relative to that for the force."""
+
+GAP = 0.01
+"""Least time between two changes of a schedule [s]."""
+
+STEP, TRAPEZOID = "step", "trapezoid"
+_SHAPES = {STEP: (2, 3), TRAPEZOID: (4, 2)}
+"""Numbers of times and of levels."""
+
+_RANGES = {"M": CART_MASS_RANGE, "l": HALF_LENGTH_RANGE}
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One unknown of a reading; `low` and `high` are its range, [0, 1] for two choices."""
+
+    name: str
+    low: float
+    high: float
+    kind: str
+
+
+def _axes() -> Iterator[Axis]:
+    """Yield the unknowns."""
+    for (symbol, levels), (shape, (times, count)) in product(_RANGES.items(), _SHAPES.items()):
+        for k in range(times):
+            yield Axis(f"{shape} {symbol}, time {k + 1}", 0.0, 1.0, "time")
+        for k in range(count):
+            yield Axis(f"{shape} {symbol}, level {k + 1}", *levels, kind=symbol)
+    yield Axis("horizon", *HORIZONS, kind="horizon")
+    yield Axis("scale of ∫|z| dt", *FACTORS, kind="scale")
+    yield Axis("scale of ∫|φ| dt", *FACTORS, kind="scale")
+    yield Axis("labels of K and Φ", 0.0, 1.0, "choice")
+    yield Axis("max F or max |F|", 0.0, 1.0, "choice")
+
+
+AXES = tuple(_axes())
+"""The unknowns, in the order of a point."""
+
+_AT = {axis.name: k for k, axis in enumerate(AXES)}
+HORIZON, SCALE_Z, SCALE_PHI = _AT["horizon"], _AT["scale of ∫|z| dt"], _AT["scale of ∫|φ| dt"]
+LABELS, SIGNED = _AT["labels of K and Φ"], _AT["max F or max |F|"]
+
+
+def _columns(symbol: str, shape: str) -> tuple[list[int], list[int]]:
+    """Return the columns of the times and of the levels of a schedule."""
+    times, levels = _SHAPES[shape]
+    first = _AT[f"{shape} {symbol}, time 1"]
+    return [*range(first, first + times)], [*range(first + times, first + times + levels)]
+
+
+SCHEDULES = {key: _columns(*key) for key in product(_RANGES, _SHAPES)}
+"""Columns of times and levels, by symbol and shape."""
+
+
+def readings_at(points: ArrayLike) -> Array:
+    """Return the readings at points of the unit cube, shape (N, unknowns).
+
+    A reading has its times in s, increasing and `GAP` apart, levels in kg and m, the horizon in s,
+    log10 of the factors of the scales, and 0 or 1: 1 for the labels of Table 1's header (D2), and
+    for the largest F with its sign instead of the largest abs(F) (D5).
+    """
+    u = np.atleast_2d(np.asarray(points, dtype=np.float64))
+    low, high = (np.array([getattr(axis, end) for axis in AXES]) for end in ("low", "high"))
+    found = low + u * (high - low)
+    for times, _ in SCHEDULES.values():
+        spare = found[:, HORIZON, None] - GAP * (len(times) + 1)
+        gaps = GAP * np.arange(1, len(times) + 1)
+        found[:, times] = np.sort(u[:, times], axis=1) * spare + gaps
+    found[:, [LABELS, SIGNED]] = u[:, [LABELS, SIGNED]] >= 0.5
+    return np.asarray(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Terms:
+    """The terms of (O1) of readings in the four cases.
+
+    Attributes
+    ----------
+    values
+        Integrals of abs(z) and abs(phi) and the largest force, each divided by its scale of D4;
+        shape (N, 4, 2, 3): reading, case, fixed or adaptive gains, term.
+    """
+
+    values: Array
+
+    def objectives(self, readings: Array) -> Array:
+        """Return the objectives, shape (N, 4, 2), up to a common factor."""
+        weights = np.ones((len(readings), 3))
+        weights[:, :2] = 10.0 ** -readings[:, [SCALE_Z, SCALE_PHI]]
+        return np.asarray(np.einsum("ncgt,nt->ncg", self.values, weights))
+
+
+def terms_of(readings: Array, threads: int = 1) -> Terms:
+    """Return the terms of readings; infinite where a loop fell or diverged.
+
+    Parameters
+    ----------
+    readings
+        Rows as from `readings_at`.
+    """
+    count = len(readings)
+    knots = {key: _knots(readings, *key) for key in SCHEDULES}
+    cases = [(*case.split("-"), gains) for case in CASES for gains in ("fixed", "adaptive")]
+    masses = np.stack([knots["M", shape] for shape, _, _ in cases], axis=1)
+    lengths = np.stack([knots["l", shape] for _, shape, _ in cases], axis=1)
+    labelled = [
+        np.array([_coefficients(g, labels) for _, _, g in cases]) for labels in ("table2", "table1")
+    ]
+    coefficients = np.stack(labelled)[readings[:, LABELS].astype(int)]
+    found = scheduled_terms(
+        masses.reshape(-1, 4, 2),
+        lengths.reshape(-1, 4, 2),
+        coefficients.reshape(-1, 3, 5),
+        np.repeat(readings[:, HORIZON], len(cases)),
+        threads=threads,
+    )
+    signed = np.repeat(readings[:, SIGNED] > 0.5, len(cases))
+    force = np.where(signed, found.max_force, found.peak_force)
+    terms = np.stack([found.iae_z, found.iae_phi, force], axis=1) / nominal_terms()
+    terms[found.lost] = np.inf
+    return Terms(terms.reshape(count, len(CASES), 2, 3))
+
+
+def nominal_terms() -> Array:
+    """Return the scales of D4: the terms of the fixed gains on the nominal plant over 20 s."""
+    plant = [[[0.0, value]] for value in (1.0, 0.5)]
+    found = scheduled_terms([plant[0]], [plant[1]], _coefficients("fixed", "table2"), [20.0])
+    return np.array([found.iae_z[0], found.iae_phi[0], found.peak_force[0]])
+
+
+def improvements(objectives: Array) -> Array:
+    """Return by how much adaptive gains lower the objectives [%], shape (N, 4)."""
+    with np.errstate(invalid="ignore"):
+        return 100.0 * (1.0 - objectives[..., 1] / objectives[..., 0])
+
+
+def improvement_error(objectives: Array) -> Array:
+    """Return the rms difference from Table 3's improvements [percentage points], shape (N,)."""
+    return _rms(improvements(objectives) - PUBLISHED_IMPROVEMENTS, (1,))
+
+
+def value_error(objectives: Array) -> Array:
+    """Return the rms relative difference from Table 3's values [%] at the best common scale."""
+    return _rms(100.0 * (scaled(objectives) / PUBLISHED - 1.0), (1, 2))
+
+
+def scaled(objectives: Array) -> Array:
+    """Return objectives with the common factor that brings them nearest to Table 3's values."""
+    ratio = objectives / PUBLISHED
+    with np.errstate(invalid="ignore"):
+        best = ratio.sum(axis=(1, 2)) / (ratio**2).sum(axis=(1, 2))
+        return np.asarray(objectives * best[:, None, None])
+
+
+def both_errors(objectives: Array) -> Array:
+    """Return the root of the sum of the squares of both errors."""
+    return np.hypot(improvement_error(objectives), value_error(objectives))
+
+
+def _rms(errors: Array, axes: tuple[int, ...]) -> Array:
+    """Return the root mean square over axes; infinite where a run was lost."""
+    found = np.sqrt(np.mean(errors**2, axis=axes))
+    return np.asarray(np.where(np.isfinite(found), found, np.inf))
+
+
+def _coefficients(name: str, labels: str) -> Array:
+    """Return the coefficients of (G1) of a controller of the paper."""
+    controller = find_controller(name, labels)
+    assert isinstance(controller, AFLController)
+    return controller.gain_function.coefficients
+
+
+def _knots(readings: Array, symbol: str, shape: str) -> Array:
+    """Return the knots (time, value) of a schedule, shape (N, 4, 2)."""
+    times, levels = SCHEDULES[symbol, shape]
+    if shape == STEP:
+        (a, b), (p, q, r) = times, levels
+        return np.stack([readings[:, [a, a, b, b]], readings[:, [p, q, q, r]]], axis=2)
+    low, high = levels
+    return np.stack([readings[:, times], readings[:, [low, high, high, low]]], axis=2)
+
+
+def schedule_of(one: Array, symbol: str, shape: str) -> Schedule:
+    """Return a schedule of a reading."""
+    times, levels = (one[columns].tolist() for columns in SCHEDULES[symbol, shape])
+    if shape == STEP:
+        return staircase(times, levels)
+    return trapezoid(times, low=levels[0], high=levels[1])
+
+
+def scenario_of(one: Array, case: str, name: str) -> Scenario:
+    """Return a case of a reading as a scenario, named ``name-case``."""
+    mass, length = case.split("-")
+    return Scenario(
+        name=f"{name}-{case}",
+        cart_mass=schedule_of(one, "M", mass),
+        half_length=schedule_of(one, "l", length),
+        duration=float(one[HORIZON]),
+    )
+
+
+def random_readings(count: int, seed: int) -> Array:
+    """Return readings drawn uniformly."""
+    return readings_at(np.random.default_rng(seed).random((count, len(AXES))))
+
+
+def shipped_study() -> Any:
+    """Return what a full `afl-mujoco readings` found, as it comes with the package.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or malformed.
+    """
+    file = resources.files("afl_mujoco.studies") / "data" / "readings.json"
+    with reading(file, "is not a result of afl-mujoco readings"):
+        return json.loads(file.read_text(encoding="utf-8"))
+
+
+def shipped_readings() -> dict[str, Array]:
+    """Return the named readings of `shipped_study`."""
+    return {
+        one["name"]: np.array([one["values"][axis.name] for axis in AXES])
+        for one in shipped_study()["readings"]
+    }

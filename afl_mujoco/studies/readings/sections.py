@@ -1,0 +1,311 @@
+"""The study of readings in words, tables and a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import partial
+
+from afl_mujoco.document.blocks import (
+    Cell,
+    Column,
+    Figure,
+    Finding,
+    Section,
+    Table,
+    Text,
+)
+from afl_mujoco.document.numbers import fixed, percent, short
+from afl_mujoco.studies.paper_readings import (
+    CASES,
+    HORIZON,
+    LABELS,
+    NEAR,
+    PUBLISHED,
+    PUBLISHED_IMPROVEMENTS,
+    SCALE_PHI,
+    SCALE_Z,
+    SCHEDULES,
+    SIGNED,
+)
+from afl_mujoco.studies.paper_tables import PUBLISHED_RMSE, published_rows
+from afl_mujoco.studies.readings.figures import draw_sensitivity
+from afl_mujoco.studies.readings.optima import OPTIMAL, Optima
+from afl_mujoco.studies.readings.result import NamedReading, Result
+from afl_mujoco.studies.readings.search import GOALS, round_count
+
+IMPROVEMENTS = ("improvements-d4", "improvements")
+"""Goals whose error is that of the improvements."""
+
+MAIN = 3
+"""Unknowns that a sentence names."""
+
+
+def sections(result: Result) -> list[Section]:
+    """Return what a report says about readings."""
+    text = Text(
+        "The paper prints neither the values and times of its schedules nor the horizon and the "
+        "scales of its objective, and contradicts itself on two columns (D2 to D5). A reading is a "
+        "choice of all these; everything else is as the paper says. Everything here is of the "
+        "ideal equations."
+    )
+    blocks = (
+        Finding("Table 3", _table_3(result)),
+        text,
+        _nearest(result),
+        _values(result),
+        _schedules(result),
+        Section("Random readings", "random-readings", (_random(result), _figure(result))),
+        Section("Table 1 under every scale", "readings-optima", _optima(result)),
+        Section("Table 2 under both labels", "readings-fits", (_fits(result),)),
+    )
+    return [Section("Readings of the paper", "readings", blocks)]
+
+
+def _table_3(result: Result) -> str:
+    """Say how near readings come to Table 3, and how rare that is."""
+    best = {one.name: one for one in result.readings}
+    free, by_d4 = best["nearest-improvements"], best["nearest-improvements-d4"]
+    nearest = min((free, by_d4), key=lambda one: one.error)
+    scales = "with the scales of D4" if nearest is by_d4 else "with free scales"
+    found = result.sensitivity
+    in_round = min(one.error for one in result.readings if one.round and one.goal in IMPROVEMENTS)
+    return (
+        f"The four improvements can be had: a reading comes within {short(nearest.error, 2)} "
+        f"percentage points of them (rms, {scales}), one in round numbers within "
+        f"{short(in_round, 2)}. "
+        f"They are rare: of {found.samples} random readings {found.all_near} have all four within "
+        f"{NEAR:g} points, {found.all_half} at least half of each. Improvements and values "
+        f"together are met to {short(best['nearest-both'].error, 2)} (both errors)."
+    )
+
+
+def _reading_columns() -> tuple[Column, ...]:
+    """Return the columns of the cases."""
+    return tuple(Column(case, number=True) for case in CASES)
+
+
+def _nearest(result: Result) -> Table:
+    """Return the named readings with their improvements."""
+    rows: list[tuple[Cell | str, ...]] = [
+        ("Table 3", "", "", "", *(fixed(x, 2) for x in PUBLISHED_IMPROVEMENTS))
+    ]
+    rows += [
+        (
+            Cell(one.name, code=True),
+            GOALS[one.goal].meaning,
+            short(one.error, 3),
+            short(one.tried),
+            *(fixed(x, 1) for x in one.improvements),
+        )
+        for one in result.readings
+    ]
+    return Table(
+        caption=(
+            "The readings found nearest to Table 3, and the improvement of the objective in % "
+            "under each. Round: times in half seconds, levels from the paper's grids, one of "
+            f"{round_count():.0e} readings without their scales; descents from the best of "
+            f"{result.draws} drawn and from the nearest found freely, so a nearer one may exist. "
+            "Each case of each reading is a scenario file beside this result"
+        ),
+        columns=(
+            Column("Reading"),
+            Column("Error"),
+            Column("Value", number=True),
+            Column("Tried", number=True),
+            *_reading_columns(),
+        ),
+        rows=rows,
+    )
+
+
+def _values(result: Result) -> Table:
+    """Return the objectives under the named readings."""
+
+    def pairs(values: Iterable[Iterable[float]]) -> list[str]:
+        return [", ".join(fixed(x, 3) for x in pair) for pair in values]
+
+    rows: list[tuple[Cell | str, ...]] = [("Table 3", *pairs(PUBLISHED.tolist()))]
+    rows += [(Cell(one.name, code=True), *pairs(one.objectives)) for one in result.readings]
+    return Table(
+        summary="Objectives under the named readings",
+        caption=(
+            "Objective with fixed and with adaptive gains, at the common scale that brings the "
+            "eight values nearest to Table 3"
+        ),
+        columns=(Column("Reading"), *_reading_columns()),
+        rows=rows,
+    )
+
+
+def _schedules(result: Result) -> Table:
+    """Return what the named readings are."""
+    return Table(
+        summary="What the named readings are",
+        caption=(
+            "Levels and times of the schedules, horizon, scales relative to D4's, labels of K and "
+            "Φ (D2) and largest force (D5)"
+        ),
+        columns=(
+            Column("Reading"),
+            *(Column(f"{shape} {symbol}") for symbol, shape in SCHEDULES),
+            Column("Horizon", "s", number=True),
+            Column("Scales of ∫|z| dt, ∫|φ| dt"),
+            Column("Labels"),
+            Column("Force"),
+        ),
+        rows=[
+            (
+                Cell(one.name, code=True),
+                *(_schedule(one, symbol, shape) for symbol, shape in SCHEDULES),
+                short(float(one.vector[HORIZON])),
+                f"{short(10.0 ** float(one.vector[SCALE_Z]), 3)}, "
+                f"{short(10.0 ** float(one.vector[SCALE_PHI]), 3)}",
+                "Table 1" if one.vector[LABELS] else "Table 2",
+                "max F" if one.vector[SIGNED] else "max |F|",
+            )
+            for one in result.readings
+        ],
+    )
+
+
+def _schedule(one: NamedReading, symbol: str, shape: str) -> str:
+    """Return a schedule of a reading in few words."""
+    times, levels = (one.vector[columns].tolist() for columns in SCHEDULES[symbol, shape])
+    if len(times) > len(levels):
+        levels = [levels[0], levels[1], levels[0]]
+    return f"{'–'.join(short(x, 3) for x in levels)} at {', '.join(short(t, 4) for t in times)} s"
+
+
+def _random(result: Result) -> Table:
+    """Return how often each improvement holds over random readings."""
+    found = result.sensitivity
+    return Table(
+        caption=(
+            f"{found.samples} random readings, uniform over M 0.1 to 2 kg, l 0.05 to 1 m, times "
+            "over the horizon, horizons of 10 to 30 s, scales of the integrals a tenth to ten "
+            f"times D4's, both labels and both forces; {found.lost} have a run that falls"
+        ),
+        columns=(
+            Column("Case"),
+            Column("Paper", "%", number=True),
+            Column(f"Within {NEAR:g} points", "%", number=True),
+            Column("At least half", "%", number=True),
+            Column("Above zero", "%", number=True),
+            *(
+                Column(f"{q} of the improvement", "%", number=True)
+                for q in ("5 %", "median", "95 %")
+            ),
+        ),
+        rows=[
+            (
+                case.case,
+                fixed(case.paper, 2),
+                fixed(100.0 * case.near, 1),
+                fixed(100.0 * case.half, 1),
+                fixed(100.0 * case.positive, 1),
+                *(fixed(case.quantiles[k], 1) for k in (0, 2, 4)),
+            )
+            for case in found.cases
+        ],
+    )
+
+
+def _figure(result: Result) -> Figure:
+    """Return the figure of random readings."""
+    said = []
+    for case in result.sensitivity.cases:
+        main = ", ".join(f"{name} ({fixed(total, 2)})" for name, total, *_ in case.drivers[:MAIN])
+        said.append(f"{case.case}: {main}")
+    return Figure(
+        name="readings",
+        title="What a reading decides",
+        caption=(
+            "Above: the improvement of the objective over random readings (what is below -100 % "
+            "is in the first bar); red: the paper's. Below: total-order Sobol' indices, with "
+            "the least and largest of five estimates: the share of the variance of the improvement "
+            "in which the unknown has a part. Largest: " + "; ".join(said) + "."
+        ),
+        alt="Largest total-order indices: " + "; ".join(said) + ".",
+        draw=partial(draw_sensitivity, result.sensitivity),
+    )
+
+
+def _optima(result: Result) -> tuple[Finding, Table]:
+    """Return how many rows of Table 1 are optima."""
+    rows = len(published_rows())
+    most = max(result.optima, key=lambda one: (one.best, -one.median_excess))
+    column = min(one.column_error for one in result.optima)
+    finding = Finding(
+        "Table 1",
+        f"Under no scales are all {rows} rows within {percent(OPTIMAL)} of the optimum: at "
+        f"most {most.best} are ({_label(most)}, {most.horizon:g} s), under those of D4 at most "
+        f"{max(one.as_decided for one in result.optima)}. The column OF fits no non-negative "
+        f"weights of the three terms: the best leave {percent(column)} rms."
+        if most.best < rows
+        else f"Under some scales all {rows} rows are within {percent(OPTIMAL)} of the optimum "
+        f"({_label(most)}, {most.horizon:g} s); the column OF is met to {percent(column)} rms.",
+    )
+    table = Table(
+        caption=(
+            f"Rows of Table 1, of {rows}, whose gains come within {percent(OPTIMAL)} of the "
+            "optimum over the box of D8, under the scales that make most rows "
+            "optimal; and the best fit of the column OF by non-negative weights of the terms"
+        ),
+        columns=(
+            Column("K and Φ by"),
+            Column("Horizon", "s", number=True),
+            Column("Optimal at best", number=True),
+            Column("Scales of ∫|z| dt, ∫|φ| dt, relative to D4's"),
+            Column("Median excess there", "%", number=True),
+            Column("Optimal under D4", number=True),
+            Column("Column OF, rms", "%", number=True),
+        ),
+        rows=[
+            (
+                _label(one),
+                short(one.horizon),
+                str(one.best),
+                ", ".join(short(10.0**x, 2) for x in one.scales),
+                fixed(100.0 * one.median_excess, 1),
+                str(one.as_decided),
+                fixed(100.0 * one.column_error, 1),
+            )
+            for one in result.optima
+        ],
+    )
+    return finding, table
+
+
+def _label(one: Optima) -> str:
+    """Return the reading of the columns in words."""
+    return "Table 1's header" if one.labels == "table1" else "Table 2 and the text"
+
+
+def _fits(result: Result) -> Table:
+    """Return the RMSE of the fits over the printed rows, and what they rule out."""
+    symbols = dict(zip(PUBLISHED_RMSE, ("K", "λ", "Φ"), strict=True))
+    return Table(
+        caption=(
+            "RMSE of the published functions over the 40 printed rows, and the least that they can "
+            "have over all 400, where the other 360 may be met exactly, beside Table 2's"
+        ),
+        columns=(
+            Column("K and Φ by"),
+            Column("Gain"),
+            Column("Printed rows", number=True),
+            Column("Least over all", number=True),
+            Column("Table 2", number=True),
+            Column("Table 2 can be right"),
+        ),
+        rows=[
+            (
+                "Table 1's header" if one.labels == "table1" else "Table 2 and the text",
+                symbols[one.gain],
+                short(one.rmse),
+                short(one.least),
+                short(one.published),
+                Cell("yes" if one.possible else "no", "neutral" if one.possible else "bad"),
+            )
+            for one in result.fits
+        ],
+    )
