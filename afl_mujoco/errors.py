@@ -32,7 +32,8 @@ class AflMujocoError(Exception):
         self.rule = rule
         self.value = value
         got = "" if value is None else f", got {value}"
-        super().__init__(" ".join(f"{thing} {rule}{got}".split()))
+        said = " ".join(f"{thing} {rule}{got}".split())
+        super().__init__("".join(x if x.isprintable() else repr(x)[1:-1] for x in said))
 
     def within(self, place: str) -> AflMujocoError:
         """Return the same error with `place` put before the thing it names.

@@ -31,7 +31,8 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
-from afl_mujoco.errors import AflMujocoError, AflMujocoWarning, UnknownNameError
+from afl_mujoco.errors import AflMujocoError, AflMujocoWarning, InvalidValueError, UnknownNameError
+from afl_mujoco.files import NO_NUL
 from afl_mujoco.studies.registry import studies
 
 PROGRAM = "afl-mujoco"
@@ -98,6 +99,9 @@ def _is_interrupt(error: BaseException | None) -> bool:
 def _parse(arguments: Sequence[str] | None) -> Any:
     """Parse the arguments; bad ones end the program with one line."""
     given = numbers_apart(sys.argv[1:] if arguments is None else arguments)
+    for word in given:
+        if "\0" in word:
+            raise InvalidValueError("argument", NO_NUL, word)
     if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)

@@ -43,6 +43,8 @@ FILES = {
     "broken TOML": ("bad.toml", "duration = = 1", "bad.toml is not valid TOML"),
     "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "half_lenght is not a known key"),
     "NaN": ("bad.toml", "duration = nan", "bad.toml"),
+    "endless number": ("bad.toml", f"duration = {5000 * '1'}", "whole number of so many digits"),
+    "NUL in a name": ("a\0b.toml", None, "argument must not contain a NUL character, got a\\x00b"),
 }
 
 
@@ -72,7 +74,7 @@ def test_a_scenario_file_that_cannot_be_used(
     if text is not None:
         (tmp_path / file).write_text(text)
     said = refuses(name, file, "--out", "out")
-    if name == "estimation":  # of the paper's scenarios only
+    if name == "estimation" and "\0" not in file:  # of the paper's scenarios only
         message = "scenario must be one of nominal, step-step, "
     assert message in said
 
@@ -110,6 +112,11 @@ def test_an_unknown_option_and_an_option_that_is_no_number(
 def test_an_output_folder_that_is_a_file(toy: str, refuses, tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")
     assert "output folder file cannot be written: " in refuses(name, "--out", "file")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_output_folder_with_a_nul(toy: str, refuses, name: str) -> None:
+    assert "argument must not contain a NUL character" in refuses(name, "--out", "a\0b")
 
 
 @pytest.mark.parametrize("name", NAMES)
