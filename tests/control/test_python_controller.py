@@ -20,6 +20,7 @@ from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation import integrator
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
 
@@ -337,7 +338,9 @@ def test_the_command_simulates_a_controller_of_one_s_own(module, tmp_path, capsy
         "def controller(time, state, belief):\n"
         "    return control_force(state, belief, FIXED_GAINS)\n"
         "def broken(time, state, belief):\n"
-        "    raise OSError('no such sensor')\n",
+        "    raise OSError('no such sensor')\n"
+        "def rounded(time, state, belief):\n"
+        "    return round(60.0 * state[1] + 30.0 * state[3], 1)\n",
     )
     (tmp_path / "short.toml").write_text("duration = 0.5\n")
     arguments = ["simulate", "short.toml", "--simulator", "ode", "--out", "out", "--controller"]
@@ -348,6 +351,62 @@ def test_the_command_simulates_a_controller_of_one_s_own(module, tmp_path, capsy
     assert error == (
         "afl-mujoco: controller 'mine_cli.broken' raised OSError at t = 0 s: no such sensor\n"
     )
+    assert main([*arguments, "mine_cli:rounded"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "controller 'mine_cli.rounded' must give a force that is a smooth function" in line
+
+
+# A force that is not smooth: the step of an adaptive method shrinks without end
+
+
+def pd(state):
+    z, phi, z_dot, phi_dot = state
+    return 1.05 * (3.3 * z + 6.5 * z_dot - 64.0 * phi - 29.0 * phi_dot)
+
+
+def in_float32(time, state, belief):
+    return np.float32(pd(state.astype(np.float32)))
+
+
+def rounded(time, state, belief):
+    return round(pd(state), 2)
+
+
+def switching(time, state, belief):
+    return math.copysign(10.0, pd(state))
+
+
+def remembering():
+    last = [0.0]
+
+    def force(time, state, belief):
+        last[0] = 0.9 * last[0] + 0.1 * pd(state)
+        return last[0]
+
+    return force
+
+
+@pytest.mark.parametrize("mode", ["ode", "exact"])
+@pytest.mark.parametrize(
+    "function", [in_float32, rounded, switching, remembering()], ids=lambda f: f.__name__
+)
+def test_a_force_that_is_not_smooth_is_refused_where_it_is_evaluated_continuously(function, mode):
+    scenario = afl.Scenario(name="lean", initial_state=(0.0, -0.3, 0.0, 0.0), duration=1.0)
+    with pytest.raises(InvalidValueError) as caught:
+        SIMULATORS[mode](scenario, controller_of(function))
+    said = str(caught.value)
+    assert said.startswith("controller 'mine' must give a force that is a smooth function of time")
+    assert "more than 20000 evaluations for 0.02 s" in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("name", ["fixed-retuned", "adaptive"])
+def test_the_kinks_of_the_paper_s_controllers_stay_far_below_what_is_refused(name, monkeypatch):
+    monkeypatch.setattr(integrator, "MOST_EVALUATIONS", integrator.MOST_EVALUATIONS // 20)
+    compiled = CONTROLLERS[name]
+    mine = controller_of(lambda t, x, belief: compiled.force(x, belief), call_limit=60.0)
+    run = afl.simulate_ode(afl.SCENARIOS["step-step"], mine, sample_period=0.1)
+    assert str(run.outcome) == "completed"
 
 
 # Memory: fresh for each run, refused where it is undefined
