@@ -6,8 +6,9 @@ import difflib
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 
 class AflMujocoWarning(UserWarning):
@@ -48,6 +49,14 @@ class AflMujocoError(Exception):
     def __reduce__(self) -> tuple[type[AflMujocoError], tuple[str, str, object]]:
         """Pickle by the three parts, so that a worker process can raise it."""
         return type(self), (self.thing, self.rule, self.value)
+
+
+def told(value: object, how: Callable[[Any], str] = str) -> str:
+    """Return the text of an object of the user's, or the name of its type if it has no text."""
+    try:
+        return how(value)
+    except Exception:
+        return f"<{type(value).__name__} without a text>"
 
 
 class InvalidValueError(AflMujocoError, ValueError):

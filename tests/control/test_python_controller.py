@@ -180,6 +180,61 @@ def test_a_controller_that_ends_the_program_is_answered_in_one_line():
         controller_of(leaving).command(0.0, STATE, ASSUMED)
 
 
+class Leaving(BaseException):
+    pass
+
+
+class Mute(Exception):
+    def __str__(self):
+        raise RuntimeError("no")
+
+    __repr__ = __str__
+
+
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        (GeneratorExit("enough"), "raised GeneratorExit at t = 0 s: enough"),
+        (Leaving("enough"), "raised Leaving at t = 0 s: enough"),
+        (Mute(), "raised Mute at t = 0 s: <Mute without a text>"),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_any_exception_of_a_controller_is_answered_in_one_line(raised, said, module):
+    def raising(time, state, belief):
+        raise raised
+
+    with pytest.raises(ControllerError) as caught:
+        controller_of(raising).command(0.0, STATE, ASSUMED)
+    assert str(caught.value) == f"controller 'mine' {said}"
+
+    class Unmade:
+        def __init__(self):
+            raise raised
+
+        def __call__(self, time, state, belief):
+            return 0.0
+
+    with pytest.raises(InvalidValueError, match=f"cannot be started: {type(raised).__name__}: "):
+        controller_of(Unmade)
+    module("leaving", "raise GeneratorExit('enough')\n")
+    with pytest.raises(InvalidValueError, match=r"cannot be imported: GeneratorExit: enough$"):
+        find_controller("leaving:force")
+
+
+def test_a_value_without_a_text_is_answered_in_one_line():
+    with pytest.raises(ControllerError, match=r"got <Mute without a text>$"):
+        controller_of(lambda *_: Mute()).command(0.0, STATE, ASSUMED)
+
+
+def test_a_ctrl_c_within_a_controller_is_one(smooth_scenario):
+    def interrupted(time, state, belief):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        controller_of(interrupted).command(0.0, STATE, ASSUMED)
+
+
 def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
     answers = []
 
