@@ -99,9 +99,12 @@ def _is_interrupt(error: BaseException | None) -> bool:
 def _parse(arguments: Sequence[str] | None) -> Any:
     """Parse the arguments; bad ones end the program with one line."""
     given = numbers_apart(sys.argv[1:] if arguments is None else arguments)
-    for word in given:
+    for option, word in zip(["", *given], given, strict=False):
         if "\0" in word:
             raise InvalidValueError("argument", NO_NUL, word)
+        if not word or (word.startswith("--") and word.endswith("=")):
+            thing = next((x.rstrip("=") for x in (word, option) if x.startswith("--")), "argument")
+            raise InvalidValueError(thing, "must not be empty", "''")
     if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
@@ -125,6 +128,10 @@ def _parse(arguments: Sequence[str] | None) -> Any:
         if end.code == BAD_INPUT:
             print(f"{PROGRAM}: {_in_one_line(complaint.getvalue(), given)}", file=sys.stderr)
         raise
+    for field in fields(command):
+        option = f"--{field.name.replace('_', '-')}"
+        if getattr(command, field.name) == () and option in given:
+            raise InvalidValueError(option, "must have a value", "none")
     return command
 
 

@@ -120,6 +120,20 @@ def test_an_output_folder_with_a_nul(toy: str, refuses, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_an_option_without_a_value(toy: str, refuses, name: str) -> None:
+    hints = get_type_hints(studies()[name].configuration, include_extras=True)
+    for option, hint in {"out": Path, **hints}.items():
+        if hint is bool or tyro.conf.Positional in getattr(hint, "__metadata__", ()):
+            continue
+        word = f"--{option.replace('_', '-')}"
+        said = refuses(name, word, "")
+        assert said == f"afl-mujoco: {word} must not be empty, got ''"
+        assert said == refuses(name, f"{word}=")
+        if str(hint).endswith("...]") or "...] |" in str(hint):
+            assert refuses(name, word) == f"afl-mujoco: {word} must have a value, got none"
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_folder_where_the_result_belongs(toy: str, refuses, tmp_path: Path, name: str) -> None:
     (tmp_path / "held" / f"{STEMS[name]}.json").mkdir(parents=True)
     said = refuses(name, "--out", "held")

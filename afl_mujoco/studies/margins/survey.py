@@ -82,8 +82,8 @@ def request_of(configuration: MarginsConfiguration) -> Request:
     asked = c.control_period
     return require(
         [find_controller(name) for name in c.controllers],
-        c.cart_masses or masses,
-        c.half_lengths or lengths,
+        masses if c.cart_masses is None else c.cart_masses,
+        lengths if c.half_lengths is None else c.half_lengths,
         (period or PERIOD) if asked is None else asked,
         pole_mass if c.pole_mass is None else c.pole_mass,
         gravity if c.gravity is None else c.gravity,
