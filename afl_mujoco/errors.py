@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from numbers import Integral
 from typing import Any
 
 
@@ -67,6 +68,21 @@ def meant(name: object, known: Sequence[str]) -> str:
     """Return a guess which name was meant, as the end of a message; empty if none is near."""
     near = difflib.get_close_matches(str(name), known, n=2)
     return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def require_count(thing: str, value: object, least: int, most: int) -> int:
+    """Return a whole number, or raise unless it lies in `least` to `most`.
+
+    What is counted takes time and memory: `most` is far above what a machine completes in a day.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise InvalidValueError(thing, "must be a whole number", told(value, repr))
+    count = int(value)
+    if count < least:
+        raise InvalidValueError(thing, f"must be at least {least}", count)
+    if count > most:
+        raise InvalidValueError(thing, f"must be at most {most}", count)
+    return count
 
 
 class UnknownNameError(AflMujocoError, LookupError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import os
 import re
 import sys
@@ -141,12 +142,33 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
-    said, _, meant = " ".join(line for line in lines if line).partition(" Perhaps you meant: ")
+    said, _, meant = " ".join(line for line in lines if line.strip("-")).partition(
+        " Perhaps you meant: "
+    )
+    if found := re.match(
+        r"Error parsing (--\S+): .* Argument helptext: \1 (\{.*?\}|[A-Z ]+) ", said
+    ):
+        return _no_number(found[1], found[2], given)
     said = re.sub(r" \(applied to [^)]*\)| Arguments are applied to .* can matter\.", "", said)
     near = [word for word in meant.split() if word.startswith("--")]
     own = [word for word in near if word.removeprefix("--").replace("-", "_") in _options(given)]
     name = next(iter(own or near), "")
     return f"{said}; did you mean {name}?" if name and name not in given else said
+
+
+def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
+    """Return what is wrong with the value of an option that takes numbers, kinds like ``INT``."""
+    count = kinds.count("FLOAT")
+    rule = "a whole number" if "INT" in kinds else "a number" if count == 1 else f"{count} numbers"
+    words = list(given[next(i for i, word in enumerate(given) if word.startswith(option)) :])
+    if "=" in words[0]:
+        words[:1] = words[0].split("=", 1)
+    got = list(itertools.takewhile(lambda word: not word.startswith("--"), words[1:]))
+    if "..." in kinds:
+        rule = "numbers"
+    else:
+        got = got[: max(count, 1)]
+    return str(InvalidValueError(option, f"must be {rule}", " ".join(got)))
 
 
 def _options(given: Sequence[str]) -> set[str]:

@@ -115,7 +115,7 @@ BAD_ARGUMENTS = {
     ),
     "timestep that is no number": (
         ["validate", "--timestep", "fast"],
-        "could not convert string to float: 'fast'",
+        "--timestep must be a number, got fast",
     ),
     "no workers": (
         ["validate", "short.toml", "--workers", "0"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
@@ -42,8 +42,7 @@ class Hardware:
 def check(configuration: Hardware) -> None:
     """Raise if the configuration breaks a rule."""
     c = configuration
-    if not 0 <= c.draws <= MOST_DRAWS:
-        raise InvalidValueError("draws", f"must lie in 0 to {MOST_DRAWS}", c.draws)
+    require_count("draws", c.draws, 0, MOST_DRAWS)
     if not 0 <= c.seed < 2**63:
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", c.seed)
     if c.film:
