@@ -106,6 +106,15 @@ def test_the_ledger_stays_open_if_the_ramps_are_not_booked(monkeypatch):
     assert not CRITERIA["A6p"].judge(book.momentum_residual).passed
 
 
+def test_the_ledger_closes_where_a_jump_and_an_impulse_coincide():
+    hit = afl.Impulse(momentum=0.3, time=0.3)
+    struck = dataclasses.replace(SHORT, duration=0.5, disturbances=(hit,))
+    book, _ = ledger.ledger(struck, ADAPTIVE)
+    assert book.energy_of_jumps != 0.0
+    assert CRITERIA["A6e"].judge(book.energy_residual).passed
+    assert CRITERIA["A6p"].judge(book.momentum_residual).passed
+
+
 def test_the_plateau_check_fails_on_a_model_that_matches(monkeypatch):
     assert explanation.plateau_check().passed
     monkeypatch.setattr(explanation, "CAPSULE_EXCESS", 0.0)
