@@ -9,11 +9,24 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from numbers import Integral
+from pathlib import PurePath
 from typing import Any
 
 
 class AflMujocoWarning(UserWarning):
     """Something that works less well than it could, explained in one line."""
+
+
+PROGRAM = "afl-mujoco"
+
+
+def warning_in_one_line(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: object = None
+) -> str:
+    """Return a warning as the command line prints it; it replaces `warnings.formatwarning`."""
+    own = issubclass(category, AflMujocoWarning)
+    place = "" if own else f" ({PurePath(filename).name}, line {lineno})"
+    return f"{PROGRAM}: warning: {' '.join(str(message).split())}{place}\n"
 
 
 class AflMujocoError(Exception):

@@ -32,11 +32,15 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
-from afl_mujoco.errors import AflMujocoError, AflMujocoWarning, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import (
+    PROGRAM,
+    AflMujocoError,
+    InvalidValueError,
+    UnknownNameError,
+    warning_in_one_line,
+)
 from afl_mujoco.files import NO_NUL
 from afl_mujoco.studies.registry import studies
-
-PROGRAM = "afl-mujoco"
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
 """Commands listed after those of the studies."""
@@ -56,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 success, 1 a check failed, 2 bad input, 130 interrupted.
     """
     try:
-        with _own_warnings_in_one_line():
+        with _warnings_in_one_line():
             code: int = _parse(arguments).run()
         return code
     except BrokenPipeError:  # the reader of the output has closed it
@@ -73,17 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 @contextlib.contextmanager
-def _own_warnings_in_one_line() -> Iterator[None]:
-    """Print the warnings of this package without the source line that they stem from."""
-    usual: Any = warnings.formatwarning
-
-    def as_text(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> str:
-        if issubclass(category, AflMujocoWarning):
-            return f"{PROGRAM}: warning: {message}\n"
-        text: str = usual(message, category, *rest, **more)
-        return text
-
-    warnings.formatwarning = as_text
+def _warnings_in_one_line() -> Iterator[None]:
+    """Print warnings in one line each, without the source line that they stem from."""
+    usual = warnings.formatwarning
+    warnings.formatwarning = warning_in_one_line
     try:
         yield
     finally:

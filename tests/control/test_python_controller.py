@@ -23,6 +23,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation import integrator
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
+from tests import program
 
 ASSUMED = np.array([1.0, 0.05, 0.5, 9.81])
 STATE = np.array([0.1, -0.2, 0.3, 0.4])
@@ -462,6 +463,23 @@ def test_the_kinks_of_the_paper_s_controllers_stay_far_below_what_is_refused(nam
     mine = controller_of(lambda t, x, belief: compiled.force(x, belief), call_limit=60.0)
     run = afl.simulate_ode(afl.SCENARIOS["step-step"], mine, sample_period=0.1)
     assert str(run.outcome) == "completed"
+
+
+def test_what_a_controller_s_arithmetic_warns_of_is_one_line(module, tmp_path):
+    module(
+        "overflowing",
+        "import numpy as np\n"
+        "def force(time, state, belief):\n"
+        "    np.exp(np.float64(1e4))\n"
+        "    return 0.0\n",
+    )
+    (tmp_path / "short.toml").write_text("duration = 0.1\n[ranges]\nphi = [0.0, 0.1]\n")
+    line = "afl-mujoco: warning: overflow encountered in exp (overflowing.py, line 3)"
+    few = ["--samples", "41", "--no-worst-case", "--no-page", "--workers", "2"]
+    for command in (["simulate", "short.toml", "--controller"], ["montecarlo", "short.toml", *few]):
+        option = [] if command[0] == "simulate" else ["--controllers"]
+        said = program.run(*command, *option, "overflowing:force", "--out", "out", cwd=tmp_path)
+        assert set(said.stderr.splitlines()) == {line}
 
 
 # Memory: fresh for each run, refused where it is undefined

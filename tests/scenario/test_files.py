@@ -127,6 +127,12 @@ HIT = "[[disturbances]]\nshape = "
         ),
         ("[replay]\ncontroller = 1", "replay.controller must be text, got 1"),
         ("pole_mass = -0.1", "pole_mass must be positive, got -0.1"),
+        ("pole_mass = 1e300", "pole_mass must lie in 1e-09 to 1e+09, got 1e+300"),
+        ("[schedule]\nhalf_length = 1e-300", "schedule.half_length must lie in 1e-09 to 1e+09"),
+        (
+            "initial_state = [0, 0, 0, -1e300]",
+            "initial_state must lie in -1e+06 to 1e+06, got -1e+300",
+        ),
         ("pole_mass = nan", "pole_mass must be finite, got nan"),
         ("pole_mass = '1'", "pole_mass must be a number, got '1'"),
         ("gravity = true", "gravity must be a number, got True"),

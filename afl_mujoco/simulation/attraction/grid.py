@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import borrowing_kernel
 from afl_mujoco.errors import InvalidValueError, require_count
-from afl_mujoco.scenario.parameters import NOMINAL, require_finite, require_positive
+from afl_mujoco.scenario.parameters import LARGEST_STATE, NOMINAL, require_finite, require_positive
 
 SETTLED, FALLEN, UNDECIDED = range(3)
 OUTCOMES = ("settled", "fallen", "undecided")
@@ -121,6 +121,8 @@ def axis(name: str, low: float, high: float, count: int) -> NDArray[np.float64]:
     require_count("grid", count, 2, MOST_POINTS)
     if not require_finite(name, low) < require_finite(name, high):
         raise InvalidValueError(name, f"must exceed its low end {low:g}", f"{high:g}")
+    if max(abs(low), abs(high)) > LARGEST_STATE:
+        raise InvalidValueError(name, f"must be at most {LARGEST_STATE:g}", max(low, high))
     from_middle = np.arange(count) - 0.5 * (count - 1)
     return np.asarray(0.5 * (low + high) + from_middle * ((high - low) / (count - 1)))
 
