@@ -177,6 +177,27 @@ def test_the_fit_cannot_be_judged_on_forty_rows() -> None:
     assert claim.here == pytest.approx(0.3142, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("factor", "rows", "verdict"),
+    [
+        (1.0, 40, UNDETERMINED),
+        (3.1, 40, UNDETERMINED),
+        (3.3, 40, NOT_REPRODUCED),  # beyond the root of 400 / 40
+        (1.0, 400, REPRODUCED),
+        (1.1, 400, NOT_REPRODUCED),
+        (0.9, 400, NOT_REPRODUCED),
+    ],
+)
+def test_the_fit_is_judged_by_what_its_rows_leave_open(
+    monkeypatch: pytest.MonkeyPatch, factor: float, rows: int, verdict: str
+) -> None:
+    errors = iter(factor * rmse for rmse in gains.PUBLISHED_RMSE.values())
+    monkeypatch.setattr(gains, "_rms", lambda _: next(errors))
+    table = np.tile(gains.published_rows(), (rows // 40, 1))
+    monkeypatch.setattr(gains, "published_rows", lambda: table)
+    assert gains.fit_claim(GainTable.shipped()).verdict == verdict
+
+
 def test_the_search_finds_the_optimum_in_the_shipped_contest() -> None:
     claim = search_claim()
     assert (claim.verdict, claim.here) == (REPRODUCED, 100.0)

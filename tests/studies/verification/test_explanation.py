@@ -121,6 +121,19 @@ def test_the_plateau_check_fails_on_a_model_that_matches(monkeypatch):
     assert not explanation.plateau_check().passed
 
 
+def test_the_plateau_fails_only_where_the_order_has_failed_long_before():
+    steps, fourth = (2e-3, 1e-3, 5e-4, 2.5e-4), (16.0, 1.0, 1.0 / 16.0, 1.0 / 256.0)
+
+    def fails(name, model_error):
+        study = Study(steps, tuple(error + model_error for error in fourth))
+        value = study.reduction if name == "B6" else abs(study.order - 4.0)
+        return not CRITERIA[name].judge(value).passed
+
+    assert not fails("B2o", 0.0) and not fails("B6", 0.0)
+    assert fails("B2o", 0.01)
+    assert not fails("B6", 0.3) and fails("B6", 0.5)
+
+
 def test_a_run_that_fell_is_not_explained(runs):
     fallen = {
         name: dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
