@@ -6,12 +6,27 @@ import difflib
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from numbers import Integral
+from pathlib import PurePath
+from typing import Any
 
 
 class AflMujocoWarning(UserWarning):
     """Something that works less well than it could, explained in one line."""
+
+
+PROGRAM = "afl-mujoco"
+
+
+def warning_in_one_line(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: object = None
+) -> str:
+    """Return a warning as the command line prints it; it replaces `warnings.formatwarning`."""
+    own = issubclass(category, AflMujocoWarning)
+    place = "" if own else f" ({PurePath(filename).name}, line {lineno})"
+    return f"{PROGRAM}: warning: {' '.join(str(message).split())}{place}\n"
 
 
 class AflMujocoError(Exception):
@@ -32,7 +47,8 @@ class AflMujocoError(Exception):
         self.rule = rule
         self.value = value
         got = "" if value is None else f", got {value}"
-        super().__init__(" ".join(f"{thing} {rule}{got}".split()))
+        said = " ".join(f"{thing} {rule}{got}".split())
+        super().__init__("".join(x if x.isprintable() else repr(x)[1:-1] for x in said))
 
     def within(self, place: str) -> AflMujocoError:
         """Return the same error with `place` put before the thing it names.
@@ -49,6 +65,14 @@ class AflMujocoError(Exception):
         return type(self), (self.thing, self.rule, self.value)
 
 
+def told(value: object, how: Callable[[Any], str] = str) -> str:
+    """Return the text of an object of the user's, or the name of its type if it has no text."""
+    try:
+        return how(value)
+    except Exception:
+        return f"<{type(value).__name__} without a text>"
+
+
 class InvalidValueError(AflMujocoError, ValueError):
     """A number or a setting outside its allowed values."""
 
@@ -57,6 +81,21 @@ def meant(name: object, known: Sequence[str]) -> str:
     """Return a guess which name was meant, as the end of a message; empty if none is near."""
     near = difflib.get_close_matches(str(name), known, n=2)
     return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def require_count(thing: str, value: object, least: int, most: int) -> int:
+    """Return a whole number, or raise unless it lies in `least` to `most`.
+
+    What is counted takes time and memory: `most` is far above what a machine completes in a day.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise InvalidValueError(thing, "must be a whole number", told(value, repr))
+    count = int(value)
+    if count < least:
+        raise InvalidValueError(thing, f"must be at least {least}", count)
+    if count > most:
+        raise InvalidValueError(thing, f"must be at most {most}", count)
+    return count
 
 
 class UnknownNameError(AflMujocoError, LookupError):

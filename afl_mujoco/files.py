@@ -6,6 +6,7 @@ import json
 import os
 import re
 import tempfile
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -26,6 +27,9 @@ Content = TypeVar("Content")
 _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 _MISSING = object()
 
+NO_NUL = "must not contain a NUL character"
+"""The rule of paths and of arguments of the command line."""
+
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
@@ -33,6 +37,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
     The folder must exist; one that cannot be written raises a `FileError`.
     """
+    if "\0" in str(path):
+        raise FileError(str(path), NO_NUL)
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=path.suffix)
     except OSError as error:
@@ -82,9 +88,29 @@ def output_folder(path: str | Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
+    except ValueError:
+        raise FileError(f"output folder {folder}", NO_NUL) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
     return folder
+
+
+def toml_as_json(path: str | Path) -> str:
+    """Return the content of a TOML file as the text that `parse_json` takes."""
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return json.dumps(table, default=str)
+    except OSError as error:
+        raise FileError.cannot_be("read", path, error) from None
+    except UnicodeDecodeError:
+        raise FileError(str(path), "cannot be read: not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(str(path), f"is not valid TOML: {error}") from None
+    except RecursionError:
+        raise FileError(str(path), "is nested too deeply") from None
+    except ValueError:  # of the path, or of the conversion of a whole number
+        rule = NO_NUL if "\0" in str(path) else "must not hold a whole number of so many digits"
+        raise FileError(str(path), rule) from None
 
 
 # JSON: dataclasses are their own schema

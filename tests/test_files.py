@@ -134,3 +134,9 @@ def test_differences_name_each_part() -> None:
         "old is None there and missing here",
     ]
     assert differences(here, here) == []
+
+
+def test_a_path_with_a_nul_is_an_error_of_one_line(tmp_path: Path) -> None:
+    for use in (output_folder, lambda path: write_text(path, "")):
+        with pytest.raises(FileError, match=r"a\\x00b must not contain a NUL character$"):
+            use(tmp_path / "a\0b")

@@ -23,7 +23,7 @@ class Log:
 
     logs: Logs = ()
     """Logs, CSV files or folders of them; by default the first recording of the package."""
-    description: str = ""
+    description: str | None = None
     """TOML file that says what their columns mean; required for your own logs."""
     out: Path = Path("renders/logs")
     """Folder for the pictures."""
@@ -34,10 +34,12 @@ class Log:
         from afl_mujoco.identification.log import read_logs
         from afl_mujoco.identification.shipped import DESCRIPTION, FIT
 
-        if bool(self.logs) != bool(self.description):
+        if bool(self.logs) != (self.description is not None):
             thing = "description" if self.logs else "logs"
             raise InvalidValueError(thing, "must be given: logs need their description")
-        description = load_description(self.description or DESCRIPTION)
+        description = load_description(
+            DESCRIPTION if self.description is None else self.description
+        )
         logs = read_logs(self.logs or sorted(FIT.glob("*.csv"))[:1], description)
 
         import numpy as np

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import os
 import re
 import sys
@@ -31,10 +32,15 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
-from afl_mujoco.errors import AflMujocoError, AflMujocoWarning, UnknownNameError
+from afl_mujoco.errors import (
+    PROGRAM,
+    AflMujocoError,
+    InvalidValueError,
+    UnknownNameError,
+    warning_in_one_line,
+)
+from afl_mujoco.files import NO_NUL
 from afl_mujoco.studies.registry import studies
-
-PROGRAM = "afl-mujoco"
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
 """Commands listed after those of the studies."""
@@ -54,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 success, 1 a check failed, 2 bad input, 130 interrupted.
     """
     try:
-        with _own_warnings_in_one_line():
+        with _warnings_in_one_line():
             code: int = _parse(arguments).run()
         return code
     except BrokenPipeError:  # the reader of the output has closed it
@@ -71,17 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 @contextlib.contextmanager
-def _own_warnings_in_one_line() -> Iterator[None]:
-    """Print the warnings of this package without the source line that they stem from."""
-    usual: Any = warnings.formatwarning
-
-    def as_text(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> str:
-        if issubclass(category, AflMujocoWarning):
-            return f"{PROGRAM}: warning: {message}\n"
-        text: str = usual(message, category, *rest, **more)
-        return text
-
-    warnings.formatwarning = as_text
+def _warnings_in_one_line() -> Iterator[None]:
+    """Print warnings in one line each, without the source line that they stem from."""
+    usual = warnings.formatwarning
+    warnings.formatwarning = warning_in_one_line
     try:
         yield
     finally:
@@ -98,6 +97,12 @@ def _is_interrupt(error: BaseException | None) -> bool:
 def _parse(arguments: Sequence[str] | None) -> Any:
     """Parse the arguments; bad ones end the program with one line."""
     given = numbers_apart(sys.argv[1:] if arguments is None else arguments)
+    for option, word in zip(["", *given], given, strict=False):
+        if "\0" in word:
+            raise InvalidValueError("argument", NO_NUL, word)
+        if not word or (word.startswith("--") and word.endswith("=")):
+            thing = next((x.rstrip("=") for x in (word, option) if x.startswith("--")), "argument")
+            raise InvalidValueError(thing, "must not be empty", "''")
     if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
@@ -121,6 +126,10 @@ def _parse(arguments: Sequence[str] | None) -> Any:
         if end.code == BAD_INPUT:
             print(f"{PROGRAM}: {_in_one_line(complaint.getvalue(), given)}", file=sys.stderr)
         raise
+    for field in fields(command):
+        option = f"--{field.name.replace('_', '-')}"
+        if getattr(command, field.name) == () and option in given:
+            raise InvalidValueError(option, "must have a value", "none")
     return command
 
 
@@ -130,12 +139,33 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
-    said, _, meant = " ".join(line for line in lines if line).partition(" Perhaps you meant: ")
+    said, _, meant = " ".join(line for line in lines if line.strip("-")).partition(
+        " Perhaps you meant: "
+    )
+    if found := re.match(
+        r"Error parsing (--\S+): .* Argument helptext: \1 (\{.*?\}|[A-Z ]+) ", said
+    ):
+        return _no_number(found[1], found[2], given)
     said = re.sub(r" \(applied to [^)]*\)| Arguments are applied to .* can matter\.", "", said)
     near = [word for word in meant.split() if word.startswith("--")]
     own = [word for word in near if word.removeprefix("--").replace("-", "_") in _options(given)]
     name = next(iter(own or near), "")
     return f"{said}; did you mean {name}?" if name and name not in given else said
+
+
+def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
+    """Return what is wrong with the value of an option that takes numbers, kinds like ``INT``."""
+    count = kinds.count("FLOAT")
+    rule = "a whole number" if "INT" in kinds else "a number" if count == 1 else f"{count} numbers"
+    words = list(given[next(i for i, word in enumerate(given) if word.startswith(option)) :])
+    if "=" in words[0]:
+        words[:1] = words[0].split("=", 1)
+    got = list(itertools.takewhile(lambda word: not word.startswith("--"), words[1:]))
+    if "..." in kinds:
+        rule = "numbers"
+    else:
+        got = got[: max(count, 1)]
+    return str(InvalidValueError(option, f"must be {rule}", " ".join(got)))
 
 
 def _options(given: Sequence[str]) -> set[str]:

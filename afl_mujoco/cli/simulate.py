@@ -66,8 +66,8 @@ class Simulate:
 
         from afl_mujoco.control.catalogue import find_controller
 
-        name = self.controller or replay.controller or SUBJECT
-        integrator = self.integrator or replay.integrator or "RK4"
+        name = _first(self.controller, replay.controller, SUBJECT)
+        integrator = _first(self.integrator, replay.integrator, "RK4")
         controller = find_controller(name, self.gain_labels)
         if self.log:
             from afl_mujoco.identification.simulated import require_loggable, write_run
@@ -131,6 +131,11 @@ class Simulate:
             control_period=self.control_period,
             integrator=integrator,
         )
+
+
+def _first(*choices: str | None) -> str:
+    """Return the first choice that was made."""
+    return next(choice for choice in choices if choice is not None)
 
 
 def _section(title: str, runs: Sequence[Trajectory], figures: Sequence[Metrics]) -> Section:

@@ -21,7 +21,6 @@ from afl_mujoco.cli.terminal import (
     separated,
     typed,
 )
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.studies.contract import Progress, Study
 from afl_mujoco.studies.registry import studies
 
@@ -43,11 +42,11 @@ class StudyCommand:
         """Run the study, write its files, print its sections, make the page."""
         study, configuration = self.study, self.configuration
         from afl_mujoco.execution.dask_cluster import require_address
+        from afl_mujoco.execution.executors import require_workers
 
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
         study.check(configuration)  # what is quick to check comes first
-        if who.get("workers", 1) < 1:
-            raise InvalidValueError("workers", "must be at least 1", who["workers"])
+        require_workers(who.get("workers", 1))
         if who.get("cluster") is not None:
             require_address(who["cluster"])
 

@@ -16,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import LogFormatter
 
 from afl_mujoco.document import blocks
 from afl_mujoco.errors import InvalidValueError
@@ -82,7 +84,7 @@ _RC: Any = {
     "svg.fonttype": "path",
 }
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @contextmanager
@@ -92,15 +94,38 @@ def styled() -> Iterator[None]:
         yield
 
 
+class _Literal(Figure):
+    """A figure that shows ``$`` in a name as it is: math is only for powers of ten on an axis."""
+
+    def draw(self, renderer: Any) -> None:
+        """Draw it."""
+        self.take_names_literally()
+        super().draw(renderer)
+
+    def take_names_literally(self) -> None:
+        """Switch math off in every text that is not a power of ten along an axis."""
+        scales = [axis for axes in self.axes for axis in (axes.xaxis, axes.yaxis)]
+        powers = {
+            text
+            for axis in scales
+            if isinstance(axis.get_major_formatter(), LogFormatter)
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
+            for text in (tick.label1, tick.label2)
+        }
+        for text in self.findobj(Text):
+            if isinstance(text, Text) and text not in powers:
+                text.set_parse_math(False)
+
+
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that needs no display.
+    """Return an empty figure that needs no display and shows names as they are.
 
     Parameters
     ----------
     width, height
         Its size [in].
     """
-    figure = Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
+    figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -129,7 +154,7 @@ def in_words(value: float) -> str:
     if 1e-2 <= abs(value) < 999.5:
         return f"{value:.3g}".replace("-", "−")
     digits, power = f"{value:.1e}".split("e")
-    return f"{digits} × 10{str(int(power)).translate(_SUPERSCRIPTS)}".replace("-", "−")
+    return f"{digits} × 10{str(int(power)).translate(SUPERSCRIPTS)}".replace("-", "−")
 
 
 def decade_above(value: float) -> float:
@@ -142,6 +167,8 @@ def lay_out(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         with styled():
+            if isinstance(figure, _Literal):
+                figure.take_names_literally()
             engine.execute(figure)
         figure.set_layout_engine(None)
 

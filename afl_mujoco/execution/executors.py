@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import require_count
 
 if TYPE_CHECKING:
     from afl_mujoco.execution.store import Store
@@ -28,6 +28,14 @@ def in_process(
     return enumerate(map(function, units))
 
 
+MOST_WORKERS = 1024
+
+
+def require_workers(workers: object) -> None:
+    """Raise unless there can be so many workers."""
+    require_count("workers", workers, 1, MOST_WORKERS)
+
+
 @contextmanager
 def open_executor(workers: int, cluster: str | None = None) -> Iterator[Executor]:
     """Yield an executor, and end its workers: at once if the block raises, a Ctrl-C included.
@@ -35,8 +43,7 @@ def open_executor(workers: int, cluster: str | None = None) -> Iterator[Executor
     One worker is this process, more are processes of this machine; `cluster`, the address
     ``"tcp://host:port"`` of a Dask scheduler, replaces them by the workers of that cluster.
     """
-    if workers < 1:
-        raise InvalidValueError("workers", "must be at least 1", workers)
+    require_workers(workers)
     if cluster is not None:
         from afl_mujoco.execution.dask_cluster import open_cluster
 

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -13,7 +14,7 @@ from contextlib import contextmanager
 from multiprocessing.resource_tracker import ensure_running
 from typing import Any
 
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, warning_in_one_line
 from afl_mujoco.execution.executors import Executor
 
 MAX_DEATHS = 4
@@ -53,7 +54,8 @@ def open_processes(workers: int) -> Iterator[Executor]:
 def _new_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool that has no process yet."""
     spawn = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, spawn, initializer=_end_with_parent)
+    in_one_line = warnings.formatwarning is warning_in_one_line
+    return ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=(in_one_line,))
 
 
 def _computed(
@@ -90,8 +92,10 @@ def interrupts_held() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _end_with_parent() -> None:
-    """Have this worker end when the process that started it does, however that ends."""
+def _prepare(in_one_line: bool) -> None:
+    """Have this worker warn as its parent does, and end when that does, however it ends."""
+    if in_one_line:
+        warnings.formatwarning = warning_in_one_line
     threading.Thread(target=_exit_after_parent, daemon=True).start()
 
 

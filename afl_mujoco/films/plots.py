@@ -40,6 +40,7 @@ CURSOR = (238, 241, 246)
 
 _BACKGROUND = "#{:02x}{:02x}{:02x}".format(*BOTTOM)
 _DARK: dict[Any, Any] = {
+    "text.parse_math": False,  # a name is shown as it is
     "font.size": 8.5,
     "axes.facecolor": "#10151f",
     "axes.edgecolor": "#5a6478",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -15,9 +13,8 @@ from afl_mujoco.errors import (
     FileError,
     InvalidValueError,
     UnknownNameError,
-    reading,
 )
-from afl_mujoco.files import parse_json
+from afl_mujoco.files import parse_json, toml_as_json
 from afl_mujoco.scenario.parameters import require_finite, require_positive
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -268,10 +265,9 @@ def load_description(path: str | Path) -> Description:
     AflMujocoError
         If it cannot be read or breaks a rule; the message names file, key and value.
     """
-    with reading(path, "is not a description of a log"):
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    text = toml_as_json(path)
     try:
-        return parse_json(json.dumps(table, default=str), Description)
+        return parse_json(text, Description)
     except AflMujocoError as error:  # pydantic lets errors through that are not a ValueError
         raise error.within(f"{path}: ") from None
     except ValueError as error:

@@ -7,9 +7,7 @@ own classes check the values.
 from __future__ import annotations
 
 import functools
-import json
 import operator
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, make_dataclass
@@ -18,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tomli_w
 
-from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.files import parse_json, write_text
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError
+from afl_mujoco.files import parse_json, toml_as_json, write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
@@ -245,18 +243,9 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
 
 def _read(path: Path) -> _File:
     """Return the content of a TOML file."""
+    text = toml_as_json(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else None
-        reason = why.lower() if why else "not UTF-8 text"
-        raise FileError(str(path), f"cannot be read: {reason}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(str(path), f"is not valid TOML: {error}") from None
-    except RecursionError:
-        raise FileError(str(path), "is nested too deeply") from None
-    try:
-        return parse_json(json.dumps(table, default=str), _File)
+        return parse_json(text, _File)
     except ValueError as error:
         raise InvalidValueError(f"{path}:", str(error)) from None
 

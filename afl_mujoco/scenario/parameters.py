@@ -36,6 +36,21 @@ def require_positive(thing: str, value: object) -> float:
     return number
 
 
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Bounds of a plant's numbers in SI units; beyond them, products overflow."""
+
+LARGEST_STATE = 1e6
+"""Largest magnitude of any state in SI units; a run that exceeds it counts as diverged."""
+
+
+def require_plausible(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless it is positive and within the bounds."""
+    number = require_positive(thing, value)
+    if not SMALLEST <= number <= LARGEST:
+        raise InvalidValueError(thing, f"must lie in {SMALLEST:g} to {LARGEST:g}", number)
+    return number
+
+
 def require_type(thing: str, value: object, kind: type | UnionType) -> None:
     """Raise unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):

@@ -14,10 +14,12 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_on_rail
 from afl_mujoco.scenario.parameters import (
+    LARGEST_STATE,
     NOMINAL,
     CartPoleParameters,
     PlantRange,
     require_finite,
+    require_plausible,
     require_positive,
     require_type,
     short_repr,
@@ -117,13 +119,17 @@ class Scenario:
         for thing in ("cart_mass", "half_length"):
             require_type(f"schedule.{thing}", getattr(self, thing), Schedule)
             for value in getattr(self, thing).values:
-                require_positive(f"schedule.{thing}", value)
-        for thing in ("pole_mass", "gravity", "duration"):
-            object.__setattr__(self, thing, require_positive(thing, getattr(self, thing)))
+                require_plausible(f"schedule.{thing}", value)
+        for thing in ("pole_mass", "gravity"):
+            object.__setattr__(self, thing, require_plausible(thing, getattr(self, thing)))
+        object.__setattr__(self, "duration", require_positive("duration", self.duration))
         require_type("initial_state", self.initial_state, Iterable)
         state = tuple(require_finite("initial_state", x) for x in self.initial_state)
         if len(state) != 4:
             raise InvalidValueError("initial_state", "must hold four numbers", len(state))
+        if abs(most := max(state, key=abs)) > LARGEST_STATE:
+            rule = f"must lie in -{LARGEST_STATE:g} to {LARGEST_STATE:g}"
+            raise InvalidValueError("initial_state", rule, most)
         object.__setattr__(self, "initial_state", state)
         require_type("imperfections", self.imperfections, Imperfections)
         require_on_rail("initial_state z", state[0], self.imperfections.rail_half_length)

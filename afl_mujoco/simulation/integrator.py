@@ -8,7 +8,6 @@ compiled right-hand side; SciPy integrates any other right-hand side, and by any
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,6 +51,13 @@ MAX_STEP = 0.02
 
 MIN_RTOL = 100 * np.finfo(float).eps
 """Least relative tolerance: below it, the integrator would silently use this value."""
+
+MOST_EVALUATIONS = 20_000
+"""Most evaluations of a right-hand side in Python within `MAX_STEP` of simulated time.
+
+A step takes 12; the paper's controllers, whose force has kinks, need fewer than 1000. One
+that is not a smooth function of the state needs more than any number.
+"""
 
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 
@@ -124,15 +130,28 @@ def require_tolerances(method: str, rtol: float, atol: float) -> None:
 
 
 def scipy_solver(
-    derivative: Derivative, method: str = "DOP853", rtol: float = RTOL, atol: float = ATOL
+    derivative: Derivative,
+    method: str = "DOP853",
+    rtol: float = RTOL,
+    atol: float = ATOL,
+    *,
+    controller: str,
 ) -> Solver:
-    """Return SciPy's integrator of a right-hand side in Python; `method` is one of `METHODS`."""
+    """Return SciPy's integrator of a right-hand side in Python.
+
+    Parameters
+    ----------
+    method
+        One of `METHODS`.
+    controller
+        Name of the controller in it: the run raises if its force is too rough to integrate.
+    """
     require_tolerances(method, rtol, atol)
 
     def solve(
         segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], Outcome | None]:
-        right_hand_side = partial(_rate, derivative, segment)
+        right_hand_side = _Counted(derivative, segment, controller)
         if not np.isfinite(right_hand_side(segment.start, state)).all():
             return np.atleast_2d(state), Outcome(_ending(state), segment.start)
         solution = solve_ivp(  # type: ignore[call-overload]
@@ -203,18 +222,34 @@ def segment_numbers(
     )
 
 
+class _Counted:
+    """The right-hand side in a segment, which raises if it is evaluated too often."""
+
+    def __init__(self, derivative: Derivative, segment: Segment, controller: str) -> None:
+        self.derivative, self.segment, self.controller = derivative, segment, controller
+        self.count, self.until = 0, segment.start + MAX_STEP
+
+    def __call__(self, time: float, state: NDArray[np.float64]) -> Sequence[float]:
+        """Return the rate of change of the state."""
+        if time >= self.until:
+            self.count, self.until = 0, time + MAX_STEP
+        self.count += 1
+        if self.count > MOST_EVALUATIONS:
+            rule = (
+                "must give a force that is a smooth function of time and state where it is "
+                "evaluated continuously, not one that is rounded (float32), switches, or remembers "
+                f"earlier calls: at t = {time:g} s its run needs more than {MOST_EVALUATIONS} "
+                f"evaluations for {MAX_STEP:g} s; only sampled mode runs it"
+            )
+            raise InvalidValueError(f"controller {self.controller!r}", rule)
+        return self.derivative(time, state, self.segment)
+
+
 @register_jitable
 def limit_margin(state):
     """Return how far the state is from the end of a run: `FALL_ANGLE` or `STATE_LIMIT`."""
     largest = max(max(abs(state[0]), abs(state[1])), max(abs(state[2]), abs(state[3])))
     return min(FALL_ANGLE - abs(state[1]), STATE_LIMIT - largest)
-
-
-def _rate(
-    derivative: Derivative, segment: Segment, time: float, state: NDArray[np.float64]
-) -> Sequence[float]:
-    """Return the right-hand side as the integrator calls it."""
-    return derivative(time, state, segment)
 
 
 def _premature_end(solution: Any, segment: Segment) -> Outcome:

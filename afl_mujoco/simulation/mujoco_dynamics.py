@@ -34,7 +34,8 @@ def solver(
 ) -> Solver:
     """Return the solver of the closed loop of MuJoCo's forward dynamics and the controller."""
     if controller.interpreted:
-        return scipy_solver(closed_loop(model, scenario, controller, change))
+        loop = closed_loop(model, scenario, controller, change)
+        return scipy_solver(loop, controller=controller.name)
     compiled, assumed = (
         tuple(controller.compiled_for(scenario.plants)),
         controller.assumed_parameters(*[np.nan] * 4),

@@ -133,7 +133,7 @@ def solve_ode(
     )  # raises before the run if a gain is not positive
     if method != "DOP853" or controller.interpreted:
         loop = closed_loop(scenario, controller, change)
-        solver = scipy_solver(loop, method, rtol, atol)
+        solver = scipy_solver(loop, method, rtol, atol, controller=controller.name)
     else:
         require_tolerances(method, rtol, atol)
         solver = compiled_solver(

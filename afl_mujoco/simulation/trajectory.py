@@ -22,6 +22,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.files import atomic_file
 from afl_mujoco.scenario.files import scenario_to_table
+from afl_mujoco.scenario.parameters import LARGEST_STATE
 from afl_mujoco.scenario.scenario import Scenario
 
 FALL_ANGLE = 0.5 * math.pi - 1e-3
@@ -30,7 +31,7 @@ FALL_ANGLE = 0.5 * math.pi - 1e-3
 TIPPED = 1.4
 """A run that cannot go on fell if ``|phi|`` had reached this [rad], where the force diverges."""
 
-STATE_LIMIT = 1e6
+STATE_LIMIT = LARGEST_STATE
 """A run ends as diverged when a state or a force [SI] exceeds this, or is not finite."""
 
 COMPLETED, FELL, DIVERGED = "completed", "fell", "diverged"

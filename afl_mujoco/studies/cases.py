@@ -19,6 +19,7 @@ from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
+from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
 
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
@@ -123,6 +124,7 @@ def require_runnable(
     whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
     for scenario in scenarios:
         scenario.require_ideal()
+        control_period_of(scenario, settings.control_period, settings.timestep)
         whole_steps("duration", scenario.duration, "timestep", settings.timestep)
         if abs(tilt := scenario.initial_state[1]) >= 0.5 * math.pi:
             rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"

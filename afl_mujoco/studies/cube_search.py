@@ -9,9 +9,12 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import require_count
 
 Point = NDArray[np.float64]
+
+
+MOST_GENERATIONS, MOST_POPULATION = 100_000, 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +29,7 @@ class Budget:
     Raises
     ------
     InvalidValueError
-        If either is too small.
+        If either is too small or too large.
     """
 
     generations: int = 30
@@ -34,9 +37,8 @@ class Budget:
 
     def __post_init__(self) -> None:
         """Check both numbers."""
-        for name, least in (("generations", 1), ("population", 4)):
-            if getattr(self, name) < least:
-                raise InvalidValueError(name, f"must be at least {least}", getattr(self, name))
+        require_count("generations", self.generations, 1, MOST_GENERATIONS)
+        require_count("population", self.population, 4, MOST_POPULATION)
 
     @property
     def points(self) -> int:

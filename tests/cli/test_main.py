@@ -32,6 +32,7 @@ duration = 0.05
 def folder(tmp_path: Path) -> Path:
     """A working folder that holds one good scenario file, and a bad list of films."""
     (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "empty.toml").write_text('[replay]\ncontroller = ""')
     (tmp_path / "films").mkdir()
     (tmp_path / "films" / "films.json").write_text("{}")
     return tmp_path
@@ -114,7 +115,7 @@ BAD_ARGUMENTS = {
     ),
     "timestep that is no number": (
         ["validate", "--timestep", "fast"],
-        "could not convert string to float: 'fast'",
+        "--timestep must be a number, got fast",
     ),
     "no workers": (
         ["validate", "short.toml", "--workers", "0"],
@@ -143,6 +144,18 @@ BAD_ARGUMENTS = {
     "unknown simulator": (
         ["simulate", "short.toml", "--simulator", "drake"],
         "simulator must be one of ode, exact, continuous, sampled, got 'drake'",
+    ),
+    "empty controller": (
+        ["simulate", "short.toml", "--controller", ""],
+        "--controller must not be empty, got ''",
+    ),
+    "empty controller of a file": (
+        ["simulate", "empty.toml"],
+        "controller must be one of fixed, adaptive, ",
+    ),
+    "no controller to film": (
+        ["render", "short.toml", "--controllers"],
+        "--controllers must have a value, got none",
     ),
     "unknown integrator": (
         ["simulate", "short.toml", "--integrator", "RK5"],

@@ -127,7 +127,7 @@ BAD = {
         ],
         "cart mass of the grid must be positive",
     ),
-    "negative seed": (["table", "--seed", "-1"], "seed must be a whole number of at least 0"),
+    "negative seed": (["table", "--seed", "-1"], "seed must be at least 0, got -1"),
     "box below zero": (
         ["table", "--lower", "100", "-5", "90"],
         "lower bound of slope must be positive, got -5",

@@ -20,8 +20,10 @@ from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation import integrator
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
+from tests import program
 
 ASSUMED = np.array([1.0, 0.05, 0.5, 9.81])
 STATE = np.array([0.1, -0.2, 0.3, 0.4])
@@ -177,6 +179,61 @@ def test_a_controller_that_ends_the_program_is_answered_in_one_line():
         ControllerError, match=r"^controller 'mine' raised SystemExit at t = 0 s: enough$"
     ):
         controller_of(leaving).command(0.0, STATE, ASSUMED)
+
+
+class Leaving(BaseException):
+    pass
+
+
+class Mute(Exception):
+    def __str__(self):
+        raise RuntimeError("no")
+
+    __repr__ = __str__
+
+
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        (GeneratorExit("enough"), "raised GeneratorExit at t = 0 s: enough"),
+        (Leaving("enough"), "raised Leaving at t = 0 s: enough"),
+        (Mute(), "raised Mute at t = 0 s: <Mute without a text>"),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_any_exception_of_a_controller_is_answered_in_one_line(raised, said, module):
+    def raising(time, state, belief):
+        raise raised
+
+    with pytest.raises(ControllerError) as caught:
+        controller_of(raising).command(0.0, STATE, ASSUMED)
+    assert str(caught.value) == f"controller 'mine' {said}"
+
+    class Unmade:
+        def __init__(self):
+            raise raised
+
+        def __call__(self, time, state, belief):
+            return 0.0
+
+    with pytest.raises(InvalidValueError, match=f"cannot be started: {type(raised).__name__}: "):
+        controller_of(Unmade)
+    module("leaving", "raise GeneratorExit('enough')\n")
+    with pytest.raises(InvalidValueError, match=r"cannot be imported: GeneratorExit: enough$"):
+        find_controller("leaving:force")
+
+
+def test_a_value_without_a_text_is_answered_in_one_line():
+    with pytest.raises(ControllerError, match=r"got <Mute without a text>$"):
+        controller_of(lambda *_: Mute()).command(0.0, STATE, ASSUMED)
+
+
+def test_a_ctrl_c_within_a_controller_is_one(smooth_scenario):
+    def interrupted(time, state, belief):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        controller_of(interrupted).command(0.0, STATE, ASSUMED)
 
 
 def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
@@ -337,7 +394,9 @@ def test_the_command_simulates_a_controller_of_one_s_own(module, tmp_path, capsy
         "def controller(time, state, belief):\n"
         "    return control_force(state, belief, FIXED_GAINS)\n"
         "def broken(time, state, belief):\n"
-        "    raise OSError('no such sensor')\n",
+        "    raise OSError('no such sensor')\n"
+        "def rounded(time, state, belief):\n"
+        "    return round(60.0 * state[1] + 30.0 * state[3], 1)\n",
     )
     (tmp_path / "short.toml").write_text("duration = 0.5\n")
     arguments = ["simulate", "short.toml", "--simulator", "ode", "--out", "out", "--controller"]
@@ -348,6 +407,79 @@ def test_the_command_simulates_a_controller_of_one_s_own(module, tmp_path, capsy
     assert error == (
         "afl-mujoco: controller 'mine_cli.broken' raised OSError at t = 0 s: no such sensor\n"
     )
+    assert main([*arguments, "mine_cli:rounded"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "controller 'mine_cli.rounded' must give a force that is a smooth function" in line
+
+
+# A force that is not smooth: the step of an adaptive method shrinks without end
+
+
+def pd(state):
+    z, phi, z_dot, phi_dot = state
+    return 1.05 * (3.3 * z + 6.5 * z_dot - 64.0 * phi - 29.0 * phi_dot)
+
+
+def in_float32(time, state, belief):
+    return np.float32(pd(state.astype(np.float32)))
+
+
+def rounded(time, state, belief):
+    return round(pd(state), 2)
+
+
+def switching(time, state, belief):
+    return math.copysign(10.0, pd(state))
+
+
+def remembering():
+    last = [0.0]
+
+    def force(time, state, belief):
+        last[0] = 0.9 * last[0] + 0.1 * pd(state)
+        return last[0]
+
+    return force
+
+
+@pytest.mark.parametrize("mode", ["ode", "exact"])
+@pytest.mark.parametrize(
+    "function", [in_float32, rounded, switching, remembering()], ids=lambda f: f.__name__
+)
+def test_a_force_that_is_not_smooth_is_refused_where_it_is_evaluated_continuously(function, mode):
+    scenario = afl.Scenario(name="lean", initial_state=(0.0, -0.3, 0.0, 0.0), duration=1.0)
+    with pytest.raises(InvalidValueError) as caught:
+        SIMULATORS[mode](scenario, controller_of(function))
+    said = str(caught.value)
+    assert said.startswith("controller 'mine' must give a force that is a smooth function of time")
+    assert "more than 20000 evaluations for 0.02 s" in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("name", ["fixed-retuned", "adaptive"])
+def test_the_kinks_of_the_paper_s_controllers_stay_far_below_what_is_refused(name, monkeypatch):
+    monkeypatch.setattr(integrator, "MOST_EVALUATIONS", integrator.MOST_EVALUATIONS // 20)
+    compiled = CONTROLLERS[name]
+    mine = controller_of(lambda t, x, belief: compiled.force(x, belief), call_limit=60.0)
+    run = afl.simulate_ode(afl.SCENARIOS["step-step"], mine, sample_period=0.1)
+    assert str(run.outcome) == "completed"
+
+
+def test_what_a_controller_s_arithmetic_warns_of_is_one_line(module, tmp_path):
+    module(
+        "overflowing",
+        "import numpy as np\n"
+        "def force(time, state, belief):\n"
+        "    np.exp(np.float64(1e4))\n"
+        "    return 0.0\n",
+    )
+    (tmp_path / "short.toml").write_text("duration = 0.1\n[ranges]\nphi = [0.0, 0.1]\n")
+    line = "afl-mujoco: warning: overflow encountered in exp (overflowing.py, line 3)"
+    few = ["--samples", "41", "--no-worst-case", "--no-page", "--workers", "2"]
+    for command in (["simulate", "short.toml", "--controller"], ["montecarlo", "short.toml", *few]):
+        option = [] if command[0] == "simulate" else ["--controllers"]
+        said = program.run(*command, *option, "overflowing:force", "--out", "out", cwd=tmp_path)
+        assert set(said.stderr.splitlines()) == {line}
 
 
 # Memory: fresh for each run, refused where it is undefined

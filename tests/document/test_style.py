@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from afl_mujoco.control.names import NAMES
 from afl_mujoco.document.style import (
@@ -111,3 +112,31 @@ def test_numbers_are_said_as_in_print(value: float, words: str) -> None:
 
 def test_an_axis_ends_at_the_decade_above() -> None:
     assert [decade_above(x) for x in (0.5, 1.0, 1.1, 3e-7)] == pytest.approx([1.0, 1.0, 10.0, 1e-6])
+
+
+AWKWARD = r"a$\frac$b"
+"""A name that matplotlib would read as a broken formula."""
+
+
+@pytest.mark.parametrize("place", ["title", "legend", "ticks", "categories", "note"])
+def test_a_name_is_shown_as_it_is_and_not_read_as_a_formula(tmp_path: Path, place: str) -> None:
+    with styled():
+        figure = new_figure(3.0, 2.0)
+        axis = figure.subplots()
+        axis.semilogy([AWKWARD] if place == "categories" else [0.0], [1e-3], label=AWKWARD)
+        if place == "title":
+            figure.suptitle(AWKWARD)
+        if place == "legend":
+            axis.legend()
+        if place == "ticks":
+            axis.set_xticks([0.0], [AWKWARD])
+        if place == "note":
+            axis.annotate(AWKWARD, (0.0, 1e-3))
+    save_figure(figure, tmp_path / "saved.png")
+    lay_out(figure)
+    drawn = figure.findobj(lambda one: isinstance(one, Text) and one.get_text() == AWKWARD)
+    assert drawn
+    assert not any(text.get_parse_math() for text in drawn)
+    ticks = [text for text in axis.get_yticklabels() if "$" in text.get_text()]
+    assert ticks
+    assert all(text.get_parse_math() for text in ticks)

@@ -49,7 +49,8 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
         ("resolution = 0.1", 'column = "z"', "column must be for one signal alone, got 'z'"),
         ("pole_mass = 0.1", "pole_mass = nan", "pole_mass"),
         ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
-        ("[nominal]", "[nominal", "is not a description of a log"),
+        ("[nominal]", "[nominal", "is not valid TOML"),
+        ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "a whole number of so many digits"),
     ],
 )
 def test_what_breaks_a_rule_is_named(tmp_path: Path, before: str, after: str, message: str) -> None:

@@ -1,5 +1,7 @@
 """A scenario survives its file; a file that breaks a rule is answered with file, key and value."""
 
+from functools import partial
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -125,6 +127,12 @@ HIT = "[[disturbances]]\nshape = "
         ),
         ("[replay]\ncontroller = 1", "replay.controller must be text, got 1"),
         ("pole_mass = -0.1", "pole_mass must be positive, got -0.1"),
+        ("pole_mass = 1e300", "pole_mass must lie in 1e-09 to 1e+09, got 1e+300"),
+        ("[schedule]\nhalf_length = 1e-300", "schedule.half_length must lie in 1e-09 to 1e+09"),
+        (
+            "initial_state = [0, 0, 0, -1e300]",
+            "initial_state must lie in -1e+06 to 1e+06, got -1e+300",
+        ),
         ("pole_mass = nan", "pole_mass must be finite, got nan"),
         ("pole_mass = '1'", "pole_mass must be a number, got '1'"),
         ("gravity = true", "gravity must be a number, got True"),
@@ -173,6 +181,9 @@ HIT = "[[disturbances]]\nshape = "
             "disturbance must end within the duration 20.0 s, got 21.0",
         ),
         ("name = ", "is not valid TOML: "),
+        ("duration = " + 5000 * "1", "must not hold a whole number of so many digits"),
+        ("duration = 0x" + 5000 * "f", "must not hold a whole number of so many digits"),
+        ('name = "a\\u0000b"', "name must be printable, not empty and without '/'"),
     ],
     ids=lambda value: value[:36].replace("\n", " ").strip() if "must" not in value else "",
 )
@@ -201,6 +212,12 @@ def test_a_file_that_cannot_be_read_is_said_so(make, reason, tmp_path):
     with pytest.raises(FileError) as caught:
         load_scenario(path)
     assert str(caught.value) == f"{path} {reason}"
+
+
+def test_a_path_with_a_nul_is_refused(tmp_path):
+    for use in (load_scenario, find_scenario, partial(save_scenario, SCENARIOS["nominal"])):
+        with pytest.raises(AflMujocoError, match=r"a\\x00b.toml must not contain a NUL character$"):
+            use(f"{tmp_path}/a\0b.toml")
 
 
 def test_find_takes_a_name_or_a_file(tmp_path):

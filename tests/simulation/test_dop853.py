@@ -21,7 +21,7 @@ WHOLE = ParameterChange(dynamics=STRETCHING_ROD, jumps=MOMENTA)
 def by_scipy(scenario, controller, change=PAPER, period=1e-2, **tolerances):
     loop = ode.closed_loop(scenario, controller, change)
     times = time_grid(scenario, period)
-    solver = scipy_solver(loop, **tolerances)
+    solver = scipy_solver(loop, **tolerances, controller="tested")
     return integrate(scenario, solver, ode.transition(scenario, change), times)
 
 
@@ -53,7 +53,9 @@ def test_exact_mode_is_scipys_on_mujocos_dynamics():
     model = CartPoleModel(SCENARIO.parameters_at(0.0))
     loop = mujoco_dynamics.closed_loop(model, SCENARIO, controller, PAPER)
     arrive = mujoco_dynamics.transition(model, SCENARIO, PAPER)
-    states, _ = integrate(SCENARIO, scipy_solver(loop), arrive, time_grid(SCENARIO, 1e-2))
+    states, _ = integrate(
+        SCENARIO, scipy_solver(loop, controller="tested"), arrive, time_grid(SCENARIO, 1e-2)
+    )
     assert np.abs(run.state - states).max() < 1e-11
 
 

@@ -1,6 +1,7 @@
 """The scenarios as Gymnasium environments: the dm_control environment, by another contract.
 
-Optional: `pip install afl-mujoco[gym]`. Without Gymnasium only its absence is tested.
+Optional: `pip install afl-mujoco[gym]`. Without Gymnasium only its absence is tested, or
+this module fails where AFL_MUJOCO_REQUIRE_GYMNASIUM is set.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import importlib.metadata
 import importlib.util
 import math
+import os
 import subprocess
 import sys
 import warnings
@@ -25,7 +27,8 @@ from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 ROOT = Path(__file__).parents[2]
-INSTALLED = importlib.util.find_spec("gymnasium") is not None
+REQUIRED = bool(os.environ.get("AFL_MUJOCO_REQUIRE_GYMNASIUM"))
+INSTALLED = REQUIRED or importlib.util.find_spec("gymnasium") is not None
 needs_gymnasium = pytest.mark.skipif(not INSTALLED, reason="Gymnasium is not installed")
 
 if INSTALLED:

@@ -34,7 +34,7 @@ def _run(scenario, derivative=_particle, jump_at=_kick, period=0.25):
         jump = jump_at(state, *after.parameters_at(after.start), after.impulse)
         return state + np.array([0.0, 0.0, *jump])
 
-    states, outcome = integrate(scenario, scipy_solver(rate), arrive, times)
+    states, outcome = integrate(scenario, scipy_solver(rate, controller="none"), arrive, times)
     return times, states, outcome
 
 

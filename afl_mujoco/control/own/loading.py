@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from afl_mujoco.control.own.python_controller import PythonController
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, told
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
@@ -41,8 +41,10 @@ def load_attribute(spec: str) -> Any:
             raise InvalidValueError(thing, f"needs a module: {error}") from None
         rule = f"must be in a module that is installed or in {folder}: {error}"
         raise InvalidValueError(thing, rule) from None
-    except (Exception, SystemExit) as error:
-        rule = f"cannot be imported: {type(error).__name__}: {error}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        rule = f"cannot be imported: {type(error).__name__}: {told(error)}"
         raise InvalidValueError(thing, rule) from error
     for part in function_name.split("."):
         if not hasattr(found, part):

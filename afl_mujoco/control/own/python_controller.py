@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_controller import CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
-from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError
+from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.scenario.parameters import (
     CartPoleParameters,
     PlantRange,
@@ -98,8 +98,10 @@ class PythonController(Controller):
                 function = function()
             elif callable(reset := getattr(function, "reset", None)):
                 reset()
-        except (Exception, SystemExit) as error:
-            rule = f"cannot be started: {type(error).__name__}: {error}"
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            rule = f"cannot be started: {type(error).__name__}: {told(error)}"
             raise InvalidValueError(f"controller {name!r}", rule) from error
         require_controller_function(name, function)
         return function  # type: ignore[no-any-return]
@@ -143,10 +145,12 @@ class PythonController(Controller):
         except _Overrun:
             rule = f"must answer within {self.call_limit:g} s, but did not at t = {time:g} s"
             raise ControllerError(f"controller {self.name!r}", rule) from None
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             if not abs(phi) < 0.5 * np.pi:  # an integrator's stage or sensor noise may lead there
                 return math.nan
-            rule = f"raised {type(error).__name__} at t = {time:g} s: {error}"
+            rule = f"raised {type(error).__name__} at t = {time:g} s: {told(error)}"
             raise ControllerError(f"controller {self.name!r}", rule) from error
         return self._number(value, time)
 
@@ -154,11 +158,11 @@ class PythonController(Controller):
         """Return what the controller returned as a float."""
         try:
             array = np.asarray(value)
-        except (TypeError, ValueError):
+        except Exception:
             array = np.asarray(None)
         if array.dtype.kind in "fiu" and array.size == 1 and array.ndim <= 1:
             return float(array.reshape(()))
-        got = repr(value) if array.ndim == 0 else f"an array of shape {array.shape}"
+        got = told(value, repr) if array.ndim == 0 else f"an array of shape {array.shape}"
         rule = f"must return one number at t = {time:g} s"
         raise ControllerError(f"controller {self.name!r}", rule, got)
 
@@ -241,7 +245,7 @@ def _makes_controllers(function: Any) -> bool:
 def require_controller_function(name: str, function: object) -> None:
     """Raise unless a controller's function can be called with time, state and belief."""
     if not callable(function):
-        raise InvalidValueError(f"controller {name!r}", "must be callable", repr(function))
+        raise InvalidValueError(f"controller {name!r}", "must be callable", told(function, repr))
     try:
         signature = inspect.signature(function)
     except ValueError:  # a function in C without a signature

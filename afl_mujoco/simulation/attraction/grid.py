@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import borrowing_kernel
-from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import NOMINAL, require_finite, require_positive
+from afl_mujoco.errors import InvalidValueError, require_count
+from afl_mujoco.scenario.parameters import LARGEST_STATE, NOMINAL, require_finite, require_positive
 
 SETTLED, FALLEN, UNDECIDED = range(3)
 OUTCOMES = ("settled", "fallen", "undecided")
@@ -29,6 +29,9 @@ MAX_ANGLE, MAX_RATE = 1.55, 10.0
 
 MASSES, LENGTHS = (0.1, 2.0), (0.05, 1.0)
 """Edges of the map over plants [kg, m]: the paper's grid."""
+
+MOST_POINTS = 1001
+"""Most grid points along an axis."""
 
 START = (0.0, -math.pi / 3.0, 0.0, 0.0)
 """Initial state of the map over plants: that of the paper."""
@@ -115,10 +118,11 @@ class Grid:
 
 def axis(name: str, low: float, high: float, count: int) -> NDArray[np.float64]:
     """Return evenly spaced coordinates, antisymmetric to the bit if the limits are +-x."""
-    if count < 2:
-        raise InvalidValueError("grid", "must be at least 2", count)
+    require_count("grid", count, 2, MOST_POINTS)
     if not require_finite(name, low) < require_finite(name, high):
         raise InvalidValueError(name, f"must exceed its low end {low:g}", f"{high:g}")
+    if max(abs(low), abs(high)) > LARGEST_STATE:
+        raise InvalidValueError(name, f"must be at most {LARGEST_STATE:g}", max(low, high))
     from_middle = np.arange(count) - 0.5 * (count - 1)
     return np.asarray(0.5 * (low + high) + from_middle * ((high - low) / (count - 1)))
 

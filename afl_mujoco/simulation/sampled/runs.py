@@ -63,6 +63,10 @@ def control_period_of(scenario: Scenario, given: float | None, timestep: float) 
         The simulator's settings [s].
     """
     own = scenario.imperfections.control_period
+    period = given if own is None else own
+    if period is not None and period > scenario.duration:
+        rule = f"must be within the duration {scenario.duration:g} s"
+        raise InvalidValueError("control_period", rule, period)
     if own is None:
         return timestep if given is None else given
     if given is not None and given != own:

@@ -12,7 +12,7 @@ from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.control.names import ESTIMATED as SUFFIX
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import require_distinct
@@ -93,10 +93,12 @@ class Runs:
     estimated: EstimatedRun
 
 
+MOST_SEEDS = 1000
+
+
 def require_study(name: str, cases: Sequence[str], seeds: int) -> EstimatedController:
     """Return the controller with the estimator, or raise before anything is run."""
-    if seeds < 1:
-        raise InvalidValueError("seeds", "must be at least 1", seeds)
+    require_count("seeds", seeds, 1, MOST_SEEDS)
     controller = find_controller(name)
     if controller.estimates or controller.interpreted or controller.belief is not None:
         rule = "must be a compiled controller that takes M and l: the study estimates them"

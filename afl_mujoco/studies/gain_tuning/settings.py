@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 
 ROUND_OFF = 1e-9
 """Round-off that is tolerated in a sum of shares, and in a whole number of groups."""
@@ -18,11 +18,10 @@ SHARES = ("reproduction", "crossover", "mutation")
 Seed = int | tuple[int, ...]
 
 
-def _require_whole(thing: str, value: object, least: int) -> int:
-    """Return `value` as an int, or raise unless it is a whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InvalidValueError(thing, f"must be a whole number of at least {least}", repr(value))
-    return int(value)
+MOST = 1_000_000
+"""Most chromosomes, and most generations."""
+
+LARGEST_SEED = 2**63 - 1
 
 
 def _require_finite(thing: str, value: object) -> float:
@@ -47,8 +46,8 @@ def require_seed(seed: object) -> Seed:
         An int, or a tuple of ints (at least one); none negative.
     """
     if isinstance(seed, tuple) and seed:
-        return tuple(_require_whole("seed", part, 0) for part in seed)
-    return _require_whole("seed", seed, 0)
+        return tuple(require_count("seed", part, 0, LARGEST_SEED) for part in seed)
+    return require_count("seed", seed, 0, LARGEST_SEED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +80,7 @@ class GeneticSettings:
     def __post_init__(self) -> None:
         """Check each value, and the values in combination."""
         for name, least in (("population_size", 1), ("generations", 1), ("parents", 2)):
-            object.__setattr__(self, name, _require_whole(name, getattr(self, name), least))
+            object.__setattr__(self, name, require_count(name, getattr(self, name), least, MOST))
         for name in (*SHARES, "mutation_constant"):
             object.__setattr__(self, name, _require_finite(name, getattr(self, name)))
         if not self.mutation_constant > 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
@@ -27,9 +27,9 @@ class Hardware:
     statement holds, and 1 if one does not.
     """
 
-    logs: str = ""
+    logs: str | None = None
     """Folder of recordings; by default those that come with the package and were not fitted."""
-    estimates: str = ""
+    estimates: str | None = None
     """Estimates that `afl-mujoco identify` wrote; by default those that come with the package."""
     draws: int = 200
     """Cart-poles drawn from the distribution of the estimates, on which controllers run."""
@@ -42,8 +42,7 @@ class Hardware:
 def check(configuration: Hardware) -> None:
     """Raise if the configuration breaks a rule."""
     c = configuration
-    if not 0 <= c.draws <= MOST_DRAWS:
-        raise InvalidValueError("draws", f"must lie in 0 to {MOST_DRAWS}", c.draws)
+    require_count("draws", c.draws, 0, MOST_DRAWS)
     if not 0 <= c.seed < 2**63:
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", c.seed)
     if c.film:
@@ -73,14 +72,14 @@ def _asked(configuration: Hardware) -> tuple[list[Log], Identified, str]:
     from afl_mujoco.identification.shipped import CHOOSE, ESTIMATES, load_estimates
 
     c = configuration
-    identified = load_estimates(Path(c.estimates) if c.estimates else ESTIMATES)
-    if c.estimates and not c.logs:
+    identified = load_estimates(ESTIMATES if c.estimates is None else Path(c.estimates))
+    if c.estimates is not None and c.logs is None:
         raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
     if identified.drive is None:
         raise InvalidValueError("estimates", "must include cart and drive: vary the command")
-    folder = Path(c.logs) if c.logs else CHOOSE
+    folder = CHOOSE if c.logs is None else Path(c.logs)
     logs = read_logs([folder], identified.description)
-    return logs, identified, c.logs or _name(folder)
+    return logs, identified, _name(folder) if c.logs is None else c.logs
 
 
 def _name(folder: Path) -> str:

@@ -28,7 +28,7 @@ class Identify:
 
     logs: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()
     """Logs, CSV files or folders of them; by default the recordings that come with the package."""
-    description: str = ""
+    description: str | None = None
     """TOML file that says what their columns mean and what is known about the cart-pole; required
     for your own logs."""
 
@@ -60,11 +60,11 @@ def _asked(configuration: Identify) -> tuple[list[Log], Description]:
     from afl_mujoco.identification.shipped import DESCRIPTION, FIT
 
     c = configuration
-    if c.logs and not c.description:
+    if c.logs and c.description is None:
         raise InvalidValueError("description", "must be given with logs: --description RIG.toml")
-    if c.description and not c.logs:
+    if c.description is not None and not c.logs:
         raise InvalidValueError("logs", "must be given with a description")
-    description = load_description(c.description or DESCRIPTION)
+    description = load_description(DESCRIPTION if c.description is None else c.description)
     return read_logs(c.logs or [FIT], description), description
 
 

@@ -33,6 +33,9 @@ from afl_mujoco.studies.loop_margins import loop_margins
 from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGrid, Result
 from afl_mujoco.studies.margins.study import MarginsConfiguration
 
+LONGEST_PERIOD = 10.0
+"""Longest control period [s], longer than any pole of a laboratory takes to fall."""
+
 QUICK = 4
 """A quick run studies one in so many M and l."""
 
@@ -82,8 +85,8 @@ def request_of(configuration: MarginsConfiguration) -> Request:
     asked = c.control_period
     return require(
         [find_controller(name) for name in c.controllers],
-        c.cart_masses or masses,
-        c.half_lengths or lengths,
+        masses if c.cart_masses is None else c.cart_masses,
+        lengths if c.half_lengths is None else c.half_lengths,
         (period or PERIOD) if asked is None else asked,
         pole_mass if c.pole_mass is None else c.pole_mass,
         gravity if c.gravity is None else c.gravity,
@@ -122,6 +125,9 @@ def require(
     """
     require_no_estimator(controllers)
     period = require_positive("control_period", control_period)
+    if period > LONGEST_PERIOD:
+        rule = f"must be at most {LONGEST_PERIOD:g} s"
+        raise InvalidValueError("control_period", rule, f"{period:g}")
     masses = tuple(require_positive("cart_masses", x) for x in cart_masses)
     lengths = tuple(require_positive("half_lengths", x) for x in half_lengths)
     names = tuple(controller.name for controller in controllers)

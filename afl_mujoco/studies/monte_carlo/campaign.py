@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
@@ -25,6 +25,7 @@ CHUNK = 20
 """Number of samples that a worker runs at a time."""
 
 LARGEST_SEED = 2**63 - 1
+MOST_SAMPLES = 1_000_000
 
 
 class SampleUnit(NamedTuple):
@@ -156,8 +157,7 @@ def require_campaign(
 ) -> None:
     """Raise if anything would break a campaign, before it begins."""
     require_distinct("controller", [controller.name for controller in controllers])
-    if samples < 1:
-        raise InvalidValueError("samples", "must be at least 1", samples)
+    require_count("samples", samples, 1, MOST_SAMPLES)
     if not 0 <= seed <= LARGEST_SEED:
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
     require_integrator(settings.integrator)

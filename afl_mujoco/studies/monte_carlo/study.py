@@ -77,7 +77,7 @@ class Request(NamedTuple):
 
 def request_of(configuration: MonteCarlo) -> Request:
     """Return the request of a configuration, or raise."""
-    from afl_mujoco.errors import InvalidValueError
+    from afl_mujoco.errors import InvalidValueError, require_count
     from afl_mujoco.scenario.files import find_scenario
     from afl_mujoco.scenario.laboratory import with_ranges
     from afl_mujoco.scenario.ranges import FIXED
@@ -97,7 +97,7 @@ def request_of(configuration: MonteCarlo) -> Request:
 
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.studies.cube_search import Budget
-    from afl_mujoco.studies.monte_carlo.campaign import require_campaign
+    from afl_mujoco.studies.monte_carlo.campaign import MOST_SAMPLES, require_campaign
     from afl_mujoco.studies.monte_carlo.trial import Settings
 
     samples = QUICK_SAMPLES if c.quick else SAMPLES
@@ -117,8 +117,8 @@ def request_of(configuration: MonteCarlo) -> Request:
         seed=c.seed,
         settings=request.settings,
     )
-    if c.keep is not None and c.keep < 0:
-        raise InvalidValueError("keep", "must be at least 0", c.keep)
+    if c.keep is not None:
+        require_count("keep", c.keep, 0, MOST_SAMPLES)
     if c.film:
         from afl_mujoco.films.plan import AS_IS, side_by_side
 

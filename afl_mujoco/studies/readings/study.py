@@ -59,6 +59,8 @@ class Effort:
     steps: int
 
 
+LARGEST_SEED = 2**63 - 1
+
 FULL = Effort(
     restarts=16, generations=800, population=24, draws=20000, descents=8, samples=50000, base=512,
     horizons=(10.0, 15.0, 20.0, 30.0), slopes=80, steps=81,
@@ -71,10 +73,9 @@ QUICK = Effort(
 
 def check(configuration: Readings) -> None:
     """Raise if the configuration breaks a rule."""
-    from afl_mujoco.errors import InvalidValueError
+    from afl_mujoco.errors import require_count
 
-    if configuration.seed < 0:
-        raise InvalidValueError("seed", "must not be negative", configuration.seed)
+    require_count("seed", configuration.seed, 0, LARGEST_SEED)
 
 
 def run(configuration: Readings, *, progress: Progress = silent, workers: int = 1) -> Result:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from afl_mujoco.control.catalogue import GainError, find_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own.python_controller import ControllerError
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections
@@ -193,6 +193,10 @@ def names_of(chosen: Sequence[str]) -> tuple[str, ...]:
     return tuple(find_imperfection(name).name for name in chosen)
 
 
+MOST_SEEDS, MOST_LEVELS = 1000, 1000
+"""Most noise seeds, and most levels of a scan."""
+
+
 class Request(NamedTuple):
     """What is studied: controllers, scenarios, settings, names of imperfections."""
 
@@ -229,9 +233,8 @@ def require(
     require_distinct("controller", [controller.name for controller in controllers])
     require_distinct("scenario", [scenario.name for scenario in scenarios])
     require_distinct("imperfection", names)
-    for name, count, least in (("seeds", settings.seeds, 1), ("scan", settings.scan, 2)):
-        if count < least:
-            raise InvalidValueError(name, f"must be at least {least}", count)
+    require_count("seeds", settings.seeds, 1, MOST_SEEDS)
+    require_count("scan", settings.scan, 2, MOST_LEVELS)
     if not 1e-4 <= settings.tolerance <= 1.0:
         raise InvalidValueError("tolerance", "must lie in 1e-4 to 1", settings.tolerance)
     require_integrator(settings.integrator)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -62,9 +63,11 @@ def scenario_of(grid: Grid, k: int) -> afl.Scenario:
     )
 
 
-def settled_at(time: NDArray[np.float64], state: NDArray[np.float64]) -> float:
+def settled_at(
+    time: NDArray[np.float64], state: NDArray[np.float64], bands: Sequence[float] = SETTLING.bands
+) -> float:
     """When a sampled run has been within the bands for the whole dwell [s], or never."""
-    inside = (np.abs(state) <= SETTLING.bands).all(axis=1)
+    inside = (np.abs(state) <= bands).all(axis=1)
     entered = math.inf
     for t, within in zip(time.tolist(), inside.tolist(), strict=True):
         if not within:
@@ -155,6 +158,18 @@ def test_the_map_in_mujoco_has_the_bits_of_the_sampled_run(name, grid) -> None:
         if settled:  # it stayed to the horizon
             assert not fell
             assert (np.abs(run.state[-1]) <= SETTLING.bands).all()
+
+
+@pytest.mark.parametrize("narrow", range(4))
+@pytest.mark.parametrize("side", MAPS)
+def test_each_of_the_four_bands_must_be_kept(side: str, narrow: int) -> None:
+    bands = tuple(1e-3 if i == narrow else 1e3 for i in range(4))
+    grid, controller = state_grid([0.3], [0.0]), afl.CONTROLLERS["lqr"]
+    found = MAPS[side](grid, controller, settling=dataclasses.replace(SETTLING, bands=bands))
+    run = afl.simulate_ode(scenario_of(grid, 0), controller)
+    expected = settled_at(run.time, run.state, bands)
+    assert SETTLING.dwell + 0.1 < expected < SETTLING.horizon
+    assert found.time[0, 0] == pytest.approx(expected, abs=0.05)  # the control is held in MuJoCo
 
 
 def same(a: AttractionMap, b: AttractionMap) -> None:

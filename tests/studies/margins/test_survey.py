@@ -71,6 +71,8 @@ def test_a_survey_names_what_it_does_not_hold(survey: Result) -> None:
         survey.values("fixed", "delays")
     with pytest.raises(InvalidValueError, match="controllers must hold at least one, each once"):
         survey_margins([])
+    with pytest.raises(InvalidValueError, match="cart_masses must hold at least one, each once"):
+        request_of(MarginsConfiguration(cart_masses=()))
 
 
 def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> None:

@@ -55,5 +55,5 @@ def test_the_result_does_not_depend_on_the_workers() -> None:
 def test_a_negative_seed_is_refused(command_line) -> None:
     assert command_line("readings", "--seed", "-1")[0::2] == (
         2,
-        "afl-mujoco: seed must not be negative, got -1\n",
+        "afl-mujoco: seed must be at least 0, got -1\n",
     )

@@ -15,6 +15,7 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, Threshold
+from afl_mujoco.studies.thresholds import sweep as sweep_module
 from afl_mujoco.studies.thresholds.classes import tolerated
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME
 from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED, Sweep
@@ -83,6 +84,22 @@ def test_the_worst_of_the_scenarios_and_seeds_counts():
     assert combined.failure.scenario == "step-step"
     easy = sweep(("force-limit", LQR, (gentle,), SETTINGS))
     assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
+
+
+@pytest.mark.parametrize("ran", ["sweep", "combined"])
+def test_every_level_is_run_with_every_seed_of_the_noise(ran, monkeypatch):
+    def judged(level, scenarios, controller, settings):
+        assert [s.imperfections.seed for s in scenarios] == [0, 1]
+        return judge(level, scenarios[:1], controller, settings)
+
+    monkeypatch.setattr(sweep_module, "judge", judged)
+    short = (replace(CASE, duration=1.0),)
+    if ran == "sweep":
+        assert sweep(("noise", LQR, short, SETTINGS)).reference.survives
+        return
+    monkeypatch.setattr(sweep_module, "added", lambda: (BY_NAME["noise"],))
+    (verdict,) = sweep_combined((LQR, short, SETTINGS))
+    assert verdict.survives
 
 
 def test_the_figures_of_a_verdict_are_the_largest_of_any_run():

@@ -106,10 +106,32 @@ def test_the_ledger_stays_open_if_the_ramps_are_not_booked(monkeypatch):
     assert not CRITERIA["A6p"].judge(book.momentum_residual).passed
 
 
+def test_the_ledger_closes_where_a_jump_and_an_impulse_coincide():
+    hit = afl.Impulse(momentum=0.3, time=0.3)
+    struck = dataclasses.replace(SHORT, duration=0.5, disturbances=(hit,))
+    book, _ = ledger.ledger(struck, ADAPTIVE)
+    assert book.energy_of_jumps != 0.0
+    assert CRITERIA["A6e"].judge(book.energy_residual).passed
+    assert CRITERIA["A6p"].judge(book.momentum_residual).passed
+
+
 def test_the_plateau_check_fails_on_a_model_that_matches(monkeypatch):
     assert explanation.plateau_check().passed
     monkeypatch.setattr(explanation, "CAPSULE_EXCESS", 0.0)
     assert not explanation.plateau_check().passed
+
+
+def test_the_plateau_fails_only_where_the_order_has_failed_long_before():
+    steps, fourth = (2e-3, 1e-3, 5e-4, 2.5e-4), (16.0, 1.0, 1.0 / 16.0, 1.0 / 256.0)
+
+    def fails(name, model_error):
+        study = Study(steps, tuple(error + model_error for error in fourth))
+        value = study.reduction if name == "B6" else abs(study.order - 4.0)
+        return not CRITERIA[name].judge(value).passed
+
+    assert not fails("B2o", 0.0) and not fails("B6", 0.0)
+    assert fails("B2o", 0.01)
+    assert not fails("B6", 0.3) and fails("B6", 0.5)
 
 
 def test_a_run_that_fell_is_not_explained(runs):

@@ -98,7 +98,8 @@ def ledger(
         return arrived
 
     times = time_grid(scenario, SAMPLE_PERIOD)
-    states, _ = integrate(scenario, scipy_solver(derivative), book, times, quadratures=6)
+    solver = scipy_solver(derivative, controller=controller.name)
+    states, _ = integrate(scenario, solver, book, times, quadratures=6)
     return _close(model, scenario, controller, times[: len(states)], states)
 
 

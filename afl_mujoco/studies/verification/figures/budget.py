@@ -17,6 +17,7 @@ from afl_mujoco.document.style import (
     GREY,
     ORANGE,
     PURPLE,
+    SUPERSCRIPTS,
     VERMILION,
     decade_above,
     in_words,
@@ -129,7 +130,7 @@ def _draw_dots(axis: Axes, budgets: Sequence[ErrorBudget]) -> None:
     most = max(1.0, decade_above(max(budget.total for budget in budgets) or 1.0))
     axis.set_xlim(_LEAST, most)
     powers = list(range(-14, round(np.log10(most)) + 1, 2))
-    ticks = [f"$10^{{{power}}}$" for power in powers]
+    ticks = [f"10{str(power).translate(SUPERSCRIPTS)}" for power in powers]
     axis.set_xticks([_ZERO, *(10.0**power for power in powers)], ["0", *ticks])
     axis.minorticks_off()
     axis.set_yticks(rows, [_name(budget) for budget in budgets], fontsize=7.5)
