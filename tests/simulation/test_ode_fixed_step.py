@@ -106,3 +106,10 @@ def test_steps_that_do_not_fit_are_refused(smooth_scenario, adaptive):
         simulate_ode_held(smooth_scenario, adaptive, control_period=0.0)
     with pytest.raises(AflMujocoError, match=r"^substeps must be"):
         simulate_ode_held(smooth_scenario, adaptive, substeps=0)
+
+
+def test_one_substep_is_enough_to_run_and_more_are_closer(smooth_scenario, adaptive):
+    one, two, many = (
+        simulate_ode_held(smooth_scenario, adaptive, substeps=n).state for n in (1, 2, 8)
+    )
+    assert 8.0 < np.abs(one - many).max() / np.abs(two - many).max() < 32.0
