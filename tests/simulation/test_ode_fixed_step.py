@@ -86,6 +86,8 @@ def test_a_run_that_starts_fallen_says_so(simulate, smooth_scenario, adaptive):
     run = simulate(replace(smooth_scenario, initial_state=(0, -1.6, 0, 0)), adaptive)
     assert str(run.outcome) == "fell at t = 0 s"
     assert run.state.tolist() == [[0, -1.6, 0, 0]]
+    if simulate is simulate_ode_held:  # no period began
+        assert run.force.tolist() == [0.0]
 
 
 @pytest.mark.parametrize("simulate", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
