@@ -265,6 +265,7 @@ def test_a_controller_without_a_force_ends_the_run_as_diverged(smooth_scenario, 
     run = simulate(smooth_scenario, controller_of(lambda time, *_: math.nan if time > 0.3 else 0.0))
     assert run.outcome.kind == "diverged"
     assert run.outcome.time == pytest.approx(0.3, abs=0.02)
+    assert np.isfinite(run.state).all()
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,6 +126,7 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
     [
         ("phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
         ("phi = [-2, 2]", "ranges.phi must lie between -pi/2 and pi/2, at which a pole has fallen"),
+        (f"phi = [-1, {math.pi / 2}]", "ranges.phi must lie between -pi/2 and pi/2, at which"),
         ("phi = 0.3", "ranges.phi must be a range: its least and its largest value, got 0.3"),
         ("phi = [1]", "ranges.phi must be a range: its least and its largest value, got [1]"),
         ("phi = ['a', 1]", "ranges.phi must be a number, got 'a'"),
