@@ -11,7 +11,7 @@ STUDIES := $(call named,afl_mujoco/studies/*/study.py)
 QUICK = $(filter-out readings,$(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*/study.py)))
 
 .DEFAULT_GOAL := help
-.PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune bench faults check lock clean distclean
+.PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune bench faults mutants check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -95,8 +95,12 @@ bench: $(READY) ## measure speed, as ratios: the loop, the batch integrator, the
 	@$(BIN)/python benchmarks/bench_montecarlo.py
 	@$(BIN)/python benchmarks/bench_attraction.py
 
-faults: $(READY) ## plant physical faults one at a time and see which check catches each (an hour)
+faults: $(READY) ## plant physical faults one at a time and see which check catches each (15 minutes)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)
+
+mutants: $(READY) ## plant a sample of the faults that Cosmic Ray can think of, and see how many are noticed (an hour)
+	@$(PIP_INSTALL) --no-deps --requirement requirements-mutants.lock
+	@$(BIN)/python tests/mutants.py $(ARGS)
 
 check: $(READY) ## format, lint, types, import contracts, architecture
 	@$(BIN)/ruff format --check .

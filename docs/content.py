@@ -37,7 +37,13 @@ from afl_mujoco.document.style import save_figure, write_figure
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import Record, load_record
 from afl_mujoco.studies.registry import studies
-from docs.tables import faults_table, optimisers_table, tables
+from docs.tables import (
+    faults_table,
+    mutants_table,
+    optimisers_table,
+    survivors_table,
+    tables,
+)
 
 DOCS = Path(__file__).parent
 RESULTS = DOCS / "results"
@@ -166,6 +172,9 @@ class Content:
         return {
             **tables(),
             "faults": faults_table(self.results),
+            "mutants": mutants_table(self.results),
+            "surviving mutants": survivors_table(self.results, "survived"),
+            "equivalent mutants": survivors_table(self.results, "equivalent"),
             "optimisers": optimisers_table(SHIPPED),
         }
 

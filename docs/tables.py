@@ -51,6 +51,30 @@ def faults_table(results: Path) -> str:
     )
 
 
+def mutants_table(results: Path) -> str:
+    """Return how many mutants of each part of the code are noticed."""
+    found = json.loads((results / "mutants.json").read_text(encoding="utf-8"))
+    rows = []
+    for area, one in [*found["areas"].items(), ("**all**", found)]:
+        counts = [str(one[k]) for k in ("sampled", "equivalent", "killed", "survived")]
+        low, high = one["interval"] or (0.0, 1.0)
+        score = "–" if one["score"] is None else f"{100.0 * one['score']:.1f} %"
+        rows.append((area, *counts, score, f"{100.0 * low:.0f} to {100.0 * high:.0f} %"))
+    header = ("mutants of", "drawn", "equivalent", "noticed", "not noticed", "score", "interval")
+    return cells_as_table(header, rows)
+
+
+def survivors_table(results: Path, outcome: str) -> str:
+    """Return the mutants with an outcome, ``survived`` or ``equivalent``, the latter with why."""
+    found = json.loads((results / "mutants.json").read_text(encoding="utf-8"))["mutants"]
+    rows = [
+        (f"`{one['file']}`", f"`{one['was']}`", f"`{one['now']}`", one["by"])
+        for one in found
+        if one["outcome"] == outcome
+    ]
+    return cells_as_table(("file", "line", "mutant", "why"), rows) if rows else "None.\n"
+
+
 def optimisers_table(folder: Path) -> str:
     """Return the expected evaluations of each optimiser to the closest target, by plant."""
     found = json.loads((folder / "optimisers.json").read_text(encoding="utf-8"))

@@ -422,3 +422,14 @@ def test_a_setting_that_breaks_its_rule_is_refused_in_one_line(changes, message)
     with pytest.raises(InvalidValueError) as caught:
         EstimatorSettings(**changes)
     assert str(caught.value) == message
+
+
+def test_a_filter_that_starts_over_keeps_what_it_knows_of_the_plant():
+    memory, settings = estimator.new_filter(), EstimatorSettings().on(PLANTS)[0]
+    estimator.start(memory, settings, 0.1, 0.2)
+    memory["state"][:] = 1.0, 1.0, 1.0, 600.0, math.log(1.7), math.log(0.8)
+    found = estimator.update(memory, settings, 0.3, 0.4, 0.0, 1e-3)
+    assert found == pytest.approx((1.7, 0.8))
+    kept = [0.3, 0.4, 0.0, 0.0, math.log(1.7), math.log(0.8)]
+    assert memory["state"].tolist() == pytest.approx(kept)
+    assert memory["nis"] == 0.0

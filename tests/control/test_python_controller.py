@@ -62,6 +62,11 @@ def test_a_controller_gets_time_state_and_assumed_parameters():
     assert seen == [(1.25, STATE.tolist(), afl.CartPoleParameters())]
 
 
+def test_a_force_at_no_time_in_particular_is_that_at_the_start():
+    clock = controller_of(lambda time, state, belief: time)
+    assert clock.force(STATE, afl.CartPoleParameters()) == 0.0
+
+
 def test_a_controller_that_writes_into_its_state_changes_nothing():
     def vandal(time, state, belief):
         state[:] = 0.0
@@ -317,6 +322,7 @@ def test_a_controller_without_a_force_ends_the_run_as_diverged(smooth_scenario, 
     run = simulate(smooth_scenario, controller_of(lambda time, *_: math.nan if time > 0.3 else 0.0))
     assert run.outcome.kind == "diverged"
     assert run.outcome.time == pytest.approx(0.3, abs=0.02)
+    assert np.isfinite(run.state).all()
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))

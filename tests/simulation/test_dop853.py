@@ -9,7 +9,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.compiled_controller import LINEAR
 from afl_mujoco.scenario.parameter_change import MOMENTA, STRETCHING_ROD, ParameterChange
 from afl_mujoco.scenario.sampling import time_grid
-from afl_mujoco.simulation import mujoco_dynamics, ode
+from afl_mujoco.simulation import dop853, mujoco_dynamics, ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
@@ -70,3 +70,9 @@ def test_a_fall_is_found_when_scipy_finds_it(start):
     assert run.outcome.kind == outcome.kind == "fell"
     assert run.outcome.time == pytest.approx(outcome.time, abs=1e-11)
     assert np.abs(run.state - states).max() < 1e-9
+
+
+def test_a_state_at_rest_has_no_error_and_no_number_that_is_none():
+    at_rest = np.zeros((dop853.ROWS, 4))
+    state = np.array([1.0, 0.0, 0.0, 0.0])
+    assert dop853.error_of(0.1, at_rest, state, state, 1e-9, 1e-9) == 0.0

@@ -10,7 +10,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.batch.objective import ObjectiveScales
-from afl_mujoco.simulation.metrics import UNITS, metrics
+from afl_mujoco.simulation.metrics import UNITS, metrics, unit_of
 from afl_mujoco.simulation.scoring import objective_scales, with_objective
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
@@ -153,3 +153,9 @@ def test_a_run_goes_to_pandas_or_says_what_is_missing(monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(afl.AflMujocoError, match="pandas must be installed: pip install pandas"):
         run.to_pandas()
+
+
+def test_a_unit_is_written_as_in_print_and_a_pure_number_has_none() -> None:
+    assert (unit_of("itae_phi"), unit_of("peak_z")) == (UNITS["itae_phi"].replace("^2", "²"), "m")
+    assert "²" in unit_of("itae_phi") and "1" not in map(unit_of, UNITS)
+    assert "1" in UNITS.values()

@@ -86,6 +86,8 @@ def test_a_run_that_starts_fallen_says_so(simulate, smooth_scenario, adaptive):
     run = simulate(replace(smooth_scenario, initial_state=(0, -1.6, 0, 0)), adaptive)
     assert str(run.outcome) == "fell at t = 0 s"
     assert run.state.tolist() == [[0, -1.6, 0, 0]]
+    if simulate is simulate_ode_held:  # no period began
+        assert run.force.tolist() == [0.0]
 
 
 @pytest.mark.parametrize("simulate", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
@@ -106,3 +108,10 @@ def test_steps_that_do_not_fit_are_refused(smooth_scenario, adaptive):
         simulate_ode_held(smooth_scenario, adaptive, control_period=0.0)
     with pytest.raises(AflMujocoError, match=r"^substeps must be"):
         simulate_ode_held(smooth_scenario, adaptive, substeps=0)
+
+
+def test_one_substep_is_enough_to_run_and_more_are_closer(smooth_scenario, adaptive):
+    one, two, many = (
+        simulate_ode_held(smooth_scenario, adaptive, substeps=n).state for n in (1, 2, 8)
+    )
+    assert 8.0 < np.abs(one - many).max() / np.abs(two - many).max() < 32.0

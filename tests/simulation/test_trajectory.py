@@ -9,6 +9,7 @@ import pytest
 
 from afl_mujoco import Outcome, Trajectory, simulate_ode_rk4
 from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
 
 ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
 
@@ -189,3 +190,12 @@ def test_a_save_into_a_missing_folder_is_an_error(tmp_path):
 )
 def test_an_outcome_says_how_and_when(outcome, text):
     assert str(outcome) == text
+
+
+@pytest.mark.parametrize("axis", range(4))
+@pytest.mark.parametrize("value", [STATE_LIMIT, -STATE_LIMIT, math.nan, math.inf])
+def test_a_state_with_one_runaway_number_is_beyond_the_limits(axis, value):
+    state = np.full(4, 0.9 * STATE_LIMIT)
+    assert within_limits(state)
+    state[axis] = value
+    assert not within_limits(state)

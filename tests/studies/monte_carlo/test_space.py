@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from afl_mujoco.scenario.sample_space import (
     search_generator,
 )
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.registry import studies
 from tests.sample_spaces import near_laboratory
 
 SPACE = SampleSpace(LABORATORY)
@@ -167,3 +170,9 @@ def test_a_space_that_no_hardware_has_is_refused(changes, message: str) -> None:
 def test_a_point_outside_the_cube_is_refused(point) -> None:
     with pytest.raises(InvalidValueError, match=r"^point must "):
         SPACE.scenario_of(point, 0, 0)
+
+
+def test_the_published_samples_are_of_this_laboratory() -> None:
+    results = Path(__file__).parents[3] / "docs" / "results"
+    record = load_record(studies()["montecarlo"], results)
+    assert record.result.space.scenario == LABORATORY

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+import json
+from dataclasses import asdict, fields
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +20,7 @@ from afl_mujoco.studies.thresholds.imperfections import (
     imperfections_at,
 )
 
+PUBLISHED = Path(__file__).parents[3] / "docs" / "results" / "thresholds.json"
 NAMES = [one.name for one in IMPERFECTIONS]
 
 
@@ -86,3 +89,19 @@ def test_an_unknown_imperfection_is_named_with_those_that_there_are() -> None:
         UnknownNameError, match=r"^imperfection must be one of control-period, delay, .*'x'"
     ):
         find_imperfection("x")
+
+
+def test_the_published_thresholds_are_of_these_levels_and_units() -> None:
+    published = json.loads(PUBLISHED.read_text(encoding="utf-8"))["imperfections"]
+    declared = {one.name: one for one in (*IMPERFECTIONS, COMBINED)}
+    assert [one["name"] for one in published if one["name"] not in declared] == []
+    for one in published:
+        here = asdict(declared[one["name"]])
+        assert one == json.loads(json.dumps({key: here[key] for key in one})), one["name"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_level_is_shown_in_the_unit_that_is_named(name: str) -> None:
+    one = BY_NAME[name]
+    thousandth = one.unit.startswith("g") or (one.unit[0] == "m" and one.unit[1:2].isalpha())
+    assert one.scale == (1e2 if one.unit == "%" else 1e3 if thousandth else 1.0)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import re
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -224,3 +227,18 @@ def test_the_ledger_has_the_twelve_claims_in_order_or_none() -> None:
 
 def test_a_claim_s_row_has_the_fields_of_the_report() -> None:
     assert {"id", "paper", "here", "verdict", "why"} <= set(dataclasses.asdict(search_claim()))
+
+
+def test_what_is_published_of_the_gains_and_the_search_is_what_is_found() -> None:
+    results = Path(__file__).parents[3] / "docs" / "results" / "report.json"
+    published = {c["id"]: c for c in json.loads(results.read_text(encoding="utf-8"))["claims"]}
+    table = GainTable.shipped()
+    for claim in (gains.optima_claim(table, SCALES), gains.fit_claim(table), search_claim()):
+        told = published[claim.id]
+        assert (claim.paper, claim.verdict) == (told["paper"], told["verdict"])
+        assert claim.here == pytest.approx(told["here"], rel=1e-2)
+        said, before = (  # without how large a round-off was, which differs between machines
+            re.findall(r"[+-]?[0-9.]+[0-9]", why.partition(": by (L1)")[0])
+            for why in (claim.why, told["why"])
+        )
+        assert said == before

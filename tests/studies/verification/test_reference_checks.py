@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+from pathlib import Path
 
 import pytest
 
 from afl_mujoco.studies.verification.checks import reference_checks
 from afl_mujoco.studies.verification.criteria import CRITERIA
+
+PUBLISHED = Path(__file__).parents[3] / "docs" / "results" / "report.json"
 
 
 def test_every_reference_check_holds() -> None:
@@ -43,3 +47,9 @@ def test_a8_sees_one_method_at_a_loose_tolerance(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(reference_checks, "simulate_ode", loose)
     monkeypatch.setattr("afl_mujoco.simulation.integrator.MAX_STEP", 1.0)
     assert not CRITERIA["A8"].judge(reference_checks.second_method_difference()).passed
+
+
+def test_the_published_verdict_is_by_these_limits() -> None:
+    published = json.loads(PUBLISHED.read_text(encoding="utf-8"))["checks"]
+    assert {check["id"] for check in published} == CRITERIA.keys()
+    assert [c["id"] for c in published if c["limit"] != CRITERIA[c["id"]].limit] == []

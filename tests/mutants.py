@@ -1,0 +1,518 @@
+"""Mutation testing by an outside tool: faults that nobody chose, and how many of them are noticed.
+
+Cosmic Ray's operators say where the physics, the control, the loops, the checks and the statistics
+can be changed, and how. Of all these mutants a sample is drawn, the same for the same seed, and
+each is planted in a temporary copy of the repository, on which checks run until one objects: the
+tests that are likely to, the verdict of `afl-mujoco validate --full`, the other tests.
+
+    python tests/mutants.py [--count 400] [--seed 1] [--jobs 2] [--only PART ...] [--resume]
+                            [--survivors] [--brief] [--out FILE] [--list]
+
+The mutants are those of one replacement per operator: ``+ -``, ``* /``, ``** *``, ``// /``,
+``% //``; each comparison by its neighbour (``< <=``) and its opposite (``< >=``); ``and or``; no
+``-`` and no ``not``; ``not`` before a condition; ``True False``; ``break continue``; loops that do
+not begin; numbers by one more and one less. Left out, since no test could notice them or every
+test would, which flatters the score: bitwise operators in place of arithmetic (a TypeError on
+floats), ``is`` in place of ``==``, decorators and their options (compiled or not, a function
+returns the same), other exceptions to catch, what stands in annotations, in docstrings, in what an
+error says or in an f-string, and what is no Python.
+
+A mutant is equivalent if equivalent_mutants.toml names it, with the reason; it is not run. The
+score is the share of the others that were noticed. One that runs into the time limit was.
+
+Exit code 0 if every mutant is noticed or equivalent, 1 otherwise, 130 when interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import json
+import re
+import sys
+import tomllib
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from afl_mujoco.files import write_text
+from afl_mujoco.studies.monte_carlo.rates import Rate
+from afl_mujoco.studies.record import versions
+from tests.faulty_copies import (
+    REPOSITORY,
+    TESTS,
+    Copies,
+    TimeLimitError,
+    check_all,
+    files_of,
+    run_command_line,
+)
+
+RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
+EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
+AREAS = {
+    "equations": ("plant/*.py",),
+    "control": ("control/*.py", "control/own/*.py", "control/baselines/*.py"),
+    "estimator": ("control/estimation/*.py",),
+    "scenario": ("scenario/*.py",),
+    "MuJoCo model and loop, integration": ("simulation/*.py",),
+    "sensors and actuators": ("simulation/sampled/*.py",),
+    "checks": (
+        *("studies/verification/checks/*.py", "studies/verification/claims/*.py"),
+        *(
+            f"studies/verification/{name}.py"
+            for name in ("check", "criteria", "campaign", "curves")
+        ),
+    ),
+    "statistics": ("studies/monte_carlo/rates.py",),
+}
+DRAWN = ("simulation/decor.py", "simulation/figures.py")
+"""What only draws."""
+
+OPERATORS = (
+    *("ReplaceBinaryOperator_Add_Sub", "ReplaceBinaryOperator_Sub_Add"),
+    *("ReplaceBinaryOperator_Mul_Div", "ReplaceBinaryOperator_Div_Mul"),
+    *("ReplaceBinaryOperator_Pow_Mul", "ReplaceBinaryOperator_FloorDiv_Div"),
+    "ReplaceBinaryOperator_Mod_FloorDiv",
+    *("ReplaceComparisonOperator_Lt_LtE", "ReplaceComparisonOperator_Lt_GtE"),
+    *("ReplaceComparisonOperator_LtE_Lt", "ReplaceComparisonOperator_LtE_Gt"),
+    *("ReplaceComparisonOperator_Gt_GtE", "ReplaceComparisonOperator_Gt_LtE"),
+    *("ReplaceComparisonOperator_GtE_Gt", "ReplaceComparisonOperator_GtE_Lt"),
+    *("ReplaceComparisonOperator_Eq_NotEq", "ReplaceComparisonOperator_NotEq_Eq"),
+    *("ReplaceComparisonOperator_Is_IsNot", "ReplaceComparisonOperator_IsNot_Is"),
+    *("ReplaceUnaryOperator_Delete_USub", "ReplaceUnaryOperator_Delete_Not"),
+    *("AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd"),
+    *("ReplaceTrueWithFalse", "ReplaceFalseWithTrue"),
+    *("ReplaceBreakWithContinue", "ReplaceContinueWithBreak"),
+    *("ZeroIterationForLoop", "NumberReplacer"),
+)
+
+NOT_CHANGED = {"raise_stmt", "assert_stmt", "fstring", "decorator", "tfpdef"}
+
+Key = tuple[str, str, str, int]
+
+LATE = (
+    *("tests/control/test_baselines.py", "tests/simulation/attraction/test_maps.py"),
+    *("tests/studies/thresholds/test_sweep.py", "tests/simulation/test_gym_env.py"),
+    *("tests/studies/margins/test_measured_delay.py", "tests/simulation/test_task.py"),
+    *("tests/studies/monte_carlo/test_campaign.py", "tests/studies/monte_carlo/test_worst_case.py"),
+    *("tests/simulation/test_task_pictures.py", "tests/simulation/test_graphics.py"),
+)
+"""Tests that take longest; they run last."""
+
+OWN = {
+    "mujoco_physics": ("simulation/test_task.py", "simulation/test_gym_env.py"),
+    "mujoco_description": ("simulation/sampled/test_passive.py", "simulation/test_mujoco_model.py"),
+    "mujoco_dynamics": ("simulation/test_mujoco_rollout.py",),
+    "mujoco_loops": ("simulation/test_mujoco_rollout.py",),
+    "python_controller_rk4": ("control/test_python_controller.py",),
+    "dop853": ("simulation/test_dop853.py", "simulation/attraction/test_maps.py"),
+    "sample_space": ("studies/monte_carlo/test_space.py", "scenario/test_ranges.py"),
+    "randomised": ("scenario/test_schedules.py", "studies/verification/test_claims.py"),
+    "design": ("control/test_baselines.py",),
+    "linear_model": ("control/test_baselines.py",),
+    "loop": ("simulation/sampled/test_runs.py", "control/test_python_controller.py"),
+    "laboratory": ("studies/monte_carlo/test_space.py",),
+    "convergence": ("studies/verification/test_explanation.py",),
+    "ledger": ("studies/verification/test_explanation.py",),
+}
+"""Tests of a source under another name than its own."""
+
+LIKELY = 6  # test files that run first, at most
+LIKELY_LIMIT = 300.0  # [s] for them
+NO_TIME = "time limit"
+KILLED, SURVIVED, SAME = "killed", "survived", "equivalent"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where an operator can change a source: the `nth` time in lines that read so."""
+
+    area: str
+    file: str
+    operator: str
+    occurrence: int
+    line: int
+    was: str
+    nth: int
+
+    def rank(self, seed: int) -> bytes:
+        """Return where a seed puts it: a sample is those that come first.
+
+        An edit of the code moves no other place into the sample or out of it, but by the few that
+        it adds or takes away, and a larger sample holds the smaller one.
+        """
+        known_by = (seed, self.file, self.operator, self.was, self.nth)
+        return hashlib.blake2b(repr(known_by).encode(), digest_size=16).digest()
+
+    def mutant(self) -> Mutant | None:
+        """Return the mutant, None if what changes is no Python or means the same."""
+        before = (REPOSITORY / self.file).read_text(encoding="utf-8")
+        after = mutated(before, self.operator, self.occurrence)
+        assert after is not None
+        try:
+            if _meaning(after) == _meaning(before):
+                return None
+        except SyntaxError:
+            return None
+        now = " ".join(after.splitlines()[self.line].split())
+        return Mutant(place=self, now=now)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mutant:
+    """A source with a change in one line."""
+
+    place: Place
+    now: str
+
+    @property
+    def file(self) -> str:
+        """What changes."""
+        return self.place.file
+
+    @property
+    def name(self) -> str:
+        """What changes how."""
+        return f"{self.file}: {self.place.was}  ->  {self.now}"
+
+    @property
+    def key(self) -> Key:
+        """What it is known by from run to run, wherever the line has moved to."""
+        return self.file, self.place.was, self.now, self.place.nth
+
+    def plant(self, root: Path) -> None:
+        """Make the change in a copy."""
+        path = root / self.file
+        before = path.read_text(encoding="utf-8")
+        after = mutated(before, self.place.operator, self.place.occurrence)
+        if after is None:
+            raise ValueError(f"{self.name}: there is nothing to change")
+        path.write_text(after, encoding="utf-8")
+
+
+def mutated(text: str, operator: str, occurrence: int) -> str | None:
+    """Return a source with a change, None if the operator finds less."""
+    from cosmic_ray.mutating import mutate_code
+
+    changed: str | None = mutate_code(text, operators()[operator](), occurrence)
+    return changed
+
+
+def number_replacer() -> Any:
+    """Return Cosmic Ray's operator on numbers, without what it does to the spaces around them."""
+    from cosmic_ray.operators.number_replacer import NumberReplacer
+
+    class InPlace(NumberReplacer):  # type: ignore[misc]
+        def mutate(self, node: Any, index: int) -> Any:
+            changed = super().mutate(node, index)
+            changed.value, changed.prefix = changed.value.strip(), node.prefix
+            return changed
+
+    return InPlace
+
+
+def operators() -> Mapping[str, Any]:
+    """Return the operators of Cosmic Ray by name."""
+    from cosmic_ray.operators.provider import OperatorProvider
+
+    provider = OperatorProvider()
+    return {name: provider[name] for name in OPERATORS} | {"NumberReplacer": number_replacer()}
+
+
+def places_in(file: str, area: str) -> Iterator[Place]:
+    """Yield every place of a source."""
+    from cosmic_ray.ast import ast_nodes, get_ast
+
+    text = (REPOSITORY / file).read_text(encoding="utf-8")
+    nodes, lines = list(ast_nodes(get_ast(text))), text.splitlines()
+    for name, operator in operators().items():
+        seen: Counter[str] = Counter()
+        starts = ((one, start) for one in nodes for start, _ in operator().mutation_positions(one))
+        for occurrence, (node, (line, _)) in enumerate(starts):
+            if not _left_out(node):
+                was = lines[line - 1].strip()
+                nth, seen[was] = seen[was], seen[was] + 1
+                yield Place(
+                    area=area,
+                    file=file,
+                    operator=name,
+                    occurrence=occurrence,
+                    line=line - 1,
+                    was=was,
+                    nth=nth,
+                )
+
+
+def _left_out(node: Any) -> bool:
+    """Return whether a node of Cosmic Ray's tree stands where nothing is changed."""
+    child, parent = node, node.parent
+    if parent is not None and parent.type == "parameters":  # the bare star
+        return True
+    while parent is not None:
+        if parent.type in NOT_CHANGED:
+            return True
+        if parent.type == "annassign" and child is parent.children[1]:
+            return True
+        if parent.type == "funcdef" and child is parent.annotation:
+            return True
+        child, parent = parent, parent.parent
+    return False
+
+
+def _meaning(text: str) -> str:
+    """Return what a source means."""
+    return ast.dump(ast.parse(text))
+
+
+def all_places() -> list[Place]:
+    """Return every place in the files of `AREAS`."""
+    package = REPOSITORY / "afl_mujoco"
+    drawn = {package / name for name in DRAWN}
+    found = []
+    for area, patterns in AREAS.items():
+        files = sorted({path for pattern in patterns for path in package.glob(pattern)} - drawn)
+        for path in files:
+            found += places_in(str(path.relative_to(REPOSITORY)), area)
+    return found
+
+
+def draw(places: Sequence[Place], count: int, seed: int) -> list[Mutant]:
+    """Return a sample of the mutants at some places."""
+    ranked = sorted(places, key=lambda place: place.rank(seed))
+    return list(islice(filter(None, (place.mutant() for place in ranked)), count))
+
+
+def equivalents() -> dict[tuple[str, str, str], str]:
+    """Return why a mutant is equivalent, by file and line before and after."""
+    listed = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).get("mutant", [])
+    return {(row["file"], row["was"], row["now"]): row["reason"] for row in listed}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What became of a mutant."""
+
+    area: str
+    file: str
+    was: str
+    now: str
+    nth: int
+    outcome: str
+    by: str  # what noticed it, or why it is equivalent
+
+    @property
+    def key(self) -> Key:
+        """What the mutant is known by."""
+        return self.file, self.was, self.now, self.nth
+
+
+class Tests:
+    """Which tests come first: those that noticed other mutants of the file, its own, importers."""
+
+    def __init__(self, before: Collection[Found], *, only_likely: bool) -> None:
+        self._only_likely = only_likely
+        self._noticed: dict[str, Counter[str]] = defaultdict(Counter)
+        for one in before:
+            if one.outcome == KILLED:
+                self.learn(one.file, one.by)
+
+    @cached_property
+    def files(self) -> list[str]:
+        """All that may run."""
+        found = [*files_of(TESTS), *files_of(("tests/studies/verification",))]
+        return sorted(found, key=lambda name: LATE.index(name) if name in LATE else -1)
+
+    @cached_property
+    def _texts(self) -> dict[str, str]:
+        """What the files say."""
+        return {name: (REPOSITORY / name).read_text(encoding="utf-8") for name in self.files}
+
+    def learn(self, file: str, by: str) -> None:
+        """Keep which test noticed a mutant of a file."""
+        if "::" in by:
+            self._noticed[file][f"tests/{by.partition('::')[0]}"] += 1
+
+    def likely(self, file: str) -> list[str]:
+        """Return the test files for a source that run first."""
+        module = file.removesuffix(".py").replace("/", ".")
+        package, _, stem = module.rpartition(".")
+        imports = re.compile(
+            rf"{re.escape(module)}\b|from {re.escape(package)} import .*\b{stem}\b"
+        )
+        own = [f"tests/{name}" for name in OWN.get(stem, ())]
+        own += [name for name in self.files if Path(name).stem == f"test_{stem}"]
+        texts = {name: text for name, text in self._texts.items() if name not in LATE}
+        importers = [name for name, text in texts.items() if imports.search(text)]
+        noticed = [name for name, _ in self._noticed[file].most_common() if name in self.files]
+        beside = [name for name in texts if Path(name).parts[1:-1] == Path(file).parts[1:-1]]
+        return list(dict.fromkeys([*noticed[:3], *own, *importers, *noticed, *beside]))[:LIKELY]
+
+    def rest(self, file: str) -> list[str]:
+        """Return the others, those beside the likely ones first."""
+        first = self.likely(file)
+        mine = "verification" in file
+        others = [name for name in self.files if name not in first]
+        return [name for name in others if mine or "verification" not in name]
+
+    def checks(self, copies: Copies, mutant: Mutant) -> Callable[[Path], Iterator[str]]:
+        """Return the checks for a mutant."""
+
+        def checks(root: Path) -> Iterator[str]:
+            yield copies.tests(root, self.likely(mutant.file), LIKELY_LIMIT)
+            yield copies.verdict(root)
+            if not self._only_likely:
+                yield copies.tests(root, self.rest(mutant.file))
+
+        def in_time(root: Path) -> Iterator[str]:
+            try:
+                for by in checks(root):
+                    self.learn(mutant.file, by)
+                    yield by
+            except TimeLimitError:
+                yield NO_TIME
+
+        return in_time
+
+
+def found_of(mutant: Mutant, by: str, *, same: bool = False) -> Found:
+    """Return what became of a mutant that was noticed by something, or is the same for a reason."""
+    outcome = SAME if same else KILLED if by else SURVIVED
+    at = mutant.place
+    words = {"area": at.area, "file": at.file, "was": at.was, "now": mutant.now}
+    return Found(**words, nth=at.nth, outcome=outcome, by=by)
+
+
+def load(path: Path) -> dict[Key, Found]:
+    """Return what an earlier run found."""
+    if not path.is_file():
+        return {}
+    rows = json.loads(path.read_text(encoding="utf-8"))["mutants"]
+    return {found.key: found for found in (Found(**row) for row in rows)}
+
+
+def save(path: Path, found: Sequence[Found], of: int, seed: int) -> None:
+    """Write what was found."""
+    whole = summary(found)
+    result = {
+        "command": "make mutants",
+        "versions": versions(),
+        "seed": seed,
+        "places": of,
+        **whole,
+        "areas": {
+            area: summary([one for one in found if one.area == area])
+            for area in AREAS
+            if any(one.area == area for one in found)
+        },
+        "mutants": [asdict(one) for one in sorted(found, key=lambda one: one.key)],
+    }
+    write_text(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+
+
+def summary(found: Sequence[Found]) -> dict[str, Any]:
+    """Return the counts and the score with its interval."""
+    count = Counter(one.outcome for one in found)
+    asked = count[KILLED] + count[SURVIVED]
+    score = Rate(count[KILLED], asked) if asked else None
+    return {
+        "sampled": len(found),
+        "killed": count[KILLED],
+        "by_time_limit": sum(one.by == NO_TIME for one in found),
+        "survived": count[SURVIVED],
+        "equivalent": count[SAME],
+        "score": score.share if score else None,
+        "interval": list(score.interval) if score else None,
+    }
+
+
+def decided(
+    sample: Sequence[Mutant], before: Mapping[Key, Found], kept: Collection[str]
+) -> dict[Key, Found]:
+    """Return what is known of some mutants without running them.
+
+    Parameters
+    ----------
+    sample
+        The mutants.
+    before
+        What an earlier run found.
+    kept
+        Outcomes of it that stay.
+    """
+    same = equivalents()
+    found = {}
+    for one in sample:
+        earlier = before.get(one.key)
+        if reason := same.get(one.key[:3]):
+            found[one.key] = found_of(one, reason, same=True)
+        elif earlier and earlier.outcome in kept:
+            found[one.key] = earlier
+    return found
+
+
+def options_of_command_line() -> argparse.Namespace:
+    """Return the options."""
+    parser = argparse.ArgumentParser(description="Plant mutants and see how many are noticed.")
+    parser.add_argument("--count", type=int, default=400, help="how many mutants")
+    parser.add_argument("--seed", type=int, default=1, help="of the sample")
+    parser.add_argument("--jobs", type=int, default=2, help="how many at a time")
+    parser.add_argument("--only", nargs="+", metavar="PART", help="parts of their names")
+    parser.add_argument("--resume", action="store_true", help="keep what --out has of the sample")
+    parser.add_argument("--survivors", action="store_true", help="as --resume, survivors anew")
+    parser.add_argument("--brief", action="store_true", help="without the unlikely tests")
+    parser.add_argument("--out", type=Path, default=RESULT, metavar="FILE", help="a JSON")
+    parser.add_argument("--list", action="store_true", help="only print the sample")
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Run the command line and return the exit code."""
+    options = options_of_command_line()
+    places = all_places()
+    sample = draw(places, options.count, options.seed)
+    if options.only:
+        sample = [one for one in sample if any(part in one.name for part in options.only)]
+    if not sample:
+        raise ValueError("no mutant of the sample has such a name")
+    if options.list:
+        print("\n".join(one.name for one in sample), f"\n{len(sample)} at {len(places)} places")
+        return 0
+    before = load(options.out)
+    kept = {KILLED} if options.survivors else {KILLED, SURVIVED} if options.resume else set()
+    found = decided(sample, before, kept)
+
+    def keep() -> None:
+        """Write what was found so far; a part of the sample is only shown."""
+        if not options.only:
+            save(options.out, list(found.values()), len(places), options.seed)
+
+    left = [one for one in sample if one.key not in found]
+    tests = Tests(before.values(), only_likely=options.brief)
+    if left:
+        jobs = max(1, options.jobs)
+        for mutant, by in check_all(left, jobs, tests.files, tests.checks, say):
+            found[mutant.key] = found_of(mutant, by)
+            keep()
+    keep()
+    missed = [one for one in found.values() if one.outcome == SURVIVED]
+    for one in missed:
+        say(f"NOT NOTICED in {one.file}\n  - {one.was}\n  + {one.now}")
+    say(json.dumps(summary(list(found.values()))))
+    return 1 if missed else 0
+
+
+def say(line: str) -> None:
+    """Print a line at once."""
+    print(line, flush=True)
+
+
+if __name__ == "__main__":
+    run_command_line(main, "mutants")
