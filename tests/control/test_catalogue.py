@@ -19,6 +19,7 @@ from afl_mujoco.control import names
 from afl_mujoco.control.compiled_controller import scheduled_force
 from afl_mujoco.control.names import INFORMED
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.parameters import PlantRange
 
 # Table 2 of the paper, typed in by hand.
 TABLE_2 = {
@@ -206,3 +207,14 @@ def test_a_controller_named_as_results_show_it_is_told_how_it_is_given() -> None
         InvalidValueError, match=r"did you mean my_pid:Observer\?\), got my_pid.Observer"
     ):
         find_controller("my_pid.Observer")
+
+
+def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
+    inside, heavy = PlantRange((0.1, 2.0), (0.05, 1.0), 0.05, 9.81), (0.2, 2.1)
+    adaptive = CONTROLLERS["adaptive"]
+    assert adaptive.remarks(inside) == []
+    (said,) = adaptive.remarks(inside._replace(cart_mass=heavy))
+    assert "M 0.1 to 2 kg, and M reaches 2.1 kg" in said
+    (said,) = adaptive.remarks(inside._replace(half_length=(0.04, 0.5)))
+    assert "l 0.05 to 1 m, and l reaches 0.04 m" in said
+    assert CONTROLLERS["fixed"].remarks(inside._replace(cart_mass=heavy)) == []

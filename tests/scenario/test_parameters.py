@@ -7,6 +7,7 @@ import pytest
 
 from afl_mujoco import CartPoleParameters
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.scenario.parameter_change import DYNAMICS, JUMPS, ParameterChange
 
 FIELDS = ("cart_mass", "pole_mass", "half_length", "gravity")
 
@@ -59,3 +60,10 @@ def test_parameters_are_keyword_only_and_frozen(odd_parameters):
 
 def test_the_odd_plant_differs_from_the_default_in_every_field(odd_parameters):
     assert all(getattr(odd_parameters, n) != getattr(CartPoleParameters(), n) for n in FIELDS)
+
+
+@pytest.mark.parametrize("dynamics", DYNAMICS)
+@pytest.mark.parametrize("jumps", JUMPS)
+def test_what_the_paper_leaves_out_is_not_the_papers(dynamics, jumps):
+    change = ParameterChange(dynamics=dynamics, jumps=jumps)
+    assert change.is_the_papers == (change == ParameterChange())

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate._ivp.common import select_initial_step
 
 import afl_mujoco as afl
 from afl_mujoco.control.compiled_controller import LINEAR
@@ -76,3 +77,24 @@ def test_a_state_at_rest_has_no_error_and_no_number_that_is_none():
     at_rest = np.zeros((dop853.ROWS, 4))
     state = np.array([1.0, 0.0, 0.0, 0.0])
     assert dop853.error_of(0.1, at_rest, state, state, 1e-9, 1e-9) == 0.0
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1.0, 1e3])
+@pytest.mark.parametrize("rate", [0.0, 1e-9, 1.0, 1e3])
+def test_the_first_step_is_scipys(size, rate):
+    state = size * np.array([1.0, -0.3, 0.5, 0.2])
+    rtol, atol, longest = 1e-9, 1e-11, 0.5
+
+    def rates(_, time, x, out):
+        out[:] = rate * np.array([0.5, np.cos(x[0] + time), -x[1], 1.0])
+
+    slopes, point = np.zeros((dop853.ROWS, 4)), np.zeros(4)
+    rates(None, 0.0, state, slopes[0])
+
+    def rate_of(time, x):
+        rates(None, time, x, out := np.zeros(4))
+        return out
+
+    asked = (rate_of, 0.0, state, 1e9, longest, slopes[0].copy(), 1, 7, rtol, atol)
+    ours = dop853.first_step(rates, None, 0.0, state, longest, slopes, point, rtol, atol)
+    assert ours == pytest.approx(select_initial_step(*asked), rel=1e-12)

@@ -232,7 +232,8 @@ def test_a_claim_s_row_has_the_fields_of_the_report() -> None:
 def test_what_is_published_of_the_gains_and_the_search_is_what_is_found() -> None:
     results = Path(__file__).parents[3] / "docs" / "results" / "report.json"
     published = {c["id"]: c for c in json.loads(results.read_text(encoding="utf-8"))["claims"]}
-    table = GainTable.shipped()
+    table, exact = GainTable.shipped(), gains.linearisation_claim()
+    assert (exact.paper, exact.verdict) == (published["C1"]["paper"], published["C1"]["verdict"])
     for claim in (gains.optima_claim(table, SCALES), gains.fit_claim(table), search_claim()):
         told = published[claim.id]
         assert (claim.paper, claim.verdict) == (told["paper"], told["verdict"])
