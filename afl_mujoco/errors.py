@@ -19,6 +19,9 @@ class AflMujocoWarning(UserWarning):
 
 PROGRAM = "afl-mujoco"
 
+NO_NUL = "must not contain a NUL character"
+"""The rule of paths and of arguments of the command line."""
+
 
 def warning_in_one_line(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: object = None

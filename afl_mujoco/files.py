@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin,
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import AflMujocoError, FileError, meant, reading
+from afl_mujoco.errors import NO_NUL, AflMujocoError, FileError, meant, reading
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -26,9 +26,6 @@ Content = TypeVar("Content")
 
 _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 _MISSING = object()
-
-NO_NUL = "must not contain a NUL character"
-"""The rule of paths and of arguments of the command line."""
 
 
 @contextmanager

@@ -33,13 +33,13 @@ from afl_mujoco.cli.terminal import (
 from afl_mujoco.cli.tune import Tune
 from afl_mujoco.cli.view import View
 from afl_mujoco.errors import (
+    NO_NUL,
     PROGRAM,
     AflMujocoError,
     InvalidValueError,
     UnknownNameError,
     warning_in_one_line,
 )
-from afl_mujoco.files import NO_NUL
 from afl_mujoco.studies.registry import studies
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)

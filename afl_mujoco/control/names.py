@@ -1,5 +1,9 @@
 """Names of the controllers, for code that must not import them: ``--help``, defaults, texts."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 PAPER = ("fixed", "adaptive")
 """The paper's two controllers, the default where results are for the paper."""
 
@@ -30,6 +34,13 @@ controllers are not in the catalogue: only sampled mode supports them."""
 SUBJECT, REFERENCE = "adaptive", "lqr"
 """The controller that a single run shows and findings are about, and the one it is compared
 with."""
+
+
+def subject_of(names: Sequence[str]) -> str:
+    """Return the controller that findings are about: the paper's, or the first that is not LQR."""
+    others = [name for name in names if name != REFERENCE]
+    return SUBJECT if SUBJECT in others else next(iter(others), names[0])
+
 
 KNOWN = (
     f"{', '.join(NAMES)}; any but -nominal followed by {ESTIMATED} (sampled mode); or your own, "

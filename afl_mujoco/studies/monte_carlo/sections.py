@@ -7,7 +7,7 @@ from functools import partial
 from itertools import islice
 from pathlib import PurePath
 
-from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.control.names import REFERENCE, subject_of
 from afl_mujoco.document.blocks import (
     Block,
     Cell,
@@ -61,7 +61,7 @@ def sections(result: Result) -> list[Section]:
 def _findings(result: Result) -> Iterator[Finding]:
     """Return the sentences of the summary."""
     by_name = {rates.controller: rates for rates in result.controllers}
-    ours = by_name.get(SUBJECT, result.controllers[0])
+    ours = by_name[subject_of([*by_name])]
     hardest = [
         one.failed
         for one in result.worst_cases

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.control.names import REFERENCE, subject_of
 from afl_mujoco.document.blocks import (
     Block,
     Cell,
@@ -104,7 +104,7 @@ def findings(result: Result) -> Iterator[Finding]:
         yield Finding(f"No threshold for {name}", _fails_already(result, name, verdict))
     if not result.controllers:
         return
-    ours = SUBJECT if SUBJECT in result.controllers else result.controllers[0]
+    ours = subject_of(result.controllers)
     yield Finding("What holds", _holds(result, ours))
     yield Finding("What breaks first", _breaks(result, ours))
     yield Finding("At what threshold", _thresholds(result, ours))
