@@ -173,4 +173,4 @@ def _draw_legend(figure: Figure, claims: Sequence[Claim]) -> None:
     handles["here (colour of the verdict)"] = Line2D(
         [], [], marker="o", color=BLACK, linestyle="none", markersize=6.0
     )
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
