@@ -142,6 +142,8 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     said, _, meant = " ".join(line for line in lines if line.strip("-")).partition(
         " Perhaps you meant: "
     )
+    if found := re.match(r"Missing value for argument '(--\S+)'\. Expected 1 values\.", said):
+        return str(InvalidValueError(found[1], "must have a value", "none"))
     if found := re.match(
         r"Error parsing (--\S+): .* Argument helptext: \1 (\{.*?\}|[A-Z ]+) ", said
     ):

@@ -157,6 +157,10 @@ BAD_ARGUMENTS = {
         ["render", "short.toml", "--controllers"],
         "--controllers must have a value, got none",
     ),
+    "option without its one value": (
+        ["validate", "nominal", "--timestep"],
+        "--timestep must have a value, got none",
+    ),
     "unknown integrator": (
         ["simulate", "short.toml", "--integrator", "RK5"],
         "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'",
