@@ -137,7 +137,7 @@ BAD = {
         "would take as many steps",
     ),
     "mass given twice": (["table", "--cart-masses", "1", "1"], "cart mass of the grid must differ"),
-    "no population": (["table", "--population", "0"], "population_size must be a whole number"),
+    "no population": (["table", "--population", "0"], "population_size must be at least 1"),
     "no workers": (["table", "--workers", "0"], "workers must be at least 1, got 0"),
     "missing table": (["fit", "--table", "none.json"], "none.json cannot be read: no such file"),
     "no such tuning": (["tabel"], "Available subcommands: table, fit"),
