@@ -34,5 +34,5 @@ def draw_sensitivity(sensitivity: Sensitivity) -> Figure:
         below.set_xlim(0.0, 1.0)
         below.set_xlabel("total-order Sobol' index")
     panels[0, 0].set_ylabel("share of readings [%]")
-    panels[0, 0].legend(loc="center left")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper right")
     return figure

@@ -275,8 +275,8 @@ def _optima(result: Result) -> tuple[Finding, Table]:
     finding = Finding(
         "Table 1",
         f"Under none of the scales tried are all {rows} rows within {percent(OPTIMAL)} of the "
-        f"optimum: at most {most.best} are ({_label(most)}, {most.horizon:g} s), under those of "
-        f"D4 {max(one.as_decided for one in result.optima)}. The column OF fits no non-negative "
+        f"optimum: at most {most.best} are ({_label(most)}, {most.horizon:g} s), under D4's "
+        f"{max(one.as_decided for one in result.optima)}. The column OF fits no non-negative "
         f"weights of the three terms: the best leave {percent(column)} rms."
         if most.best < rows
         else f"Under some scales all {rows} rows are within {percent(OPTIMAL)} of the optimum "
