@@ -142,7 +142,7 @@ def held_constant(gains: Array, seed: int, count: int) -> Array:
     """The objectives of constant gains (K, lambda, Phi), rows of an array, shape (rows, count)."""
     scenarios = [random_scenario(seed, index) for index in range(count)]
     knots = [
-        np.stack([np.column_stack([x.times, x.values]) for x in schedules])
+        np.stack([schedule.knots for schedule in schedules])
         for schedules in ([s.cart_mass for s in scenarios], [s.half_length for s in scenarios])
     ]
     found = []

@@ -152,3 +152,20 @@ def _components(state: ArrayLike) -> NDArray[np.float64]:
             f"{np.extract(outside, phi)[0]:g} rad",
         )
     return components
+
+
+def saturation_ratio(
+    states: NDArray[np.float64], inputs: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return s / Phi at each of many states.
+
+    Parameters
+    ----------
+    states
+        Shape (N, 4).
+    inputs
+        M, m, l, g, K, lambda, Phi, shape (N, 7).
+    """
+    z, phi, z_dot, phi_dot = states.T
+    surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, inputs[:, 2], inputs[:, 3], inputs[:, 5])
+    return np.asarray(surface / inputs[:, 6])

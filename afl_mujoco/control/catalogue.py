@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.afl import sliding_and_drift
+from afl_mujoco.control.afl import saturation_ratio
 from afl_mujoco.control.baselines.design import DESIGNS
 from afl_mujoco.control.baselines.state_feedback import StateFeedback
 from afl_mujoco.control.compiled_controller import AFL, CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
+from afl_mujoco.control.gain_table import beyond_table
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
 from afl_mujoco.control.held import HeldController
 from afl_mujoco.control.names import ESTIMATED, HELD, INFORMED
@@ -25,8 +26,6 @@ from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import (
-    CART_MASSES,
-    HALF_LENGTHS,
     NOMINAL,
     CartPoleParameters,
     PlantRange,
@@ -85,16 +84,9 @@ class AFLController(Controller):
             return []
         belief = self.belief
         assumed = plants if belief is None else PlantRange.of(belief)
-        axes = (
-            ("M", "kg", CART_MASSES, assumed.cart_mass),
-            ("l", "m", HALF_LENGTHS, assumed.half_length),
-        )
         return [
-            f"Its gains are extrapolated: they were found for {symbol} {nodes[0]:g} to "
-            f"{nodes[-1]:g} {unit}, and {symbol} reaches {far:g} {unit} here."
-            for symbol, unit, nodes, ends in axes
-            for far, beyond in ((ends[0], ends[0] < nodes[0]), (ends[1], ends[1] > nodes[-1]))
-            if beyond
+            f"Its gains are extrapolated: they were found for {covered}, and {reached} here."
+            for covered, reached in beyond_table(assumed)
         ]
 
     def inputs_along_run(
@@ -117,11 +109,7 @@ class AFLController(Controller):
         inputs
             From `inputs_along_run`, shape (N, 7).
         """
-        z, phi, z_dot, phi_dot = states.T
-        surface, _ = sliding_and_drift(
-            z, phi, z_dot, phi_dot, inputs[:, 2], inputs[:, 3], inputs[:, 5]
-        )
-        return np.asarray(surface / inputs[:, 6])
+        return saturation_ratio(states, inputs)
 
     def relabelled(self) -> AFLController:
         """Return the controller in the other reading of the paper's gain columns (decision D2)."""

@@ -16,6 +16,7 @@ from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_file
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, reading
 from afl_mujoco.files import FloatArray, read_json, write_json
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, PlantRange
 
 COLUMNS = ("cart_mass", "half_length", *GAIN_NAMES, "objective", "objective_mujoco")
 """M [kg], l [m], K, lambda, Phi, and the objective (O1) on the ideal ODE and in MuJoCo."""
@@ -97,3 +98,17 @@ class GainTable:
     def shipped(cls) -> GainTable:
         """Return the table that comes with the package."""
         return cls.load(shipped_file("gain_table.json"))
+
+
+def beyond_table(plants: PlantRange) -> list[tuple[str, str]]:
+    """Return where plants lie beyond the table: what it covers, and what is reached, in words."""
+    axes = (
+        ("M", "kg", CART_MASSES, plants.cart_mass),
+        ("l", "m", HALF_LENGTHS, plants.half_length),
+    )
+    return [
+        (f"{symbol} {nodes[0]:g} to {nodes[-1]:g} {unit}", f"{symbol} reaches {far:g} {unit}")
+        for symbol, unit, nodes, ends in axes
+        for far, beyond in ((ends[0], ends[0] < nodes[0]), (ends[1], ends[1] > nodes[-1]))
+        if beyond
+    ]

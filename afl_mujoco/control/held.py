@@ -9,10 +9,10 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.afl import sliding_and_drift
+from afl_mujoco.control.afl import saturation_ratio
 from afl_mujoco.control.compiled_controller import AFL, CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
-from afl_mujoco.control.gain_table import GainTable
+from afl_mujoco.control.gain_table import GainTable, beyond_table
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import (
@@ -90,23 +90,14 @@ class HeldController(Controller):
         self, states: NDArray[np.float64], inputs: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return s / Phi at each of many states; arguments as for `Controller.forces`."""
-        z, phi, z_dot, phi_dot = states.T
-        assumed = inputs[:, 2], inputs[:, 3], inputs[:, 5]
-        surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, *assumed)
-        return np.asarray(surface / inputs[:, 6])
+        return saturation_ratio(states, inputs)
 
     def remarks(self, plants: PlantRange) -> list[str]:
         """Return where a plant lies beyond the table."""
-        axes = (
-            ("M", "kg", CART_MASSES, plants.cart_mass),
-            ("l", "m", HALF_LENGTHS, plants.half_length),
-        )
         return [
-            f"Its gains are chosen from a table for {symbol} {nodes[0]:g} to {nodes[-1]:g} {unit}, "
-            f"and {symbol} reaches {far:g} {unit} here: a start there gets those of the edge."
-            for symbol, unit, nodes, ends in axes
-            for far, beyond in ((ends[0], ends[0] < nodes[0]), (ends[1], ends[1] > nodes[-1]))
-            if beyond
+            f"Its gains are chosen from a table for {covered}, and {reached} here: a start there "
+            "gets those of the edge."
+            for covered, reached in beyond_table(plants)
         ]
 
     def start(self) -> HeldController:

@@ -73,6 +73,11 @@ class Schedule:
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "_rates", (*rates, 0.0))
 
+    @property
+    def knots(self) -> NDArray[np.float64]:
+        """Time [s] and value of each knot, shape (knots, 2)."""
+        return np.column_stack([self.times, self.values])
+
     def at(self, time: float) -> float:
         """Return the value at one time, after the jump if there is one.
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from itertools import product
 from typing import Any
@@ -172,6 +173,7 @@ def terms_of(readings: Array, threads: int = 1) -> Terms:
     return Terms(terms.reshape(count, len(CASES), 2, 3))
 
 
+@cache
 def nominal_terms() -> Array:
     """Return the scales of D4: the terms of the fixed gains on the nominal plant over 20 s."""
     plant = [[[0.0, value]] for value in (1.0, 0.5)]

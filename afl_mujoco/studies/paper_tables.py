@@ -15,6 +15,9 @@ PAIRS = 400
 PUBLISHED_RMSE = {"switching": 0.7862, "slope": 0.1550, "boundary_layer": 6.6458}
 """RMSE of the fits over all pairs, from Table 2."""
 
+OPTIMAL = 1e-2
+"""Relative excess over the optimum up to which a published row counts as one."""
+
 LABELS = {"table2": (0, 1, 2), "table1": (2, 1, 0)}
 """Columns of Table 1 that hold K, lambda and Phi, by the reading of its header (D2)."""
 

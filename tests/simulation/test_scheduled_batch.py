@@ -20,8 +20,7 @@ PUBLISHED = GainFunction.published().coefficients
 
 def knots(scenarios: list[Scenario]) -> tuple[np.ndarray, np.ndarray]:
     return tuple(  # type: ignore[return-value]
-        np.array([np.column_stack([getattr(s, n).times, getattr(s, n).values]) for s in scenarios])
-        for n in ("cart_mass", "half_length")
+        np.array([getattr(s, n).knots for s in scenarios]) for n in ("cart_mass", "half_length")
     )
 
 

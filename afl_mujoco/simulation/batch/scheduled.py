@@ -112,10 +112,13 @@ def scheduled_terms(
     def integrate(part: slice) -> None:
         _integrate(masses[part], lengths[part], gains[part], ends[part], *constants, found[part])
 
-    bounds = np.linspace(0, count, 8 * threads + 1 if threads > 1 else 2).astype(int)
-    parts = [slice(a, b) for a, b in pairwise(bounds.tolist()) if a < b]
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(integrate, parts))
+    if threads == 1:
+        integrate(slice(None))
+    else:
+        bounds = np.linspace(0, count, 8 * threads + 1).astype(int)
+        parts = [slice(a, b) for a, b in pairwise(bounds.tolist()) if a < b]
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(integrate, parts))
     return ScheduledTerms(
         iae_z=found[:, 0],
         iae_phi=found[:, 1],

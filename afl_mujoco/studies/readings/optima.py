@@ -9,12 +9,8 @@ from scipy.optimize import nnls
 
 from afl_mujoco.simulation.batch import closed_loop_terms
 from afl_mujoco.studies.paper_readings import Array, nominal_terms
-from afl_mujoco.studies.paper_tables import LABELS, published_rows
+from afl_mujoco.studies.paper_tables import LABELS, OPTIMAL, published_rows
 
-OPTIMAL = 1e-2
-"""Relative excess over the optimum up to which a published row counts as one."""
-
-HORIZONS = (10.0, 15.0, 20.0, 30.0)
 BOX = {"K": (100.0, 200.0), "lambda": (1.0, 5.0), "Phi": (90.0, 110.0)}
 """Box of the gains (D8)."""
 

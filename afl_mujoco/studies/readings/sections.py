@@ -28,9 +28,9 @@ from afl_mujoco.studies.paper_readings import (
     SCHEDULES,
     SIGNED,
 )
-from afl_mujoco.studies.paper_tables import PUBLISHED_RMSE, published_rows
+from afl_mujoco.studies.paper_tables import OPTIMAL, PUBLISHED_RMSE, published_rows
 from afl_mujoco.studies.readings.figures import draw_sensitivity
-from afl_mujoco.studies.readings.optima import OPTIMAL, Optima
+from afl_mujoco.studies.readings.optima import Optima
 from afl_mujoco.studies.readings.result import NamedReading, Result
 from afl_mujoco.studies.readings.search import GOALS, round_count
 

@@ -17,6 +17,7 @@ from afl_mujoco.simulation.batch import ObjectiveScales, closed_loop_terms, obje
 from afl_mujoco.studies.paper_readings import shipped_study
 from afl_mujoco.studies.paper_tables import (
     LABELS,
+    OPTIMAL,
     PUBLISHED_RMSE,
     published_fits,
     published_rows,
@@ -32,9 +33,6 @@ from afl_mujoco.studies.verification.claims.claim import (
 
 EXACT = 1e-10
 """Largest scaled error of an identity that counts as round-off."""
-
-OPTIMAL = 1e-2
-"""Relative excess over our optimum up to which a published optimum counts as one."""
 
 
 def linearisation_claim() -> Claim:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
 from afl_mujoco.scenario.randomised import random_scenario
-from afl_mujoco.scenario.schedules import Schedule
 from afl_mujoco.simulation.batch import ObjectiveScales, objective, scheduled_terms
 from afl_mujoco.studies.verification.claims.claim import IN_PART, NOT_REPRODUCED, REPRODUCED, Claim
 
@@ -27,7 +26,7 @@ def objectives_on_schedules(count: int, scales: ObjectiveScales) -> NDArray[np.f
     """Return the objectives of `COMPARED` on random schedules, shape (count, 4); inf where lost."""
     scenarios = [random_scenario(SEED, index) for index in range(count)]
     masses, lengths = (
-        np.stack([_knots(getattr(scenario, name)) for scenario in scenarios])
+        np.stack([getattr(scenario, name).knots for scenario in scenarios])
         for name in ("cart_mass", "half_length")
     )
     found = []
@@ -39,11 +38,6 @@ def objectives_on_schedules(count: int, scales: ObjectiveScales) -> NDArray[np.f
         values = objective(terms.iae_z, terms.iae_phi, terms.peak_force, scales)
         found.append(np.where(terms.lost, np.inf, values))
     return np.stack(found, axis=1)
-
-
-def _knots(schedule: Schedule) -> NDArray[np.float64]:
-    """Return the knots (time, value) of a schedule, shape (knots, 2)."""
-    return np.column_stack([schedule.times, schedule.values])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
