@@ -43,7 +43,7 @@ def test_the_terms_are_those_of_the_reference(name: str) -> None:
         assert here == pytest.approx(expected, rel=5e-5)
 
 
-@pytest.mark.parametrize("index", range(4))  # with steps, and with ramps of M and of l
+@pytest.mark.parametrize("index", [1, 4, 7, 9])  # the first with steps, the others with ramps
 def test_held_gains_are_those_of_the_start(index: int) -> None:
     scenario = random_scenario(3, index)
     gains = GainFunction.published().gains(scenario.cart_mass.at(0.0), scenario.half_length.at(0.0))
