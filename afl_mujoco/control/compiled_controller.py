@@ -100,8 +100,8 @@ def _weights(grid, value):
 def interpolated_gains(table, masses, lengths, cart_mass, half_length):
     """Return the four gains of a plant, bicubic between the nodes, NaN beyond them.
 
-    Their slopes are continuous, because the error control of the reference integrator
-    underestimates the error at kinks along a ramp of M or l.
+    Their slopes are continuous, so that fixed steps stay accurate along a ramp of M or l; the
+    reference integrator ends a step at every node.
 
     Parameters
     ----------

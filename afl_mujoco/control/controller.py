@@ -87,6 +87,10 @@ class Controller(Protocol):
         """Return remarks for readers of its runs on these plants, one sentence each."""
         return []
 
+    def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the M [kg] and the l [m] of the true plant at which its gains are not smooth."""
+        return np.empty(0), np.empty(0)
+
     def start(self) -> Controller:
         """Return the controller for one run, with its internal state reset if it has any."""
         return self

@@ -64,6 +64,29 @@ class Segment:
         (mass, mass_rate), (length, length_rate) = self.cart_mass, self.half_length
         return mass + mass_rate * elapsed, length + length_rate * elapsed
 
+    def cut_at(self, times: Iterable[float]) -> tuple[Segment, ...]:
+        """Return the parts between some times inside the segment; the first has the impulse.
+
+        Parameters
+        ----------
+        times
+            Times [s], increasing.
+        """
+        cuts = (self.start, *times, self.end)
+        parts: list[Segment] = []
+        for start, end in itertools.pairwise(cuts):
+            mass, length = self.parameters_at(start)
+            part = Segment(
+                start=start,
+                end=end,
+                cart_mass=(mass, self.cart_mass[1]),
+                half_length=(length, self.half_length[1]),
+                push=self.push,
+                impulse=0.0 if parts else self.impulse,
+            )
+            parts.append(part)
+        return tuple(parts)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:

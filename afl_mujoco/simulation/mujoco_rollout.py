@@ -125,6 +125,7 @@ def _exact(
         solver(model, scenario, controller, change),
         transition(model, scenario, change),
         times,
+        nodes=controller.nodes(scenario.plants),
     )
     settings = settings | {"method": "DOP853", "rtol": RTOL, "atol": ATOL}
     return assemble(scenario, controller, "mujoco exact", settings, times, states, outcome)

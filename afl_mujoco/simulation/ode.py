@@ -139,7 +139,8 @@ def solve_ode(
         solver = compiled_solver(
             compiled_loop(scenario, controller, change), rtol, atol, longest_step
         )
-    states, outcome = integrate(scenario, solver, transition(scenario, change), times)
+    nodes = controller.nodes(scenario.plants)
+    states, outcome = integrate(scenario, solver, transition(scenario, change), times, nodes=nodes)
     return times[: len(states)], states, outcome
 
 

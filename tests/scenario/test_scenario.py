@@ -21,6 +21,19 @@ def test_segments_cover_the_horizon_without_gap(odd_scenario):
     assert tuple(s.start for s in segments[1:]) == odd_scenario.breakpoints
 
 
+def test_the_parts_of_a_segment_say_what_the_segment_says(odd_scenario):
+    for segment in odd_scenario.segments:
+        cuts = [segment.start + share * (segment.end - segment.start) for share in (0.2, 0.7)]
+        parts = segment.cut_at(cuts)
+        assert [part.start for part in parts] == [segment.start, *cuts]
+        assert [part.end for part in parts] == [*cuts, segment.end]
+        assert [part.impulse for part in parts] == [segment.impulse, 0.0, 0.0]
+        for part in parts:
+            assert part.push == segment.push
+            for time in (part.start, part.end):
+                assert part.parameters_at(time) == pytest.approx(segment.parameters_at(time))
+
+
 def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon():
     scenario = Scenario(
         name="x",

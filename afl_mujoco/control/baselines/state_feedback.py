@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from afl_mujoco.control.baselines.design import Design
 from afl_mujoco.control.baselines.gain_grid import GainGrid
 from afl_mujoco.control.compiled_controller import LINEAR, PARTIAL, CompiledController
@@ -56,6 +59,13 @@ class StateFeedback(Controller):
             raise InvalidValueError(
                 "kind", f"must be LINEAR ({LINEAR}) or PARTIAL ({PARTIAL})", self.kind
             )
+
+    def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the nodes between which the gains are interpolated, none for one assumed plant."""
+        if self.belief is not None:
+            return np.empty(0), np.empty(0)
+        grid = self.gains.over(plants)
+        return grid.masses, grid.lengths
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
         """Return the controller as compiled loops take it: copies, which they may write to."""

@@ -99,7 +99,8 @@ def ledger(
 
     times = time_grid(scenario, SAMPLE_PERIOD)
     solver = scipy_solver(derivative, controller=controller.name)
-    states, _ = integrate(scenario, solver, book, times, quadratures=6)
+    nodes = controller.nodes(scenario.plants)
+    states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
     return _close(model, scenario, controller, times[: len(states)], states)
 
 
