@@ -182,6 +182,9 @@ def _in_one_line(error: Any, kind: Any) -> str:
             key, owner = _resolved(kind, place[:-1])
             known = [field.name for field in fields(owner)]
             which = f"known keys: {', '.join(known)}{meant(place[-1], known)}"
+            homes = _homes(kind, place[-1])
+            if homes and re.sub(r"\[\d+\]", "", key) not in homes:
+                which = f"it belongs {' or '.join(homes.values())}"
             return f"{_joined(key, place[-1])} is not a known key; {which}"
         case "value_error", {"error": AflMujocoError() as own}:
             key = _resolved(kind, place)[0]
@@ -224,6 +227,29 @@ def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
         else:
             key, here = _joined(key, part), None
     return key, here
+
+
+def _homes(kind: Any, name: str) -> dict[str, str]:
+    """Return the tables nearest to the top of a file that have a key, and in words where it goes.
+
+    The schema may contain itself, as a schedule does that is joined from schedules.
+    """
+    level, seen = [("", "at the top, before the first table", kind)], {kind}
+    while level:
+        if found := {k: where for k, where, one in level if name in {f.name for f in fields(one)}}:
+            return found
+        below = []
+        for key, _, one in level:
+            for part, hint in get_type_hints(one, include_extras=True).items():
+                here, place = _bare(hint), _joined(key, part)
+                several = get_origin(here) in (list, tuple)
+                here = _bare(get_args(here)[0]) if several else here
+                where = f"in [[{place}]]" if several else f"in [{place}]"
+                members = (here,) if is_dataclass(here) else get_args(here)
+                below += [(place, where, m) for m in members if is_dataclass(m) and m not in seen]
+        seen.update(one for *_, one in below)
+        level = below
+    return {}
 
 
 def _bare(kind: Any) -> Any:

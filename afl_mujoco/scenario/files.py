@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tomli_w
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json, write_text
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
@@ -244,6 +244,8 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
 def _read(path: Path) -> _File:
     """Return the content of a TOML file."""
     text = toml_as_json(path)
+    if text == "{}":  # a file that was never filled in would run as the nominal scenario
+        raise FileError(str(path), "must have at least one key: it is empty or all comments")
     try:
         return parse_json(text, _File)
     except ValueError as error:

@@ -43,6 +43,17 @@ LARGEST_STATE = 1e6
 """Largest magnitude of any state in SI units; a run that exceeds it counts as diverged."""
 
 
+LARGEST_START_ANGLE = 2.0 * math.pi
+"""Largest magnitude of an angle from which a run may start [rad]: a whole turn."""
+
+
+def require_start_angle(thing: str, phi: float) -> None:
+    """Raise if an angle [rad] is more than a turn, as one in degrees by mistake."""
+    if abs(phi) > LARGEST_START_ANGLE:
+        hint = f"{phi:g} degrees is {math.radians(phi):.4f} rad"
+        raise InvalidValueError(thing, f"must lie in -2 pi to 2 pi rad ({hint})", f"{phi:g}")
+
+
 def require_plausible(thing: str, value: object) -> float:
     """Return `value` as a float, or raise unless it is positive and within the bounds."""
     number = require_positive(thing, value)

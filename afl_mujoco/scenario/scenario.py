@@ -21,6 +21,7 @@ from afl_mujoco.scenario.parameters import (
     require_finite,
     require_plausible,
     require_positive,
+    require_start_angle,
     require_type,
     short_repr,
 )
@@ -103,7 +104,7 @@ class Scenario:
     disturbances
         Force pulses and ideal impulses on the cart.
     initial_state
-        (z, phi, z_dot, phi_dot) at t = 0 [m, rad, m/s, rad/s].
+        (z, phi, z_dot, phi_dot) at t = 0 [m, rad, m/s, rad/s]; phi is at most a turn.
     duration
         Horizon T [s].
     imperfections
@@ -153,8 +154,12 @@ class Scenario:
         if abs(most := max(state, key=abs)) > LARGEST_STATE:
             rule = f"must lie in -{LARGEST_STATE:g} to {LARGEST_STATE:g}"
             raise InvalidValueError("initial_state", rule, most)
+        require_start_angle("initial_state phi", state[1])
         object.__setattr__(self, "initial_state", state)
         require_type("imperfections", self.imperfections, Imperfections)
+        if (delay := self.imperfections.delay) >= self.duration:
+            rule = f"must be shorter than the duration, {self.duration:g} s"
+            raise InvalidValueError("imperfections.delay", rule, f"{delay:g} s")
         require_on_rail("initial_state z", state[0], self.imperfections.rail_half_length)
         require_type("disturbances", self.disturbances, Iterable)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))

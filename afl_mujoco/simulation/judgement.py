@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.control.baselines.linear_model import upright_model
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.requirements import UNITS, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
@@ -179,7 +181,7 @@ def _rest(
 
 def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
     """Return remarks on a run that no requirement makes, one sentence each."""
-    remarks = controller.remarks(scenario.assumed_plants)
+    remarks = [*controller.remarks(scenario.assumed_plants), *_delayed(scenario)]
     end = scenario.imperfections.rail_half_length
     if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
         return remarks
@@ -187,4 +189,19 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
     return [
         *remarks,
         f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s",
+    ]
+
+
+def _delayed(scenario: Scenario) -> list[str]:
+    """Remark on a delay in which the pole leans so far that one may have meant milliseconds."""
+    (mass, _), (length, _), pole_mass, gravity = scenario.plants  # the fastest to fall
+    plant = CartPoleParameters(
+        cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
+    )
+    time = upright_model(plant).a[3, 1] ** -0.5
+    if (delay := scenario.imperfections.delay) < time:
+        return []
+    return [
+        f"the delay, {delay:g} s, is longer than a pole left alone takes to lean e times as "
+        f"far, {time:.2g} s"
     ]

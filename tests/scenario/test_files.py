@@ -21,7 +21,7 @@ NOT_NEGATIVE = st.floats(0, 1e3)
 IMPERFECTIONS = st.builds(
     Imperfections,
     control_period=st.none() | POSITIVE,
-    delay=NOT_NEGATIVE,
+    delay=st.floats(0, 9),
     noise_phi=NOT_NEGATIVE,
     differentiated=st.booleans(),
     rail_half_length=st.none() | st.floats(1.1e5, 1e6),
@@ -47,7 +47,7 @@ def scenarios(draw):
         pole_mass=draw(POSITIVE),
         gravity=draw(POSITIVE),
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
-        initial_state=draw(st.tuples(*[NUMBER] * 4)),
+        initial_state=draw(st.tuples(NUMBER, st.floats(-6.28, 6.28), NUMBER, NUMBER)),
         duration=draw(st.floats(10, 1e3)),
         imperfections=draw(IMPERFECTIONS),
     )
@@ -107,8 +107,8 @@ def test_every_shape_can_be_written_by_hand(tmp_path):
     )
 
 
-def test_an_empty_file_is_the_nominal_scenario(tmp_path):
-    (tmp_path / "nominal.toml").write_text("")
+def test_what_a_file_leaves_out_is_nominal(tmp_path):
+    (tmp_path / "nominal.toml").write_text("[schedule]")
     assert load_scenario(tmp_path / "nominal.toml") == SCENARIOS["nominal"]
 
 
@@ -119,6 +119,24 @@ HIT = "[[disturbances]]\nshape = "
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("", "must have at least one key: it is empty or all comments"),
+        ("# to do", "must have at least one key: it is empty or all comments"),
+        ("half_length = 1", "half_length is not a known key; it belongs in [schedule]"),
+        ("delay = 1", "delay is not a known key; it belongs in [imperfections]"),
+        (
+            "values = [1]",
+            "values is not a known key; it belongs in [schedule.cart_mass] or "
+            "in [schedule.half_length]",
+        ),
+        ("momentum = 1", "momentum is not a known key; it belongs in [[disturbances]]"),
+        (
+            "[schedule]\nduration = 1",
+            "schedule.duration is not a known key; it belongs at the top, before the first table",
+        ),
+        (
+            "[requirements]\ncontrol_period = 1",
+            "requirements.control_period is not a known key; it belongs in [imperfections]",
+        ),
         ("mass = 1", "mass is not a known key; known keys: name, pole_mass, "),
         ("replay = 1", "replay must be a table"),
         (
@@ -132,6 +150,14 @@ HIT = "[[disturbances]]\nshape = "
         (
             "initial_state = [0, 0, 0, -1e300]",
             "initial_state must lie in -1e+06 to 1e+06, got -1e+300",
+        ),
+        (
+            "initial_state = [0, -60, 0, 0]",
+            "initial_state phi must lie in -2 pi to 2 pi rad (-60 degrees is -1.0472 rad), got -60",
+        ),
+        (
+            "duration = 12\nimperfections.delay = 12",
+            "imperfections.delay must be shorter than the duration, 12 s, got 12 s",
         ),
         ("pole_mass = nan", "pole_mass must be finite, got nan"),
         ("pole_mass = '1'", "pole_mass must be a number, got '1'"),

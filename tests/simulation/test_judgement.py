@@ -9,8 +9,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import UnknownNameError
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import UNITS, Requirements
-from afl_mujoco.simulation.judgement import Judgement, judge, judge_failure
+from afl_mujoco.simulation.judgement import Judgement, judge, judge_failure, remarks_on
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
@@ -132,3 +133,12 @@ def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
     found = {one.requirement: one for one in judge(scenario, run)}
     assert found["max_position"].left == pytest.approx(7.0 - np.abs(run.state[:, 0]).max())
     assert [one.met for one in found.values()] == [True, False, True, True]
+
+
+def test_a_delay_is_remarked_on_from_the_time_on_in_which_the_pole_leans_e_times_as_far() -> None:
+    # P1 with a cart that stands still, as an upper bound: sqrt(4 l / 3 g) = 0.26 s
+    for delay, count in ((0.004, 0), (0.2, 0), (0.27, 1), (4.0, 1)):
+        late = dataclasses.replace(SCENARIO, imperfections=Imperfections(delay=delay))
+        found = remarks_on(made(), late, afl.CONTROLLERS["lqr"])
+        assert len(found) == count
+        assert all(said.startswith(f"the delay, {delay:g} s, is longer than") for said in found)

@@ -218,6 +218,8 @@ CASES = {
         (["--cart-masses", "-1", "1"], "cart_mass must be positive, got -1"),
         (["--pole-mass", "0"], "pole_mass must be positive, got 0"),
         (["--max-rate", "1e308"], "max_rate must be at most 1e+06, got 1e+308"),
+        (["--start-angle", "-60"], "start_angle must lie in -2 pi to 2 pi rad (-60 degrees"),
+        (["--max-angle", "60"], "max_angle must lie in -2 pi to 2 pi rad (60 degrees"),
         (["--max-angle", "nan"], "max_angle must be finite, got nan"),
         (["--timestep", "0.003"], "timestep 0.003 s must divide dwell 1 s"),
         (["--horizon", "0.5"], "dwell must be within 0.5 s, got 1"),

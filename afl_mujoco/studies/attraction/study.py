@@ -178,6 +178,7 @@ def starts_of(configuration: Attraction) -> tuple[NDArray[np.float64], NDArray[n
 def _grid(configuration: Attraction, plane: str) -> Grid:
     """Return the grid of a plane."""
     from afl_mujoco.errors import UnknownNameError
+    from afl_mujoco.scenario.parameters import require_start_angle
     from afl_mujoco.simulation.attraction.grid import (
         PLANES,
         STATES,
@@ -189,6 +190,8 @@ def _grid(configuration: Attraction, plane: str) -> Grid:
     c = configuration
     if plane not in PLANES:
         raise UnknownNameError.among("plane", plane, PLANES)
+    for option in ("max_angle", "start_angle"):
+        require_start_angle(option, getattr(c, option))
     count = c.grid if c.grid is not None else QUICK_GRID if c.quick else GRID
     if plane == STATES:
         return state_grid(
