@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from importlib.metadata import version
-from typing import Any, Union, get_args
+from typing import Any, Union, get_args, get_type_hints
 
 import tyro
 
@@ -38,6 +38,7 @@ from afl_mujoco.errors import (
     AflMujocoError,
     InvalidValueError,
     UnknownNameError,
+    meant,
     warning_in_one_line,
 )
 from afl_mujoco.studies.registry import studies
@@ -139,20 +140,27 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
-    said, _, meant = " ".join(line for line in lines if line.strip("-")).partition(
-        " Perhaps you meant: "
-    )
-    if found := re.match(r"Missing value for argument '(--\S+)'\. Expected 1 values\.", said):
-        return str(InvalidValueError(found[1], "must have a value", "none"))
+    said = " ".join(line for line in lines if line.strip("-"))
+    if found := re.match(r"Missing value for argument '(--\S+)'\. Expected (\d+) values\.", said):
+        if found[2] == "1":
+            return str(InvalidValueError(found[1], "must have a value", "none"))
+        return _no_number(found[1], int(found[2]) * "FLOAT ", given)
     if found := re.match(
         r"Error parsing (--\S+): .* Argument helptext: \1 (\{.*?\}|[A-Z ]+) ", said
     ):
         return _no_number(found[1], found[2], given)
-    said = re.sub(r" \(applied to [^)]*\)| Arguments are applied to .* can matter\.", "", said)
-    near = [word for word in meant.split() if word.startswith("--")]
-    own = [word for word in near if word.removeprefix("--").replace("-", "_") in _options(given)]
-    name = next(iter(own or near), "")
-    return f"{said}; did you mean {name}?" if name and name not in given else said
+    if found := re.match(r"Expected one of \{(.*)\}\.", said):
+        return str(InvalidValueError("command", f"must be one of {found[1]}", "none"))
+    if found := re.match(r"Unrecognized options: (\w\S*) Available subcommands: (.*?) For ", said):
+        return str(UnknownNameError.among("command", found[1], found[2].split(", ")))
+    found = re.match(r"Unrecognized (?:or misplaced )?options: ([^\s,=]+)", said)
+    if found is None:
+        return said
+    if not found[1].startswith("-"):
+        return f"argument {found[1]!r} is one too many"
+    options = _options()
+    command = next((c for c in (" ".join(given[:2]), *given[:1]) if c in options), PROGRAM)
+    return f"{found[1]} is not an option of {command}{meant(found[1], options.get(command, []))}"
 
 
 def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
@@ -167,13 +175,24 @@ def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
         rule = "numbers"
     else:
         got = got[: max(count, 1)]
-    return str(InvalidValueError(option, f"must be {rule}", " ".join(got)))
+    return str(InvalidValueError(option, f"must be {rule}", " ".join(got) or "none"))
 
 
-def _options(given: Sequence[str]) -> set[str]:
-    """Return the names of the options of the given command."""
-    kinds: dict[str, type] = {kind.__name__.lower(): kind for kind in OTHERS}
+def _options() -> dict[str, list[str]]:
+    """Return the options of each command as they are typed."""
+    kinds: dict[str, Any] = {kind.__name__.lower(): kind for kind in OTHERS}
     of_studies = (get_args(kind)[0] for kind in study_commands())
     kinds |= dict(zip(studies(), of_studies, strict=True))
-    known = given and given[0] in kinds
-    return {field.name for field in fields(kinds[given[0]])} if known else set()
+    parts = get_args(get_type_hints(Tune)["what"])
+    kinds |= {f"tune {kind.__name__.lower()}": kind for kind in parts}
+    return {
+        name: [
+            f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"
+            for field in fields(kind)
+            if tyro.conf.Positional
+            not in getattr(
+                get_type_hints(kind, include_extras=True)[field.name], "__metadata__", ()
+            )
+        ]
+        for name, kind in kinds.items()
+    }

@@ -125,13 +125,34 @@ BAD_ARGUMENTS = {
         ["validate", "nominal", "nominal"],
         "scenario names must differ, got 'nominal' twice",
     ),
-    "unknown option": (["validate", "--fast"], "Unrecognized options: --fast"),
+    "unknown option": (["validate", "--fast"], "--fast is not an option of validate"),
+    "unknown option without a value": (
+        ["thresholds", "--timestep"],
+        "--timestep is not an option of thresholds",
+    ),
+    "unknown option with a value": (
+        ["compare", "--gain=1"],
+        "--gain is not an option of compare; did you mean --gain-labels?",
+    ),
+    "option before the command": (["--fast"], "--fast is not an option of afl-mujoco"),
+    "option with one of its two values": (
+        ["attraction", "--cart-masses", "1"],
+        "--cart-masses must be 2 numbers, got 1",
+    ),
+    "one argument too many": (
+        ["simulate", "nominal", "step-step"],
+        "argument 'step-step' is one too many",
+    ),
+    "unknown part of a command": (
+        ["tune", "tabel"],
+        "command must be one of table, fit, got 'tabel'; did you mean table?",
+    ),
     "unknown command": (["validat"], "got 'validat'; did you mean validate?"),
     "no command": (
         [],
-        "Expected one of {validate, compare, thresholds, montecarlo, attraction, margins, "
+        "command must be one of validate, compare, thresholds, montecarlo, attraction, margins, "
         "estimation, readings, identify, hardware, report, simulate, log, render, view, tune, "
-        "regression}",
+        "regression, got none",
     ),
     "report of a folder that is not there": (
         ["report", "nowhere"],

@@ -45,8 +45,16 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("comapre",), "got 'comapre'; did you mean compare?"),
-        (("compare", "--contollers", "lqr"), "--contollers, lqr; did you mean --controllers?"),
-        (("validate", "--masses", "1"), "--masses, 1; did you mean --cart-masses?"),
+        (
+            ("compare", "--no-pages"),
+            "--no-pages is not an option of compare; did you mean --no-page?",
+        ),
+        (("margins", "--masses", "1"), "of margins; did you mean --cart-masses or --pole-mass?"),
+        (
+            ("tune", "table", "--sed=1"),
+            "--sed is not an option of tune table; did you mean --seed?",
+        ),
+        (("validate", "--quik"), "--quik is not an option of validate"),  # which has no --quick
     ],
 )
 def test_a_typo_is_one_line_with_what_was_meant(
