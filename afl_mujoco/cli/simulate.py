@@ -53,6 +53,8 @@ class Simulate:
     the file's [replay], else RK4."""
     log: bool = False
     """Write the run as a log that the hardware would write, for `afl-mujoco identify`."""
+    page: bool = True
+    """Skip the figure; this command makes no report.html."""
     out: Path = Path("renders/simulate")
     """Folder for the files."""
 
@@ -97,7 +99,10 @@ class Simulate:
         runs[0].save(folder / f"{stem}.npz")
         as_run = None if replay == Replay() else Replay(controller=name, integrator=integrator)
         save_scenario(scenario, resolved, replay=as_run)
-        save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / f"{stem}.png")
+        others = [f"{scenario.name}.toml"]
+        if self.page:
+            others.insert(0, f"{stem}.png")
+            save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / others[0])
         scales = nominal_scales(self.timestep)
         figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
         print_sections([_section(f"{scenario.name}, {controller.name}", runs, figures)], folder)
@@ -107,7 +112,6 @@ class Simulate:
             print_sections([requirements], folder)
         for remark in remarks_on(runs[0], scenario, controller):
             print(f"{controller.name}: {remark}")
-        others = [f"{stem}.png", f"{scenario.name}.toml"]
         if self.log:
             others += [f.name for f in write_run(scenario, controller, runs[0], folder, stem)]
         print(f"wrote {folder / stem}.npz, {', '.join(others)}")

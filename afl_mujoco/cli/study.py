@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,9 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.studies.contract import Progress, Study
 from afl_mujoco.studies.registry import studies
+
+MOST_TOLD = 4
+"""Largest number of scenario files in a folder that are named one by one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +55,7 @@ class StudyCommand:
             require_address(who["cluster"])
 
         from afl_mujoco.cli.page import require_page, write_page
+        from afl_mujoco.document.blocks import without_figures
         from afl_mujoco.document.terminal import print_sections, print_verdict
         from afl_mujoco.files import output_folder, require_no_folder
         from afl_mujoco.studies.record import PAGE, Record, save_record
@@ -67,7 +72,8 @@ class StudyCommand:
             files = save_record(
                 record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
             )
-        print_sections(record.sections, folder)
+        shown = record.sections
+        print_sections(shown if self.page else [*map(without_figures, shown)], folder)
         files += study.write_films(result, folder, record.command)
         if self.page:
             files.append(write_page(folder, self.films))
@@ -106,9 +112,14 @@ def study_commands() -> list[Any]:
 
 
 def _told(files: Sequence[Path]) -> str:
-    """Return files in a line, figures only counted."""
+    """Return files in a line, figures and a folder's many scenario files only counted."""
     figures = [file for file in files if file.suffix in (".svg", ".png")]
-    told = [str(file) for file in files if file not in figures]
+    told = [str(file) for file in files if file not in figures and file.suffix != ".toml"]
+    scenarios = sorted((file for file in files if file.suffix == ".toml"), key=lambda f: f.parent)
+    for folder, group in itertools.groupby(scenarios, key=lambda file: file.parent):
+        there = [*map(str, group)]
+        many = len(there) > MOST_TOLD
+        told += [f"{len(there)} scenario files in {folder}"] if many else there
     return ", ".join(told) + (f" and {len(figures)} files of figures" if figures else "")
 
 

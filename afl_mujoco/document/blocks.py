@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
@@ -369,3 +369,10 @@ Block: TypeAlias = (
 def figures_of(sections: Sequence[Section]) -> list[Figure]:
     """Return the figures of sections, in order."""
     return [b for section in sections for b in section.walk() if isinstance(b, Figure)]
+
+
+def without_figures(section: Section) -> Section:
+    """Return a section without its figures, where these are not drawn."""
+    kept = (block for block in section.blocks if not isinstance(block, Figure))
+    bare = [without_figures(block) if isinstance(block, Section) else block for block in kept]
+    return replace(section, blocks=bare)

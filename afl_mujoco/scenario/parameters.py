@@ -8,14 +8,13 @@ from dataclasses import dataclass, fields
 from types import UnionType
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from afl_mujoco.errors import InvalidValueError
 
 
 def require_finite(thing: str, value: object) -> float:
     """Return `value` as a float, or raise unless it is a finite real number."""
-    if isinstance(value, bool | np.bool_ | str | bytes):
+    boolean = isinstance(value, bool) or getattr(value, "dtype", None) == "bool"  # NumPy's too
+    if boolean or isinstance(value, str | bytes):
         raise InvalidValueError(thing, "must be a number", repr(value))
     try:
         number = float(value)  # type: ignore[arg-type]

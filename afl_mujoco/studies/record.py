@@ -17,7 +17,15 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.document.blocks import Block, Command, Figure, Section, Verdict, figures_of
+from afl_mujoco.document.blocks import (
+    Block,
+    Command,
+    Figure,
+    Section,
+    Verdict,
+    figures_of,
+    without_figures,
+)
 from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
@@ -122,7 +130,8 @@ def save_record(
             failure = error
             for drawn in staging.iterdir():
                 drawn.unlink()
-        write_text(staging / f"{study.stem}.md", to_markdown([*_judged(record), *sections]))
+        told = sections if figures else map(without_figures, sections)
+        write_text(staging / f"{study.stem}.md", to_markdown([*_judged(record), *told]))
         if arrays:
             with atomic_file(staging / f"{study.stem}.npz") as file, file.open("wb") as stream:
                 np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]

@@ -288,6 +288,13 @@ def test_simulate_writes_run_figure_and_resolved_scenario(folder: Path) -> None:
     assert len(list((folder / "out").iterdir())) == 3
 
 
+def test_simulate_draws_no_figure_with_no_page_as_a_study_does(folder: Path) -> None:
+    result = run("simulate", "short.toml", "--no-page", "--out", "out", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert ".png" not in result.stdout
+    assert {p.suffix for p in (folder / "out").iterdir()} == {".npz", ".toml"}
+
+
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, workers: str) -> None:
     out = folder / "out"  # it is made when everything is imported and checked

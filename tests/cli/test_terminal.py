@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from afl_mujoco.cli import terminal
+from afl_mujoco.scenario.imperfections import IMPERFECTIONS
+from afl_mujoco.studies.thresholds.imperfections import COMBINED
 from tests.program import COMMAND, run
 
 
@@ -82,3 +84,8 @@ def test_help_does_not_say_a_default_that_says_nothing(command: str, tmp_path: P
     assert "default: " in said
     for nothing in ("None", "default: False", "default: True"):
         assert nothing not in said
+
+
+def test_the_help_of_thresholds_lists_the_imperfections(tmp_path: Path) -> None:
+    said = "".join(run("thresholds", "--help", cwd=tmp_path).stdout.split())
+    assert ",".join((*(one.name for one in IMPERFECTIONS), COMBINED.name)) in said.replace("│", "")

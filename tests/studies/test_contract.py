@@ -85,6 +85,7 @@ def test_it_is_put_into_the_page_beside_what_is_there(
     assert (folder / "report.html").read_text() == page
     code, output, _ = command_line(toy, "--out", "own", "--no-page")
     assert code == 0 and not list((tmp_path / "own").glob("*.[hps][tnv][mg]*"))
+    assert ".png" not in output + (tmp_path / "own" / "dice.md").read_text()
     assert (folder / "report.html").read_text() == page
 
 

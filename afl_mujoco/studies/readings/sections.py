@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import partial
+from pathlib import PurePath
 
 from afl_mujoco.document.blocks import (
     Cell,
@@ -49,6 +50,7 @@ def sections(result: Result) -> list[Section]:
         "choice of all these; everything else is as the paper says. Everything here is of the "
         "ideal equations."
     )
+    file = PurePath(f"{result.readings[0].scenarios[0].name}.toml")
     blocks = (
         Finding("Table 3", _table_3(result)),
         text,
@@ -60,8 +62,8 @@ def sections(result: Result) -> list[Section]:
             "shorter than 1 ms):"
         ),
         Command(
-            "In the folder of this result",
-            f"afl-mujoco validate {result.readings[0].scenarios[0].name}.toml --timestep 0.00025",
+            "Validate a case",
+            ["afl-mujoco", "validate", file, "--timestep", "0.00025"],
         ),
         Section(
             "Random readings",

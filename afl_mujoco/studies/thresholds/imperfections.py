@@ -25,12 +25,15 @@ COMBINED = Imperfection(
 """All at once: each as many times worse than the reference hardware as the level says."""
 
 
+KNOWN: Mapping[str, Imperfection] = MappingProxyType({**BY_NAME, COMBINED.name: COMBINED})
+"""All that can be studied, by name."""
+
+
 def find_imperfection(name: str) -> Imperfection:
     """Return an imperfection by its name."""
-    known = {**BY_NAME, COMBINED.name: COMBINED}
-    if name not in known:
-        raise UnknownNameError.among("imperfection", name, known)
-    return known[name]
+    if name not in KNOWN:
+        raise UnknownNameError.among("imperfection", name, KNOWN)
+    return KNOWN[name]
 
 
 def added() -> tuple[Imperfection, ...]:

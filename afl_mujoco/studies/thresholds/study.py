@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
 
 from afl_mujoco.control.names import AFL, BASELINES, ESTIMATED, SUBJECT
 from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioNames, Study, silent
+from afl_mujoco.studies.thresholds.imperfections import KNOWN
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.thresholds.result import Result
@@ -20,6 +23,12 @@ CONTROLLERS = (
 
 DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
 """Seeds, levels of the scan and tolerance, unless given otherwise."""
+
+
+ImperfectionNames = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(help=f"Imperfections by name: {', '.join(KNOWN)}; all of these by default."),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +48,7 @@ class Thresholds:
     """Scenarios by name, or TOML files: each level must be survived in all of them; step-step by
     default."""
     controllers: ControllerNames = CONTROLLERS
-    imperfections: tuple[str, ...] = ()
-    """Imperfections by name; all, and all of them combined, by default."""
+    imperfections: ImperfectionNames = ()
     seeds: int | None = None
     """Number of noise seeds, all of which must be survived; 4 by default."""
     scan: int | None = None

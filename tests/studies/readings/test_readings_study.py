@@ -31,6 +31,8 @@ def test_each_case_of_each_named_reading_is_a_scenario_file(command_line, tmp_pa
     code, output, errors = command_line("readings", *options, "--out", "out")
     assert (code, errors) == (0, "")
     assert "Table 3: " in output
+    assert output.count(".toml") == 1 and "afl-mujoco validate out/nearest-" in output
+    assert f"{len(list((tmp_path / 'out').glob('*.toml')))} scenario files in out" in output
     folder = tmp_path / "out"
     found = json.loads((folder / "readings.json").read_text())
     names = [one["name"] for one in found["readings"]]
