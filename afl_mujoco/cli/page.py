@@ -37,8 +37,7 @@ NOTATION = {
     "those at the middle of each step",
     "fixed, adaptive": "the paper's constant gains, and its gains as functions of M and l; "
     "“-retuned” ones were found here, “-nominal” ones assume M = 1 kg, l = 0.5 m (D7)",
-    "settling, overshoot": "when a state enters 2 % of its peak for good; how far it goes beyond "
-    "zero",
+    "overshoot": "how far a state goes beyond zero",
 }
 """Meaning of symbols and words."""
 

@@ -146,18 +146,18 @@ def _section(title: str, runs: Sequence[Trajectory], figures: Sequence[Metrics])
     """Return how runs ended, and their metrics side by side."""
     from afl_mujoco.document.blocks import Column, Section, Table
     from afl_mujoco.document.numbers import short
-    from afl_mujoco.simulation.metrics import UNITS
+    from afl_mujoco.simulation.metrics import LABELS, UNITS, unit_of
 
     columns = [Column(run.simulator, number=True) for run in runs]
     rows = [
-        (name, unit, *(short(figure[name], 6) for figure in figures))
-        for name, unit in UNITS.items()
+        (LABELS[name], unit_of(name), *(short(figure[name], 6) for figure in figures))
+        for name in UNITS
         if name in figures[0]
     ]
     outcomes = ("outcome", "", *(str(run.outcome) for run in runs))
     table = Table(
         caption="Metrics",
-        columns=(Column("metric"), Column("unit"), *columns),
+        columns=(Column("Metric"), Column("Unit"), *columns),
         rows=[outcomes, *rows],
     )
     return Section(title, "metrics", (table,))

@@ -9,6 +9,8 @@ from afl_mujoco.document.numbers import MISSING, listed, percent, short
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import JudgedRun, Judgement
+from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
+from afl_mujoco.simulation.sampled.rollouts import DWELL
 from afl_mujoco.simulation.trajectory import COMPLETED
 
 IN_WORDS = {
@@ -20,6 +22,12 @@ IN_WORDS = {
     "recover_within": "recovers within",
 }
 """Each requirement in words."""
+
+SETTLES = (
+    f"To *settle*: |z| stays within {short(1e2 * BAND_Z)} cm and |φ| within "
+    f"{short(BAND_PHI)} rad for the last {short(DWELL)} s at least."
+)
+"""What it means to settle where a scenario requires nothing."""
 
 MOST = 3
 """Largest number of runs that a verdict names as missing a requirement."""

@@ -10,7 +10,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.batch.objective import ObjectiveScales
-from afl_mujoco.simulation.metrics import UNITS, metrics, unit_of
+from afl_mujoco.simulation.metrics import LABELS, UNITS, metrics, unit_of
 from afl_mujoco.simulation.scoring import objective_scales, with_objective
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
@@ -159,3 +159,8 @@ def test_a_unit_is_written_as_in_print_and_a_pure_number_has_none() -> None:
     assert (unit_of("itae_phi"), unit_of("peak_z")) == (UNITS["itae_phi"].replace("^2", "²"), "m")
     assert "²" in unit_of("itae_phi") and "1" not in map(unit_of, UNITS)
     assert "1" in UNITS.values()
+
+
+def test_no_metric_is_called_what_a_requirement_of_settling_is() -> None:
+    assert not any("settl" in label for label in LABELS.values())
+    assert LABELS["settling_5pc_phi"] == "|φ| stays below 5 % of its peak from"

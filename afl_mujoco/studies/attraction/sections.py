@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table
+from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
 from afl_mujoco.document.numbers import fixed, percent, short
 from afl_mujoco.simulation.attraction.grid import OUTCOMES, PLANTS, STATES
 from afl_mujoco.studies.attraction.deployed import WORDS as ENDINGS
 from afl_mujoco.studies.attraction.deployed import StartMap
 from afl_mujoco.studies.attraction.figures import draw_attraction, draw_starts
 from afl_mujoco.studies.attraction.result import Map, MapPair, Result
+from afl_mujoco.studies.requirements_table import SETTLES
 
 WORDS = {
     STATES: ("states", "From which starts each controller settles", "over starts (φ₀, φ₀′)"),
@@ -32,7 +33,7 @@ def sections(result: Result) -> list[Section]:
     planes = dict.fromkeys(pair.plane for pair in result.maps)
     figures = [_figure([pair for pair in result.maps if pair.plane == p]) for p in planes]
     finding = Finding("Where it settles", _finding(result))
-    blocks: list[Block] = [finding, *figures, _table(result)]
+    blocks: list[Block] = [finding, Text(_settled(result)), *figures, _table(result)]
     return [Section("Regions of attraction", "attraction", blocks)]
 
 
@@ -48,6 +49,7 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
     text += f"{words}: {said}."
     return [
         Finding("Starting region", text),
+        *([] if first.judged else [Text(SETTLES)]),
         Figure(
             name="attraction-starts",
             title=f"From which starts each controller {words} on {first.scenario}",
@@ -88,6 +90,16 @@ def _finding(result: Result) -> str:
         return f"{text} MuJoCo and the equations agree on all {points} grid points."
     where = f"{inside} of them away from any border" if inside else "each on a border of outcomes"
     return f"{text} MuJoCo and the equations disagree on {differ} of {points} grid points, {where}."
+
+
+def _settled(result: Result) -> str:
+    """Say when a rollout counts as settled, the same in every map."""
+    settings: Any = result.maps[0].mujoco.settings
+    z, phi, z_dot, phi_dot = settings["bands"]
+    return (
+        f"Settled: for {settings['dwell']:g} s within {z:g} m, {phi:g} rad, {z_dot:g} m/s and "
+        f"{phi_dot:g} rad/s of rest, at any time up to {settings['horizon']:g} s."
+    )
 
 
 def _table(result: Result) -> Table:
@@ -133,7 +145,7 @@ def _figure(pairs: list[MapPair]) -> Figure:
     """Return the figure of one plane."""
     name, title, over = WORDS[pairs[0].plane]
     settings: Any = pairs[0].mujoco.settings
-    step, (z, phi, z_dot, phi_dot) = 1e3 * float(settings["timestep"]), settings["bands"]
+    step = 1e3 * float(settings["timestep"])
     said = (
         f"{pair.controller}: {100.0 * pair.ode.shares['settled']:.1f} % settle by the equations, "
         f"{100.0 * pair.mujoco.shares['settled']:.1f} % in MuJoCo, {pair.disagreement.differ} "
@@ -146,9 +158,7 @@ def _figure(pairs: list[MapPair]) -> Figure:
         caption=(
             f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms with a held force, "
             "and where the two differ. A grid point on a border has a neighbour with a different "
-            "outcome, so a finer grid would move it. "
-            f"Settled: for {settings['dwell']:g} s within {z:g} m, {phi:g} rad, {z_dot:g} m/s and "
-            f"{phi_dot:g} rad/s of rest, at any time up to {settings['horizon']:g} s."
+            "outcome, so a finer grid would move it."
         ),
         alt="; ".join(said) + ".",
         draw=partial(draw_attraction, [pair.comparison for pair in pairs]),

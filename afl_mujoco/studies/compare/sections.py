@@ -99,15 +99,17 @@ def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
                 draw=partial(draw_responses, scenario, curves),
             )
         )
-    blocks.append(_metrics(runs))
+    blocks.append(_metrics(runs, scenario))
     blocks += [Text(f"`{run.controller}`: {remark}") for run in runs for remark in run.remarks]
     facts = Facts([Fact(label, text) for label, text in describe(scenario)])
     blocks.append(Section("The scenario", f"compare-{number}-scenario", [facts], folded=True))
     return Section(scenario.name, f"compare-{number}", blocks)
 
 
-def _metrics(runs: Sequence[ComparedRun]) -> Table:
-    """Return metrics, a column for each controller."""
+def _metrics(runs: Sequence[ComparedRun], scenario: Scenario) -> Table:
+    """Return metrics, a column for each controller; a required settling time replaces others."""
+    required = scenario.requirements.settling_time is not None
+    shown = [name for name in MAIN if not (required and name.startswith("settling_"))]
     rows: list[tuple[Cell | str, ...]] = [
         (
             "outcome",
@@ -121,7 +123,7 @@ def _metrics(runs: Sequence[ComparedRun]) -> Table:
             unit_of(name),
             *(short(run.metrics.get(name)) for run in runs),
         )
-        for name in MAIN
+        for name in shown
     ]
     return Table(
         caption="Metrics",

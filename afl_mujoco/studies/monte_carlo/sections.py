@@ -32,7 +32,7 @@ from afl_mujoco.studies.monte_carlo.rates import Rate
 from afl_mujoco.studies.monte_carlo.result import ControllerRates, Result, WorstCase
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, ENDINGS
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST
-from afl_mujoco.studies.requirements_table import IN_WORDS
+from afl_mujoco.studies.requirements_table import IN_WORDS, SETTLES
 
 QUESTIONS = {HARDEST: "hardest found", NEAREST: "nearest failure"}
 
@@ -46,6 +46,8 @@ DEFAULT_INTEGRATOR = "RK4"
 def sections(result: Result) -> list[Section]:
     """Return what a report says about a campaign."""
     blocks: list[Block] = [*_findings(result), *_assumed(result)]
+    if not result.judged:
+        blocks.append(Text(SETTLES))
     blocks += [_rates_figure(result), _rates(result)]
     if result.comparisons:
         blocks.append(_comparisons(result))

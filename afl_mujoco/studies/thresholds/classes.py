@@ -9,12 +9,12 @@ from afl_mujoco.studies.thresholds.imperfections import COMBINED
 from afl_mujoco.studies.thresholds.result import Sweep
 
 FAILS, LITTLE, SOME, MUCH = range(4)
-"""Classes of a threshold: the reference hardware fails; it survives with less than 3 times, less
+"""Classes of a threshold: the reference hardware fails; it is survived with less than 3 times, less
 than 10 times, or at least 10 times to spare."""
 
 CLASSES = (
     "fails on the reference hardware",
-    "survives, less than 3 × to spare",
+    "less than 3 × to spare",
     "3 to 10 × to spare",
     "more than 10 ×, or all that was tried",
 )
@@ -60,3 +60,8 @@ def class_of(imperfection: Imperfection, sweep: Sweep) -> int:
         return MUCH
     ratio = tolerated(imperfection, sweep)
     return MUCH if ratio >= 10.0 else SOME if ratio >= 3.0 else LITTLE
+
+
+def unsettled(sweep: Sweep) -> bool:
+    """Return whether a controller survives the reference hardware but does not settle on it."""
+    return sweep.reference.survives and not sweep.reference.settles

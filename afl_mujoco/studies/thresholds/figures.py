@@ -16,6 +16,7 @@ from afl_mujoco.studies.thresholds.classes import (
     class_of,
     level_text,
     threshold_text,
+    unsettled,
 )
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME
 from afl_mujoco.studies.thresholds.result import Result, Verdict
@@ -25,6 +26,9 @@ COLOURS = (VERMILION, "#F3C65F", "#BFE0F5", BLUE)
 
 ENDINGS = {"settled": BLUE, "upright, not settled": ORANGE, "failed": VERMILION}
 """How a run ends, and its colour."""
+
+MET = "requirements met"
+"""The first of them where a scenario has requirements."""
 
 WHITE = "#FFFFFF"
 
@@ -45,8 +49,7 @@ def draw_thresholds(result: Result) -> Figure:
     axes.imshow(np.array([to_rgba(c) for c in COLOURS])[kinds], aspect="auto")
     for i, (one, row) in enumerate(zip(result.imperfections, sweeps, strict=True)):
         for j, sweep in enumerate(row):
-            unsettled = kinds[i, j] != FAILS and not sweep.reference.settles
-            text = threshold_text(one, sweep.survives) + (" ~" if unsettled else "")
+            text = threshold_text(one, sweep.survives) + (" ~" if unsettled(sweep) else "")
             colour = WHITE if kinds[i, j] in (FAILS, MUCH) else BLACK
             axes.text(j, i, text, ha="center", va="center", fontsize=8.5, color=colour)
     labels = [
@@ -56,7 +59,11 @@ def draw_thresholds(result: Result) -> Figure:
     axes.set_yticks(range(rows), labels)
     _name_controllers(axes, controllers)
     _draw_grid(axes, rows, len(controllers))
-    handles = [Patch(facecolor=c, label=text) for c, text in zip(COLOURS, CLASSES, strict=True)]
+    handles = [
+        Patch(facecolor=colour, label=text)
+        for kind, (colour, text) in enumerate(zip(COLOURS, CLASSES, strict=True))
+        if kind in kinds
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
@@ -72,7 +79,13 @@ def draw_combined(result: Result) -> Figure:
     axes.set_xticks(range(len(names)), labels, rotation=55.0, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(controllers)), controllers)
     _draw_grid(axes, len(controllers), len(names))
-    handles = [Patch(facecolor=colour, label=text) for text, colour in ENDINGS.items()]
+    best, *others = ENDINGS
+    words = (best if result.settling else MET, *others)
+    handles = [
+        Patch(facecolor=colour, label=text)
+        for kind, (colour, text) in enumerate(zip(ENDINGS.values(), words, strict=True))
+        if kind in kinds
+    ]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
 

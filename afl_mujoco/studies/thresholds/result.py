@@ -153,6 +153,11 @@ class Result:
         """Whether a scenario has requirements, by which its runs are judged."""
         return any(scenario.requirements != NONE for scenario in self.scenarios)
 
+    @property
+    def settling(self) -> bool:
+        """Whether a scenario has none, so that to survive is less than to settle."""
+        return not self.scenarios or any(one.requirements == NONE for one in self.scenarios)
+
     def imperfection(self, name: str) -> Imperfection | None:
         """Return an imperfection by its name, None if it was not studied."""
         return next((one for one in self.imperfections if one.name == name), None)

@@ -20,9 +20,8 @@ from afl_mujoco.document.blocks import (
 from afl_mujoco.document.numbers import ceil_to, fixed, listed, percent, sentence, short
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
 from afl_mujoco.scenario.words import departures_text
-from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
-from afl_mujoco.studies.requirements_table import IN_WORDS, in_words
+from afl_mujoco.studies.requirements_table import IN_WORDS, SETTLES, in_words
 from afl_mujoco.studies.thresholds.classes import (
     FAILS,
     LITTLE,
@@ -31,6 +30,7 @@ from afl_mujoco.studies.thresholds.classes import (
     reached,
     threshold_text,
     tolerated,
+    unsettled,
 )
 from afl_mujoco.studies.thresholds.figures import added_titles, draw_combined, draw_thresholds
 from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL
@@ -75,20 +75,20 @@ def sections(result: Result) -> list[Section]:
 
 
 def _meaning(result: Result) -> str:
-    """Say what surviving and settling mean, and what the imperfections are added to."""
-    text = (
-        "To *survive*: no pole falls, no run diverges, no cart reaches an end stop. To "
-        f"*settle*: at the end |z| stays within {short(1e2 * BAND_Z)} cm and |φ| within "
-        f"{short(BAND_PHI)} rad."
-    )
+    """Say what a run has to achieve, and what the imperfections are added to."""
+    text = ""
+    if result.settling:
+        text = "To *survive*: no pole falls, no run diverges, no cart reaches an end stop. "
+        text += f"{SETTLES} "
     for scenario in result.scenarios:
         if asked := in_words(scenario):
-            text += f" On {scenario.name}, to survive and to settle means to meet its "
-            text += f"requirements: {listed(asked, 'and')}."
+            to_the_end = [IN_WORDS["completes"]] if scenario.requirements.completes else []
+            words = listed([*to_the_end, *asked], "and")
+            text += f"On {scenario.name} the requirements are: {words}. "
         if scenario.imperfections != IDEAL:
-            text += f" Each imperfection is added to those of {scenario.name} itself, or replaces "
-            text += f"one of the same key: {departures_text(scenario.imperfections)}."
-    return text
+            text += f"Each imperfection is added to those of {scenario.name} itself, or replaces "
+            text += f"one of the same key: {departures_text(scenario.imperfections)}. "
+    return text.rstrip()
 
 
 def _failing(result: Result) -> str:
@@ -96,6 +96,13 @@ def _failing(result: Result) -> str:
     if result.required:
         return "a requirement of the scenario is not met"
     return "the pole falls, the run diverges or the cart reaches an end stop"
+
+
+def _passes(result: Result, under: bool = False) -> str:
+    """Say what it means to survive, where needed with a word for the imperfections behind it."""
+    if result.required:
+        return "meets its requirements" + " under" * under
+    return "survives"
 
 
 def findings(result: Result) -> Iterator[Finding]:
@@ -134,10 +141,12 @@ def _holds(result: Result, ours: str) -> str:
     without = _endless(result, " and on an endless rail")
     several = len(single) > 1
     of = f"{len(single)} single imperfections, each" if several else "one single imperfection,"
+    settles = f", settles under {settled}," if result.settling else ""
+    again = "under" if result.required else "survives"
     return (
         f"Of {of} at the level of the reference hardware"
-        f"{without}, the {ours} controller survives {survived}, settles under "
-        f"{settled}, and survives {ample} even at ten times that level."
+        f"{without}, the {ours} controller {_passes(result, under=True)} {survived}{settles} and "
+        f"{again} {ample} even at ten times that level."
     )
 
 
@@ -206,10 +215,11 @@ def _thresholds(result: Result, ours: str) -> str:
         parts.append(f"the {ours} controller fails at {listed(fatal, 'or')}")
     if harmless:
         subject = "" if fatal else f"the {ours} controller "
-        parts.append(f"{subject}survives {listed(harmless, 'and')}, the harshest tried")
+        tolerated_levels = f"{listed(harmless, 'and')}, the harshest tried"
+        parts.append(f"{subject}{_passes(result, under=True)} {tolerated_levels}")
     if (one := result.imperfection(COMBINED.name)) is not None:
         but = _endless(result, ", except the end of the rail,")
-        parts.append(_all_combined(one, result.sweep(one.name, ours), but))
+        parts.append(_all_combined(result, one, result.sweep(one.name, ours), but))
     if not parts:
         return "Delay, control period, force limit and noise were not tried."
     settings = result.settings
@@ -221,7 +231,7 @@ def _thresholds(result: Result, ours: str) -> str:
     )
 
 
-def _all_combined(one: Imperfection, sweep: Sweep, but: str) -> str:
+def _all_combined(result: Result, one: Imperfection, sweep: Sweep, but: str) -> str:
     """Say at what multiple of the reference all imperfections combined are too much.
 
     Parameters
@@ -231,11 +241,12 @@ def _all_combined(one: Imperfection, sweep: Sweep, but: str) -> str:
     """
     bound = _bound(one, sweep.survives)
     if sweep.survives.bound == LOWER:
-        return f"with all imperfections combined it survives up to {bound} times the reference"
-    return (
-        f"with all imperfections combined{but} it fails at {bound} times the "
-        f"reference levels and no longer settles at {_bound(one, sweep.settles)} times"
-    )
+        passes = _passes(result)
+        return f"with all imperfections combined it {passes} up to {bound} times the reference"
+    text = f"with all imperfections combined{but} it fails at {bound} times the reference levels"
+    if result.settling:
+        text += f" and no longer settles at {_bound(one, sweep.settles)} times"
+    return text
 
 
 def _bound(one: Imperfection, threshold: Threshold) -> str:
@@ -280,13 +291,17 @@ def _thresholds_figure(result: Result) -> Figure:
     ]
     return Figure(
         name="thresholds",
-        title="Level at which each controller no longer survives",
+        title=f"Level at which each controller no longer {_passes(result)}",
         caption=(
             f"Scenario {listed(result.settings.scenarios, 'and')}. Each cell gives the level, "
             f"in the unit of its row, from which {_failing(result)}, bisected to "
             f"{100.0 * result.settings.tolerance:g} %. The colour compares it with the reference "
-            "hardware, whose level is given beside each imperfection. ~ : at that level the "
-            "controller survives but does not settle."
+            "hardware, whose level is given beside each imperfection."
+            + (
+                " ~ : on the reference hardware the controller survives but does not settle."
+                if any(unsettled(sweep) for sweep in result.sweeps)
+                else ""
+            )
         ),
         alt=(
             f"A table of {len(result.imperfections)} imperfections by {len(result.controllers)} "
@@ -299,7 +314,9 @@ def _thresholds_figure(result: Result) -> Figure:
 def _combined_figure(result: Result) -> Figure:
     """Return the figure of the imperfections that are added one after another."""
     titles = added_titles(result)
-    said = (f"{name}: {_story(verdicts, titles)}" for name, verdicts in result.combined.items())
+    said = (
+        f"{name}: {_story(result, verdicts, titles)}" for name, verdicts in result.combined.items()
+    )
     return Figure(
         name="thresholds-combined",
         title="Reference imperfections, added one after another",
@@ -312,24 +329,33 @@ def _combined_figure(result: Result) -> Figure:
     )
 
 
-def _story(verdicts: tuple[Verdict, ...], titles: list[str]) -> str:
+def _story(result: Result, verdicts: tuple[Verdict, ...], titles: list[str]) -> str:
     """Say from which imperfection on a controller does not settle, and does not survive."""
-    lost = {
-        "does not settle": [not verdict.settles for verdict in verdicts],
-        "fails": [not verdict.survives for verdict in verdicts],
-    }
+    lost = {"fails": [not verdict.survives for verdict in verdicts]}
+    if result.settling:
+        lost = {"does not settle": [not verdict.settles for verdict in verdicts], **lost}
     said = [f"{w} from {titles[x.index(True)]} on" for w, x in lost.items() if True in x]
-    return " and ".join(said) or "settles throughout"
+    holds = "settles" if result.settling else _passes(result)
+    return " and ".join(said) or f"{holds} throughout"
 
 
 def _overview(result: Result) -> Table:
     """Return the thresholds of survival: a row for each imperfection."""
+    cells = [
+        [_cell(one, result.sweep(one.name, name)) for name in result.controllers]
+        for one in result.imperfections
+    ]
+    marks: dict[Status, str] = {
+        "bad": "✗: it fails on the reference hardware",
+        "neutral": f"◐: it {_passes(result)} there with less than 3 times to spare"
+        + (", or does not settle" if result.settling else ""),
+    }
+    present = {cell.status for row in cells for cell in row}
+    legend = "; ".join(text for status, text in marks.items() if status in present)
+    on = listed(result.settings.scenarios, "and")
     return Table(
-        caption=(
-            f"Level at which each controller no longer survives "
-            f"{listed(result.settings.scenarios, 'and')}. ✗: it fails on the reference "
-            "hardware; ◐: it survives there with little to spare, or does not settle"
-        ),
+        caption=f"Level at which each controller no longer {_passes(result)} on {on}"
+        + (f". {legend}" if legend else ""),
         columns=(
             Column("Imperfection"),
             Column("Reference", number=True),
@@ -339,9 +365,9 @@ def _overview(result: Result) -> Table:
             (
                 one.title,
                 f"{level_text(one, one.reference)} {one.unit}",
-                *(_cell(one, result.sweep(one.name, name)) for name in result.controllers),
+                *row,
             )
-            for one in result.imperfections
+            for one, row in zip(result.imperfections, cells, strict=True)
         ],
     )
 
@@ -350,7 +376,7 @@ def _cell(one: Imperfection, sweep: Sweep) -> Cell:
     """Return a threshold, marked by what happens on the reference hardware."""
     kind = class_of(one, sweep)
     status: Status = "bad" if kind == FAILS else "neutral"
-    plain = kind not in (FAILS, LITTLE) and sweep.reference.settles
+    plain = kind not in (FAILS, LITTLE) and not unsettled(sweep)
     return Cell(threshold_text(one, sweep.survives), "" if plain else status)
 
 
@@ -359,8 +385,9 @@ def _details(result: Result) -> Table:
     return Table(
         summary="Every imperfection and controller: thresholds, and the reference hardware",
         caption=(
-            "Level at which each controller no longer survives, and how it fails there; level at "
-            "which it no longer settles; and its result on the reference hardware"
+            f"Level at which each controller no longer {_passes(result)}, and how it fails there; "
+            + ("level at which it no longer settles; " if result.settling else "")
+            + "and its result on the reference hardware"
         ),
         columns=(
             Column("Imperfection"),
@@ -368,33 +395,35 @@ def _details(result: Result) -> Table:
             Column("Controller"),
             Column("Fails at", number=True),
             Column("How"),
-            Column("Unsettled at", number=True),
+            *([Column("Unsettled at", number=True)] if result.settling else []),
             Column("On the reference hardware"),
             Column("|z|", "m", number=True),
             Column("Force", "N", number=True),
         ),
         rows=[
-            _detail(one, result.sweep(one.name, controller))
+            _detail(result, one, result.sweep(one.name, controller))
             for one in result.imperfections
             for controller in result.controllers
         ],
     )
 
 
-def _detail(one: Imperfection, sweep: Sweep) -> tuple[Cell | str, ...]:
+def _detail(result: Result, one: Imperfection, sweep: Sweep) -> tuple[Cell | str, ...]:
     """Return one controller under one imperfection."""
     kinds: tuple[Status, ...] = ("bad", "neutral", "good", "good")
     reference, metrics = sweep.reference, sweep.reference.metrics
     status: Status = "good" if reference.settles else "neutral" if reference.survives else "bad"
     settled = metrics["settling_time"]
-    settles = "as required" if settled is None else f"settles in {fixed(settled, 1)} s"
+    settles = f"settles in {fixed(settled, 1)} s"
+    if not result.settling or settled is None:
+        settles = "as required"
     return (
         one.title,
         f"{level_text(one, one.reference)} {one.unit}",
         sweep.controller,
         Cell(threshold_text(one, sweep.survives), kinds[class_of(one, sweep)]),
         _how(sweep.failure),
-        threshold_text(one, sweep.settles),
+        *([threshold_text(one, sweep.settles)] if result.settling else []),
         Cell(_in_words(reference.failure) or settles, status),
         fixed(metrics["peak_z"], 2),
         fixed(metrics["max_force"], 0),

@@ -40,8 +40,9 @@ class Thresholds:
     Each imperfection is one departure from the ideal loop. For each of them the study runs the
     level of the reference hardware (good but ordinary laboratory equipment), and finds by
     bisection the level from which the pole falls, the run diverges or the cart reaches an end
-    stop. It then does the same with all of them combined. Writes thresholds.json and figures. A
-    full run takes about ten minutes on two cores.
+    stop or, where a scenario has requirements, one of these is missed. It then does the same with
+    all imperfections combined. Writes thresholds.json and figures. A full run takes about ten
+    minutes on two cores.
     """
 
     scenarios: ScenarioNames = ()

@@ -12,6 +12,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.document.blocks import Finding, Table
+from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
@@ -158,6 +159,14 @@ def test_the_words_are_those_of_the_runs(result) -> None:
     assert rows[0] == ["lqr", "runs to the end 6 s", "6 s", "0 s (0 %)"]
     assert [row[0] for row in rows] == ["lqr"] * 3 + ["adaptive"] * 3
     assert not verdict(result).passed
+
+
+def test_where_a_settling_time_is_required_no_other_is_shown(result) -> None:
+    free = replace(result.scenarios[0], requirements=Requirements())
+    shown = [
+        to_markdown(sections(replace(result, scenarios=(s,)))) for s in (*result.scenarios, free)
+    ]
+    assert ["of its peak from" in text for text in shown] == [False, True]
 
 
 def test_without_requirements_a_fall_still_fails() -> None:

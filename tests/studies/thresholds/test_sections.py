@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -9,8 +11,10 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from afl_mujoco.document.blocks import Finding, Section
+from afl_mujoco.document.blocks import Finding, Section, Table, Text, figures_of
 from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER
 from afl_mujoco.studies.thresholds.sections import sections
 from tests import study_results
@@ -113,3 +117,30 @@ def test_the_details_say_how_each_controller_fails() -> None:
     assert (damping[6].text, damping[6].status) == ("does not settle", "neutral")
     assert cells["transport delay", "lqr"][6].text == "settles in 6.6 s"
     assert cells["rail to either side", "lqr"][3].status == "bad"
+
+
+def required() -> list[Section]:
+    scenario = replace(SCENARIOS["step-step"], requirements=Requirements(max_position=1.0))
+    result = study_results.thresholds({}, ("delay", "control-period", "rail"))
+    return sections(replace(result, scenarios=(scenario,)))
+
+
+def test_with_requirements_it_says_that_they_are_met_and_not_what_settles() -> None:
+    blocks = required()[0].blocks
+    said = [b.text for b in blocks if isinstance(b, Finding | Text)]
+    assert "On step-step the requirements are: runs to the end and |z| at most 1 m." in said
+    titles = [[b.caption, *(c.header for c in b.columns)] for b in blocks if isinstance(b, Table)]
+    pictures = [[b.title, b.caption, b.alt] for b in figures_of(required())]
+    shown = " ".join([*said, *(text for texts in (*titles, *pictures) for text in texts)])
+    assert shown.count("no longer meets its requirements") == 3
+    assert not re.search("surviv|settle", shown)
+
+
+def test_the_table_explains_only_the_marks_that_it_has() -> None:
+    def caption(**changes: tuple[str, float, bool]) -> str:
+        sweeps = {n: (b, x, b, x, fine, fine) for n, (b, x, fine) in changes.items()}
+        blocks = sections(study_results.thresholds(sweeps, tuple(changes)))[0].blocks
+        return next(b.caption for b in blocks if isinstance(b, Table) and not b.summary)
+
+    assert "✗" in caption(delay=(BRACKETED, 0.001, False))
+    assert not {*"✗◐"} & {*caption(delay=(BRACKETED, 0.1, True))}

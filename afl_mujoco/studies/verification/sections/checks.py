@@ -148,12 +148,17 @@ def _failures(failed: Sequence[Check]) -> Table:
                 check.scenario,
                 check.controller,
                 check.quantity,
-                Cell(figure(check.value), status="bad"),
-                f"≤ {limit(check.limit)}{'' if check.unit == '1' else f' {check.unit}'}",
+                Cell(f"{figure(check.value)}{_unit(check)}", status="bad"),
+                f"≤ {limit(check.limit)}{_unit(check)}",
             )
             for check in failed
         ],
     )
+
+
+def _unit(check: Check) -> str:
+    """Return the unit of a check behind a number; nothing for a pure number."""
+    return "" if check.unit == "1" else f" {check.unit}"
 
 
 def _reasons(worst: Sequence[Check]) -> Table:
