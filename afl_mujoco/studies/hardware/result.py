@@ -59,10 +59,15 @@ class Judged:
 
     @property
     def holds(self) -> bool:
-        """Whether the statement holds; one that is not decided does not."""
+        """Whether the statement holds; one that is not decided neither holds nor fails."""
         if self.value is None:
             return False
         return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+    @property
+    def fails(self) -> bool:
+        """Whether the recordings show that the statement does not hold."""
+        return self.value is not None and not self.holds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,8 +181,9 @@ class Result:
 
     @property
     def passed(self) -> bool:
-        """Whether every statement holds."""
-        return all(one.holds for one in self.statements)
+        """Whether every statement that could be decided holds, and one could be."""
+        found = self.statements
+        return any(one.holds for one in found) and not any(one.fails for one in found)
 
     def __repr__(self) -> str:
         """Summarise the outcome in one line."""

@@ -38,17 +38,24 @@ from afl_mujoco.studies.identified_parts import (
 
 
 def verdict(result: Result) -> Verdict:
-    """Return whether every statement of the protocol holds."""
-    missed = [one for one in result.statements if not one.holds]
+    """Return whether every statement of the protocol holds that could be decided."""
+    missed = [one.id for one in result.statements if one.fails]
+    undecided = [one.id for one in result.statements if one.value is None]
     total = len(result.statements)
-    if not missed:
-        text = f"all {total} statements of the protocol hold"
-    else:
-        text = (
-            f"{len(missed)} of {total} statements of the protocol "
-            f"{'does' if len(missed) == 1 else 'do'} not hold: "
-            f"{listed([one.id for one in missed], 'and')}"
-        )
+    of = f"of {total} statements of the protocol"
+    parts = []
+    if missed:
+        does = "does" if len(missed) == 1 else "do"
+        parts.append(f"{len(missed)} {of} {does} not hold: {listed(missed, 'and')}")
+    elif not undecided:
+        parts.append(f"all {total} statements of the protocol hold")
+    elif len(undecided) < total:
+        held = total - len(undecided)
+        parts.append(f"{held} {of} hold{'s' if held == 1 else ''}")
+    if undecided:
+        are = "is" if len(undecided) == 1 else "are"
+        parts.append(f"{len(undecided)} of {total} {are} not decided: {listed(undecided, 'and')}")
+    text = "; ".join(parts)
     return Verdict(
         result.passed,
         f"{text}, on {_recordings(len(result.logs))}",

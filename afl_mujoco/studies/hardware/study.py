@@ -23,8 +23,8 @@ class Hardware:
     Example: afl-mujoco hardware --logs my-logs --estimates renders/my-rig/estimates.json
 
     Reports the errors by horizon, each term of the equations, verdicts by a protocol that was fixed
-    beforehand, and what controllers would do on that cart-pole. The exit code is 0 if every
-    statement holds, and 1 if one does not.
+    beforehand, and what controllers would do on that cart-pole. The exit code is 1 if one
+    statement does not hold, or the recordings can decide none, else 0.
     """
 
     logs: str | None = None

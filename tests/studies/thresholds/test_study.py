@@ -30,7 +30,7 @@ def test_it_writes_numbers_figures_and_a_table_and_a_controller_of_ones_own_is_s
         "--tolerance", "0.5", "--out", "out", cwd=tmp_path,
     )  # fmt: skip
     assert (result.returncode, result.stderr) == (0, "")
-    assert "Level at which each controller no longer survives short" in result.stdout
+    assert "Level at which each controller no longer survives on short" in result.stdout
     assert "out/thresholds.json" in result.stdout and "out/report.html" in result.stdout
     content = json.loads((tmp_path / "out" / "thresholds.json").read_text())
     assert content["controllers"] == ["lqr", "controller.push"]
