@@ -202,7 +202,7 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
         A key of `CONTROLLERS`; a key that does not end in ``-nominal``, followed by ``-estimated``,
         for that controller with the estimator; or ``module:attribute`` for your own controller.
     gain_labels
-        A key of `GAIN_LABELS`, decision D2.
+        ``"table2"`` or ``"table1"``, decision D2.
 
     Raises
     ------

@@ -157,7 +157,7 @@ def find_replay(name: str) -> Replay:
 
 
 def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
-    """Write a scenario to a TOML file, its defaults written out as in `scenario_to_table`.
+    """Write a scenario to a TOML file, its defaults written out.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def find_scenario(name: str) -> Scenario:
     Parameters
     ----------
     name
-        A key of `SCENARIOS`, the name of `LABORATORY`, or a path that ends in ``.toml``.
+        A key of `SCENARIOS`, ``laboratory``, or a path that ends in ``.toml``.
 
     Raises
     ------

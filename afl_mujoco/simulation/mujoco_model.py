@@ -160,7 +160,7 @@ class CartPoleModel:
     timestep
         MuJoCo's timestep [s].
     integrator
-        A key of `INTEGRATORS`.
+        ``"RK4"``, ``"Euler"``, ``"implicit"`` or ``"implicitfast"``.
     file
         The MJCF of `models/`: ``"cartpole.xml"``, or ``"scene.xml"`` for pictures.
     edit
@@ -173,7 +173,7 @@ class CartPoleModel:
     mj_model, mj_data
         The compiled `mujoco.MjModel` and its `mujoco.MjData`.
     addresses
-        Where compiled code finds them: a record with the fields of `ADDRESSES`.
+        Where compiled code finds them: a NumPy record.
 
     Raises
     ------

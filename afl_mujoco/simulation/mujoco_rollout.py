@@ -49,7 +49,8 @@ def simulate_mujoco(
     scenario
         What happens.
     controller
-        The controller, as `as_controller` takes it.
+        The controller: a name, ``module:attribute``, a function, a class or factory, or a
+        `Controller`.
     mode
         ``"exact"``: MuJoCo's forward dynamics with the integrator of `simulate_ode`;
         ``"continuous"``: RK4 around MuJoCo's forward dynamics, controller and parameters in every

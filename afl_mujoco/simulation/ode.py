@@ -68,7 +68,7 @@ def simulate_ode(
     scenario
         What happens.
     controller
-        The controller, evaluated continuously in time; as `as_controller` takes it.
+        The controller, evaluated continuously in time; as `simulate_mujoco` takes it.
     sample_period
         Spacing of the reported instants [s]; breakpoints are reported as well.
     method, rtol, atol

@@ -67,7 +67,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1
     Parameters
     ----------
     scenario, controller
-        The scenario, and the controller as `as_controller` takes it.
+        The scenario, and the controller as `simulate_mujoco` takes it.
     timestep
         The longest step [s].
 
@@ -104,7 +104,7 @@ def simulate_ode_held(
     Parameters
     ----------
     scenario, controller
-        The scenario, and the controller as `as_controller` takes it.
+        The scenario, and the controller as `simulate_mujoco` takes it.
     timestep
         Physics step, over which parameters and disturbances are held [s].
     control_period

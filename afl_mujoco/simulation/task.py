@@ -234,7 +234,7 @@ def load(
     Returns
     -------
     dm_control.rl.control.Environment
-        The environment, its task a `Balance`, its physics a `Physics`.
+        The environment, its task a `Balance`.
 
     Raises
     ------

@@ -49,7 +49,7 @@ class Outcome:
     Attributes
     ----------
     kind
-        One of `OUTCOMES`.
+        ``"completed"``, ``"fell"`` or ``"diverged"``.
     time
         When it ended [s].
     """
@@ -109,7 +109,7 @@ class Trajectory:
 
     @property
     def metrics(self) -> dict[str, float | None]:
-        """Its figures by name, from `simulation.metrics.metrics_of`; None where there is none."""
+        """Its figures by name: integrals, peaks, settling; None where there is none."""
         from afl_mujoco.simulation.metrics import metrics_of
 
         return metrics_of(self)

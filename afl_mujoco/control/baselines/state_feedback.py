@@ -35,8 +35,8 @@ class StateFeedback(Controller):
     name
         Name for reports and files.
     kind
-        `LINEAR`, feedback to the force, or `PARTIAL`, feedback to the cart's acceleration u, which
-        the input map (L1) of the assumed plant turns into a force.
+        1, feedback to the force, or 2, feedback to the cart's acceleration u, which the input map
+        (L1) of the assumed plant turns into a force.
     gains
         Gains by the assumed M and l: a table, valid within its nodes only, or a design, which has
         gains for any plant.

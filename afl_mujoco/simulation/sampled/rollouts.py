@@ -34,7 +34,7 @@ class Rollouts:
     Attributes
     ----------
     status
-        How each ended, an index into `OUTCOMES`.
+        How each ended: 0 completed, 1 fell, 2 diverged.
     end_time
         When it ended [s].
     peak_z, peak_phi
@@ -44,8 +44,8 @@ class Rollouts:
     iae_z, iae_phi
         Integrals of abs(z) [m s] and abs(phi) [rad s] up to then.
     settling_time
-        Time from which abs(z) and abs(phi) stayed within `loop.BAND_Z` and `loop.BAND_PHI` [s]; NaN
-        if it is less than `DWELL` before the end, or the run did not complete.
+        Time from which abs(z) and abs(phi) stayed within the default bands of `Requirements` [s];
+        NaN if it is less than a second before the end, or the run did not complete.
     stop_time
         When the cart first reached an end stop [s]; NaN if it never did.
     requirements
@@ -97,7 +97,7 @@ def run_rollouts(
     scenarios
         The scenarios, with their imperfections.
     controller
-        The controller, as `as_controller` takes it.
+        The controller, as `simulate_mujoco` takes it.
     timestep, control_period, integrator
         As in `simulate_mujoco`.
     threads

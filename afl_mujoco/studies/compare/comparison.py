@@ -40,7 +40,7 @@ def compare(
     scenarios
         One or several: scenarios, names or TOML files.
     controllers
-        One or several, each as for `as_controller`.
+        One or several, each as for `simulate_mujoco`.
     timestep, control_period, integrator
         As for `simulate_mujoco`.
     advance

@@ -1,0 +1,47 @@
+"""The page of the API defines what it names."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "api.md").read_text()
+NAME = re.compile(r"(?<!`)`(?:[a-z_]+\.)*([A-Z]\w+|as_\w+)`(?!`)")  # of a class or a constant
+
+
+def documented() -> Iterator[tuple[str, object]]:
+    """Yield what the page documents, by name."""
+    module = ""
+    for kind, name in re.findall(r"\.\. (currentmodule|auto\w+):: ([\w.]+)", PAGE):
+        if kind == "currentmodule":
+            module = name
+            continue
+        owner, _, last = name.rpartition(".")
+        yield last, getattr(importlib.import_module(owner or module), last)
+
+
+def docstrings(thing: object) -> Iterator[str]:
+    """Yield the docstrings of a thing and of its public parts."""
+    parts = [v for k, v in vars(thing).items() if k[0] != "_"] if inspect.isclass(thing) else []
+    for one in (thing, *parts):
+        if callable(one) or isinstance(one, property):
+            yield inspect.getdoc(one) or ""
+
+
+def test_every_class_and_constant_that_it_names_is_defined_on_it() -> None:
+    pytest.importorskip("dm_control")
+    found = dict(documented())
+    assert len(found) > 40
+    named = {
+        (name, other)
+        for name, thing in found.items()
+        for text in docstrings(thing)
+        for other in NAME.findall(text)
+    }
+    outside = {"MjModel", "MjData", "MjSpec"}  # MuJoCo's
+    assert {(n, o) for n, o in named if o not in found and o not in outside} == set()
