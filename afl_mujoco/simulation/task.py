@@ -77,12 +77,13 @@ class Balance(control.Task):  # type: ignore[misc]
     The observation is ``position`` (z, phi) [m, rad], ``velocity`` (z_dot, phi_dot) [m/s, rad/s],
     as the sensors measure them, and (M, l) [kg, m], each at the instant of the observation, after
     any jump there. The action is the commanded force [N], clipped to the limit and held until the
-    next. The discount is 0 if ``|phi|`` reaches `FALL_ANGLE` or the state diverges.
+    next. The discount is 0 if the pole has fallen, 1 mrad short of a right angle, or the state
+    diverges.
 
     Parameters
     ----------
     force_limit
-        Largest force [N], below `STATE_LIMIT`.
+        Largest force [N], below 1e6.
     initial_noise
         Half-width of the uniform perturbation of phi(0) [rad].
     random
