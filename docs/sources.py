@@ -71,6 +71,7 @@ SOURCES = (
     Source("bench_estimator", 3),
     Source("bench_estimator_candidates", 3),
     Source("bench_gain_functions", 3),
+    Source("bench_equal_effort", 40),
     Source("bench_batch", 3),
     Source("bench_failure_causes", 3, (str(MADE.relative_to(ROOT)),)),
     Source("bench_montecarlo", 5),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby, pairwise
 from pathlib import Path
 
+from afl_mujoco.control.angle import ANGLES, slope_at
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.laboratory import LABORATORY, REASONS
 from afl_mujoco.scenario.requirements import BANDS, UNITS, Requirements
@@ -26,6 +28,7 @@ REQUIREMENT_UNITS = {**UNITS, **BANDS}
 def tables() -> dict[str, str]:
     """Return each table by its name."""
     return {
+        "angle": angle_table(),
         "criteria": criteria_table(),
         "imperfections": fields_table(),
         "requirements": requirements_table(),
@@ -41,6 +44,21 @@ def cells_as_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [header, ("---",) * len(header), *rows]
     cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+
+
+def angle_table() -> str:
+    """Return lambda of `adaptive-angle` by the angle and the half-length."""
+    lengths = (0.05, 0.2, 0.5, 1.0)
+    middle = 0.5 * sum(ANGLES)
+    rows = [
+        (text, *(f"{slope_at(angle, length):.2f}" for length in lengths))
+        for text, angle in (
+            (f"up to {math.degrees(ANGLES[0]):.0f}°", ANGLES[0]),
+            (f"{math.degrees(middle):.0f}°", middle),
+            (f"from {math.degrees(ANGLES[1]):.0f}°", ANGLES[1]),
+        )
+    ]
+    return cells_as_table(("abs(φ)", *(f"l = {length:g} m" for length in lengths)), rows)
 
 
 def faults_table(results: Path) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from afl_mujoco.control import angle
 from afl_mujoco.control.afl import saturation_ratio
 from afl_mujoco.control.baselines.design import DESIGNS
 from afl_mujoco.control.baselines.state_feedback import StateFeedback
@@ -21,7 +22,7 @@ from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_d
 from afl_mujoco.control.gain_table import beyond_table
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
 from afl_mujoco.control.held import HeldController
-from afl_mujoco.control.names import ESTIMATED, HELD, INFORMED
+from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -158,6 +159,7 @@ def _build() -> dict[str, Controller]:
             AFLController(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
         )
     catalogue.append(HeldController(name=HELD, fixed=Gains(**retuned["fixed"])))
+    catalogue.append(PythonController(name=ANGLE, function=angle.force))
     catalogue += [
         StateFeedback(name=n, kind=kind, gains=design) for n, (kind, design) in DESIGNS.items()
     ]

@@ -18,14 +18,17 @@ HELD = "adaptive-held"
 """Feedback linearisation with gains found here, chosen when a run starts and kept: it remembers,
 so that only sampled mode supports it."""
 
+ANGLE = "adaptive-angle"
+"""Feedback linearisation, its slope scheduled by the pole's angle; called by the interpreter."""
+
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 """State feedback controllers to compare it with."""
 
-NAMES = (*AFL, HELD, *BASELINES)
+NAMES = (*AFL, HELD, ANGLE, *BASELINES)
 """Every controller of the catalogue, in its order."""
 
-INFORMED = tuple(n for n in NAMES if not n.endswith("-nominal") and n != HELD)
-"""Controllers that know the true M(t) and l(t) at every instant, and nothing of the past."""
+INFORMED = tuple(n for n in NAMES if not n.endswith("-nominal") and n not in (HELD, ANGLE))
+"""Compiled controllers that know the true M(t) and l(t) at every instant, nothing of the past."""
 
 ESTIMATED = "-estimated"
 """Ending of the name of a controller that uses the estimator: ``adaptive-estimated``. Such

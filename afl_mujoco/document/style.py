@@ -35,13 +35,14 @@ CONTROLLERS: Mapping[str, str] = {
     "fixed-nominal": PURPLE,
     "adaptive-nominal": GREEN,
     "adaptive-held": "#117733",
+    "adaptive-angle": "#AA4499",
     "lqr": "#882255",
     "pole-placement": "#332288",
     "partial-linearization": "#999933",
 }
 """Colour of each controller that has its own; Paul Tol's after those of Okabe and Ito."""
 
-_SPARE = ("#44AA99", "#DDCC77", "#AA4499", "#88CCEE", GREY)  # light: black dashes show on them
+_SPARE = ("#44AA99", "#DDCC77", "#88CCEE", GREY)  # light: black dashes show on them
 
 MODES: Mapping[str, tuple[str, str]] = {
     "mujoco sampled": (VERMILION, "sampled: as deployed, control held"),
