@@ -15,9 +15,13 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 from typing import Any
 
-import casadi as ca
+try:
+    import casadi as ca
+except ImportError:
+    raise SystemExit("bench_mpc needs CasADi: pip install casadi") from None
 import numpy as np
 from bench_gain_functions import FIXED, told
 from scipy.linalg import solve_continuous_are
@@ -36,7 +40,7 @@ PERIOD = 0.02
 """Control period [s]."""
 
 INTERVALS = (1,) * 15 + (3,) * 15 + (5,) * 24
-"""Lengths of the stretches of constant force ahead [s]: 3.9 s in all."""
+"""Lengths of the stretches of constant force ahead, in control periods: 3.6 s in all."""
 
 LIMITS = np.array([20.0, 1.5, 30.0, 60.0] * (len(INTERVALS) + 1) + [400.0] * (len(INTERVALS) + 1))
 """Largest states [m, rad, m/s, rad/s] and forces [N] of a plan, far beyond what it needs."""
@@ -80,7 +84,7 @@ def problem(iterations: int, barrier: float) -> Any:
     """The optimal control problem as IPOPT takes it."""
     scales = paper_scales()
     count = len(INTERVALS)
-    states, forces, peak = ca.SX.sym("x", 4, count + 1), ca.SX.sym("v", count), ca.SX.sym("peak")
+    states, forces, peak = ca.SX.sym("x", 4, count + 1), ca.SX.sym("F", count), ca.SX.sym("peak")
     now, plant, before = ca.SX.sym("now", 4), ca.SX.sym("plant", 4), ca.SX.sym("before")
     after = ca.SX.sym("P", 4, 4)
     cost, equal, below = peak / scales.max_force, [states[:, 0] - now], [before - peak]
@@ -177,7 +181,7 @@ def shifted(plan: Any) -> Any:
 
 def first_guess(x: Any, plant: Any, p: Any) -> Any:
     """The run under the paper's law with fixed gains."""
-    states, added, peak = [x], [], 0.0
+    states, held, peak = [x], [], 0.0
     for periods in INTERVALS:
         forces = []
         for _ in range(10 * periods):
@@ -186,18 +190,18 @@ def first_guess(x: Any, plant: Any, p: Any) -> Any:
             peak = max(peak, abs(force))
             x = x + 0.1 * PERIOD * np.array(rates(x, force, p)).ravel()
         states.append(x)
-        added.append(np.mean(forces))
-    return np.concatenate([*states, added, [peak]])
-
-
-_linear: dict = {}
+        held.append(np.mean(forces))
+    return np.concatenate([*states, held, [peak]])
 
 
 def linear(mass: float, pole: float, length: float, gravity: float) -> tuple[Any, Any]:
     """The gains of LQR, and P: sqrt(x' P x) is about what (O1) costs from x on under it."""
-    key = (round(mass, 3), round(length, 3))
-    if key in _linear:
-        return _linear[key]
+    return _linear(round(mass, 3), pole, round(length, 3), gravity)
+
+
+@functools.cache
+def _linear(mass: float, pole: float, length: float, gravity: float) -> tuple[Any, Any]:
+    """The same."""
     p = CartPoleParameters(cart_mass=mass, pole_mass=pole, half_length=length, gravity=gravity)
     accelerated = design.accelerated_mass(p)
     a, b = design.upright_model(p)
@@ -205,12 +209,7 @@ def linear(mass: float, pole: float, length: float, gravity: float) -> tuple[Any
     weight = design.LARGEST_ACCELERATION**-2
     states = np.diag([x**-2 for x in design.LARGEST_STATE])
     cost = solve_continuous_are(a, b[:, None], states, [[weight]])
-    _linear[key] = accelerated * (b @ cost) / weight, TAIL * cost
-    return _linear[key]
-
-
-TAIL = 1.0
-"""Scale of what comes after the horizon."""
+    return accelerated * (b @ cost) / weight, cost
 
 
 def objectives(unit: tuple[int, int]) -> tuple[float, float, int, int]:

@@ -76,4 +76,5 @@ SOURCES = (
     Source("bench_failure_causes", 3, (str(MADE.relative_to(ROOT)),)),
     Source("bench_montecarlo", 5),
     Source("bench_identification", 15),
+    Source("bench_mpc", 30),  # last: it needs CasADi, which the set-up does not install
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -19,7 +20,7 @@ WORDS = {
     STATES: ("states", "From which starts each controller settles", "over starts (φ₀, φ₀′)"),
     PLANTS: (
         "plants",
-        "On which plants each controller settles from the paper's start",
+        "On which plants each controller settles from {start:.0f}°",
         "over plants (M, l)",
     ),
 }
@@ -154,7 +155,7 @@ def _figure(pairs: list[MapPair]) -> Figure:
     )
     return Figure(
         name=f"attraction-{name}",
-        title=title,
+        title=title.format(start=math.degrees(pairs[0].starts[0, 1])),
         caption=(
             f"Outcome {over}: by the ideal equations, in MuJoCo at {step:g} ms with a held force, "
             "and where the two differ. A grid point on a border has a neighbour with a different "

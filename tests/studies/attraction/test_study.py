@@ -32,6 +32,13 @@ def test_it_writes_maps_figures_and_their_numbers(tmp_path: Path) -> None:
     assert (plants.starts == [0.0, -np.pi / 3, 0.0, 0.0]).all()
 
 
+def test_the_figure_of_plants_names_the_angle_that_they_start_from(tmp_path: Path) -> None:
+    arguments = ["--controllers", "lqr", "--planes", "plants", "--grid", "3", "--horizon", "3"]
+    result = run("attraction", *arguments, "--start-angle", "-0.5", "--out", "out", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "On which plants each controller settles from -29°" in result.stdout
+
+
 def test_the_numbers_do_not_depend_on_the_threads(tmp_path: Path) -> None:
     arguments = ["--controllers", "lqr", "--planes", "states", "--grid", "7", "--horizon", "3"]
     for threads in ("1", "2"):
