@@ -292,12 +292,11 @@ def test_assumed_parameters_can_be_late_and_wrong():
 
 def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
     changing = Scenario(name="x", cart_mass=staircase((0.05,), (1.0, 2.0)), duration=0.2)
-    never = Imperfections(parameter_delay=1e306, delay=1e306)
+    never = Imperfections(parameter_delay=1e306)
     found = simulate_mujoco(replace(changing, imperfections=never), adaptive, "sampled")
-    longer = Imperfections(parameter_delay=0.2, delay=0.2)
+    longer = Imperfections(parameter_delay=0.2)
     again = simulate_mujoco(replace(changing, imperfections=longer), adaptive, "sampled")
     assert (found.state == again.state).all()
-    assert not found.force.any()
 
 
 @pytest.mark.parametrize("late", [10, 20, 40, 70], ids=lambda ticks: f"{ticks} ms")
