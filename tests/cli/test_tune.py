@@ -140,7 +140,7 @@ BAD = {
     "no population": (["table", "--population", "0"], "population_size must be at least 1"),
     "no workers": (["table", "--workers", "0"], "workers must be at least 1, got 0"),
     "missing table": (["fit", "--table", "none.json"], "none.json cannot be read: no such file"),
-    "no such tuning": (["tabel"], "Available subcommands: table, fit"),
+    "no such tuning": (["tabel"], "must be one of table, fit"),
 }
 
 

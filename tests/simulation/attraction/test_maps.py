@@ -219,7 +219,9 @@ def test_to_end_early_changes_no_outcome(side: str) -> None:
     np.testing.assert_array_equal(early.peak_force[settled], whole.peak_force[settled])
 
 
-@pytest.mark.parametrize("name", [n for n, c in afl.CONTROLLERS.items() if not (c.stateful or c.interpreted)])
+@pytest.mark.parametrize(
+    "name", [n for n, c in afl.CONTROLLERS.items() if not (c.stateful or c.interpreted)]
+)
 def test_from_every_corner_of_the_bands_every_controller_converges_on_every_plant(
     name: str,
 ) -> None:
