@@ -114,3 +114,14 @@ def test_whole_steps_counts_and_refuses_a_remainder():
     assert str(caught.value) == "timestep 0.003 s must divide control_period 0.01 s"
     with pytest.raises(InvalidValueError, match=r"^timestep 1 s must divide control_period 0.1 s$"):
         whole_steps("control_period", 0.1, "timestep", 1.0)
+
+
+def test_a_breakpoint_beside_a_multiple_of_the_period_replaces_it():
+    jump = Scenario(name="x", cart_mass=staircase((0.3,), (1.0, 2.0)), duration=0.5)
+    assert 3 * 0.1 > 0.3  # but for round-off the same
+    grid = time_grid(jump, 0.1)
+    assert len(grid) == 6 and 0.3 in grid
+    late = Scenario(
+        name="x", cart_mass=staircase((np.nextafter(0.2, 1.0),), (1.0, 2.0)), duration=0.5
+    )
+    assert np.diff(time_grid(late, 0.1)).min() > 0.09

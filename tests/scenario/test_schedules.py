@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from afl_mujoco import constant, joined, piecewise_linear, staircase, trapezoid
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.schedules import slew_limited
 
 EIGHTHS = st.integers(0, 80).map(lambda n: n / 8)  # sums and differences are exact
 LEVELS = st.integers(1, 64).map(lambda n: n / 4)
@@ -196,3 +197,13 @@ def test_a_schedule_that_breaks_a_rule_is_refused_in_one_line(build, message):
     with pytest.raises(InvalidValueError) as caught:
         build()
     assert str(caught.value) == message
+
+
+def test_a_limited_rate_catches_up_with_a_ramp_where_their_lines_meet():
+    ramp = piecewise_linear((1.0, 1.0, 5.0), (0.0, 1.0, 3.0))  # a jump by 1, then 0.5 a second
+    limited = slew_limited(ramp, 2.0)
+    meet = 1.0 + 1.0 / (2.0 - 0.5)
+    assert limited.at(1.3) == pytest.approx(0.6)
+    assert limited.at(meet) == pytest.approx(ramp.at(meet))
+    assert limited.at(3.0) == pytest.approx(ramp.at(3.0))
+    assert limited.at(6.0) == 3.0

@@ -200,3 +200,18 @@ def test_only_what_is_not_needed_is_left_out_and_a_bad_state_is_not_reset(
     flags = model.mj_model.opt.disableflags
     assert flags & ~int(bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT) == before
     assert bool(flags & bits.mjDSBL_CONSTRAINT) == (not constrained)
+
+
+@pytest.mark.parametrize("length", [0.05, 0.5, 1.0])
+def test_the_rod_is_drawn_where_its_mass_is(length):
+    model = CartPoleModel(CartPoleParameters(half_length=0.3))
+    model.set_parameters(CartPoleParameters(half_length=length))
+    for mj_model in (
+        model.mj_model,
+        CartPoleModel(CartPoleParameters(half_length=length)).mj_model,
+    ):
+        pole = mj_model.geom("pole")
+        np.testing.assert_array_equal(pole.pos, mj_model.body("pole").ipos)
+        np.testing.assert_array_equal(pole.pos, [0.0, 0.0, length])
+        assert pole.size[1] == length
+        np.testing.assert_array_equal(mj_model.site("tip").pos, [0.0, 0.0, 2.0 * length])

@@ -381,3 +381,14 @@ def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, ada
         simulate_sampled(scenario, adaptive, model=used),
         simulate_sampled(scenario, adaptive, model=fresh),
     )
+
+
+def test_a_control_period_longer_than_the_run_is_refused(adaptive):
+    short = Scenario(name="short", duration=0.2)
+    rule = r"control_period must be within the duration 0.2 s, got 0.3"
+    for scenario, given in (
+        (short, {"control_period": 0.3}),
+        (replace(short, imperfections=Imperfections(control_period=0.3)), {}),
+    ):
+        with pytest.raises(InvalidValueError, match=rule):
+            simulate_mujoco(scenario, adaptive, "sampled", **given)

@@ -125,6 +125,15 @@ def test_runs_that_ended_differently_are_infinitely_apart() -> None:
     assert closed.state_difference(run, fallen) == math.inf
 
 
+def test_runs_that_fell_are_compared_until_the_pole_is_nearly_down() -> None:
+    run = afl.simulate_ode(SHORT, afl.CONTROLLERS["fixed"])
+    fell = dataclasses.replace(run, outcome=afl.Outcome("fell", float(run.time[-1])))
+    shifted = fell.state.copy()
+    shifted[:, 0] += np.where(np.abs(shifted[:, 1]) > 0.9, 1e-3, 0.0)  # where it has tipped far
+    other = dataclasses.replace(fell, state=shifted)
+    assert closed.state_difference(fell, other) == pytest.approx(1e-3)
+
+
 def test_runs_on_different_grids_are_infinitely_apart() -> None:
     fixed = afl.CONTROLLERS["fixed"]
     coarse = afl.simulate_ode(SHORT, fixed, sample_period=2e-3)
