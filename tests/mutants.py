@@ -402,7 +402,7 @@ def save(path: Path, found: Sequence[Found], of: int, seed: int) -> None:
     """Write what was found."""
     whole = summary(found)
     result = {
-        "command": "make mutants",
+        "command": command(sys.argv[1:]),
         "versions": versions(),
         "seed": seed,
         "places": of,
@@ -415,6 +415,13 @@ def save(path: Path, found: Sequence[Found], of: int, seed: int) -> None:
         "mutants": [asdict(one) for one in sorted(found, key=lambda one: one.key)],
     }
     write_text(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+
+
+def command(arguments: Sequence[str]) -> str:
+    """Return how the command was called; where it wrote to is of no interest."""
+    said = " ".join(arguments)
+    said = re.sub(r" ?--out[ =]\S+", "", said).strip()
+    return f'make mutants ARGS="{said}"' if said else "make mutants"
 
 
 def summary(found: Sequence[Found]) -> dict[str, Any]:
