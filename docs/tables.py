@@ -79,7 +79,7 @@ def mutants_table(results: Path) -> str:
         score = "–" if one["score"] is None else f"{100.0 * one['score']:.1f} %"
         rows.append((area, *counts, score, f"{100.0 * low:.0f} to {100.0 * high:.0f} %"))
     header = ("mutants of", "drawn", "equivalent", "noticed", "not noticed", "score", "interval")
-    return cells_as_table(header, rows)
+    return f"{cells_as_table(header, rows)}\nMade by: `{found['command']}`\n"
 
 
 def survivors_table(results: Path, outcome: str) -> str:
