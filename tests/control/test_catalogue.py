@@ -124,9 +124,10 @@ def test_every_way_to_the_force_gives_the_same_bits(random_states, odd_parameter
     np.testing.assert_array_equal(controller.forces(random_states, inputs), one_by_one)
 
 
-def test_a_controller_has_no_force_outside_its_domain(adaptive, odd_parameters):
-    with pytest.raises(ControllerDomainError, match=r"got 1.6 rad$"):
-        adaptive.force((0.0, 1.6, 0.0, 0.0), odd_parameters)
+@pytest.mark.parametrize("phi", [0.5 * math.pi, -0.5 * math.pi, 1.6])
+def test_a_controller_has_no_force_outside_its_domain(adaptive, odd_parameters, phi):
+    with pytest.raises(ControllerDomainError, match=rf"got {phi:g} rad$"):
+        adaptive.force((0.0, phi, 0.0, 0.0), odd_parameters)
 
 
 def test_a_gain_function_that_turns_negative_is_refused_before_a_run():

@@ -130,6 +130,13 @@ def test_at_a_node_the_gains_are_the_table_s_to_the_bit(table):
             np.testing.assert_array_equal(gains, table[i, j])
 
 
+def test_by_round_off_beyond_the_grid_the_gains_are_those_at_its_edge(table):
+    for end in (0, -1):
+        beyond = 1.0 + (5e-10 if end else -5e-10)
+        gains = interpolated_gains(table, MASSES, LENGTHS, MASSES[end] * beyond, LENGTHS[end])
+        np.testing.assert_array_equal(gains, table[end, end])
+
+
 def test_between_even_nodes_a_quadratic_table_is_met_exactly():
     masses, lengths = np.linspace(0.1, 2.0, 9), np.linspace(0.05, 1.0, 7)
     factors = np.array([1.0, -2.0, 0.5, 3.0])

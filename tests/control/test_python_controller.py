@@ -23,6 +23,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation import integrator
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
+from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from tests import program
 
 ASSUMED = np.array([1.0, 0.05, 0.5, 9.81])
@@ -292,10 +293,11 @@ def test_the_paper_s_controller_in_python_is_the_compiled_one(odd_scenario, simu
     assert metrics(odd_scenario, own, run)["saturated_share"] is None
 
 
-def test_what_a_jump_of_the_rod_does_is_the_same_under_a_controller_in_python(odd_scenario):
+@pytest.mark.parametrize("mode", ["exact", "continuous"])
+def test_what_a_rod_that_changes_does_is_the_same_under_a_controller_in_python(odd_scenario, mode):
     settings = {"dynamics": "stretching-rod", "jumps": "momenta"}
     run, reference = (
-        afl.simulate_mujoco(odd_scenario, controller, "continuous", **settings)
+        afl.simulate_mujoco(odd_scenario, controller, mode, **settings)
         for controller in (controller_of(paper), CONTROLLERS["fixed"])
     )
     np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
@@ -328,6 +330,14 @@ def test_a_controller_without_a_force_ends_the_run_as_diverged(smooth_scenario, 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 def test_a_controller_that_does_nothing_lets_the_pole_fall(smooth_scenario, simulate):
     assert simulate(smooth_scenario, controller_of(lambda *_: 0.0)).outcome.kind == "fell"
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
+def test_a_pole_at_the_angle_of_a_fall_has_fallen(smooth_scenario, simulate, side):
+    scenario = replace(smooth_scenario, initial_state=(0.0, side * FALL_ANGLE, 0.0, 0.0))
+    for controller in (controller_of(lambda *_: 0.0), CONTROLLERS["lqr"]):
+        assert str(simulate(scenario, controller).outcome) == "fell at t = 0 s"
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -8,6 +8,7 @@ import pytest
 from afl_mujoco import CartPoleParameters
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.parameter_change import DYNAMICS, JUMPS, ParameterChange
+from afl_mujoco.scenario.parameters import require_plausible
 
 FIELDS = ("cart_mass", "pole_mass", "half_length", "gravity")
 
@@ -67,3 +68,9 @@ def test_the_odd_plant_differs_from_the_default_in_every_field(odd_parameters):
 def test_what_the_paper_leaves_out_is_not_the_papers(dynamics, jumps):
     change = ParameterChange(dynamics=dynamics, jumps=jumps)
     assert change.is_the_papers == (change == ParameterChange())
+
+
+@pytest.mark.parametrize("name", FIELDS)
+@pytest.mark.parametrize("end", [1e-9, 1e9])
+def test_the_ends_of_what_is_plausible_belong_to_it(name, end):
+    assert require_plausible(name, end) == end

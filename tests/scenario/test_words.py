@@ -69,3 +69,5 @@ def test_disturbances_start_and_horizon_are_told() -> None:
     many = tuple(Impulse(momentum=0.1, time=float(k)) for k in range(MOST + 1))
     shaken = dict(describe(afl.Scenario(name="shaken", disturbances=many)))
     assert shaken["disturbances"] == "9 pulses and impulses"
+    all_but_one = dict(describe(afl.Scenario(name="shaken", disturbances=many[1:])))
+    assert all_but_one["disturbances"].count("impulse of 0.1 N s") == MOST

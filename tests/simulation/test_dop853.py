@@ -96,3 +96,14 @@ def test_the_first_step_is_scipys(size, rate):
     asked = (rate_of, 0.0, state, 1e9, longest, slopes[0].copy(), 1, 7, rtol, atol)
     ours = dop853.first_step(rates, None, 0.0, state, longest, slopes, point, rtol, atol)
     assert ours == pytest.approx(select_initial_step(*asked), rel=1e-12)
+
+
+def test_what_the_work_space_holds_does_not_matter():
+    def rates(_, time, x, out):
+        out[:] = -x
+
+    found, state = np.empty((2, 4)), np.ones(4)
+    work, times = np.full(dop853.WORK, np.nan), np.array([0.0, 1.0])
+    arguments = (rates, None, lambda x: 1.0, 0.0, 1.0, state, times, (1e-9, 1e-9, 1.0), work, found)
+    assert dop853.solve(*arguments) == (2, 1.0, dop853.REACHED)
+    np.testing.assert_allclose(found[1], np.exp(-1.0), rtol=1e-8)

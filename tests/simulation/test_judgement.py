@@ -142,3 +142,8 @@ def test_a_delay_is_remarked_on_from_the_time_on_in_which_the_pole_leans_e_times
         found = remarks_on(made(), late, afl.CONTROLLERS["lqr"])
         assert len(found) == count
         assert all(said.startswith(f"the delay, {delay:g} s, is longer than") for said in found)
+
+
+def test_a_fall_just_before_the_end_is_short_by_what_is_left():
+    found = judge(dataclasses.replace(SCENARIO, requirements=Requirements()), made(end=9.5))
+    assert [(one.requirement, one.left) for one in found] == [("completes", -0.5)]

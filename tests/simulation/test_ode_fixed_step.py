@@ -6,10 +6,23 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from afl_mujoco import CONTROLLERS, acceleration, simulate_ode, simulate_ode_held, simulate_ode_rk4
+from afl_mujoco import (
+    CONTROLLERS,
+    GainGrid,
+    Scenario,
+    StateFeedback,
+    acceleration,
+    simulate_ode,
+    simulate_ode_held,
+    simulate_ode_rk4,
+    staircase,
+)
+from afl_mujoco.control.compiled_controller import LINEAR
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.scenario.disturbances import Impulse
+from afl_mujoco.simulation.ode_fixed_step import Holds
 
 STEP_SIZES = (4e-3, 2e-3, 1e-3, 5e-4)
 HELD_STEP = 2e-3
@@ -115,3 +128,25 @@ def test_one_substep_is_enough_to_run_and_more_are_closer(smooth_scenario, adapt
         simulate_ode_held(smooth_scenario, adaptive, substeps=n).state for n in (1, 2, 8)
     )
     assert 8.0 < np.abs(one - many).max() / np.abs(two - many).max() < 32.0
+
+
+def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
+    """M falls to a milligram under a force that is followed: the second step ends beyond limits."""
+    lighter = staircase((0.02,), (1.0, 1e-6))
+    scenario = Scenario(
+        name="lost", cart_mass=lighter, initial_state=(1.0, 0.1, 0.0, 0.0), duration=0.1
+    )
+    gains = GainGrid.constant((1e3, 0.0, 0.0, 0.0))
+    spring = StateFeedback(name="spring", kind=LINEAR, gains=gains)
+    own = PythonController(name="own", function=lambda time, state, belief: -1e3 * state[0])
+    for controller in (spring, own):
+        run = simulate_ode_held(scenario, controller, timestep=0.02, holds=Holds(), substeps=1)
+        assert str(run.outcome) == "diverged at t = 0.02 s"
+        np.testing.assert_allclose(run.force, -1e3 * run.state[:, 0], rtol=1e-15)
+        assert len(run.force) == 2
+
+
+def test_with_nothing_held_it_is_the_closed_loop(odd_scenario, adaptive):
+    run = simulate_ode_held(odd_scenario, adaptive, timestep=HELD_STEP, holds=Holds())
+    reference = simulate_ode(odd_scenario, adaptive, sample_period=HELD_STEP)
+    assert np.abs(run.state[-1] - reference.state[-1]).max() < 1e-9

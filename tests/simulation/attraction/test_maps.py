@@ -326,3 +326,10 @@ def test_a_setting_that_breaks_its_rule_is_named_in_one_line(call, message: str)
     with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_a_dwell_of_one_step_ends_a_run_after_it() -> None:
+    settling = Settling(dwell=2e-3)
+    found = MAPS["MuJoCo"](states(3), afl.CONTROLLERS["lqr"], settling=settling)
+    assert found.outcome[1, 1] == SETTLED
+    assert found.time[1, 1] == 2e-3
