@@ -22,7 +22,7 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.laboratory import LABORATORY
-from afl_mujoco.scenario.parameters import departures
+from afl_mujoco.scenario.parameters import departures, require_type
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
@@ -173,6 +173,7 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
     FileError
         If the file cannot be written.
     """
+    require_type("scenario", scenario, Scenario)
     table = scenario_to_table(scenario)
     if replay is not None:
         table["replay"] = {name: value for name, value in asdict(replay).items() if value}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -11,6 +12,7 @@ import numpy as np
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.sampling import steps, time_grid, whole_steps
 from afl_mujoco.scenario.scenario import Scenario, Segment
@@ -31,7 +33,7 @@ MODES = ("exact", "continuous", "sampled")
 
 
 def simulate_mujoco(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     controller: Any,
     mode: str = "exact",
     *,
@@ -47,7 +49,7 @@ def simulate_mujoco(
     Parameters
     ----------
     scenario
-        What happens.
+        What happens: a scenario, a name of the catalogue, or the path of a file.
     controller
         The controller: a name, ``module:attribute``, a function, a class or factory, or a
         `Controller`.
@@ -83,7 +85,7 @@ def simulate_mujoco(
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)
-    controller = as_controller(controller)
+    scenario, controller = as_scenario(scenario), as_controller(controller)
     if mode != "sampled":
         scenario.require_ideal()
         require_stateless(controller, f"{mode} mode")

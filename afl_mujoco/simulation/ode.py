@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from afl_mujoco.plant.dynamics import (
     velocity_jump,
 )
 from afl_mujoco.plant.stretching_rod import stretching_accelerations
+from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import time_grid
@@ -51,7 +53,7 @@ SAMPLE_PERIOD = 1e-3
 
 
 def simulate_ode(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     controller: Any,
     *,
     sample_period: float = SAMPLE_PERIOD,
@@ -66,7 +68,7 @@ def simulate_ode(
     Parameters
     ----------
     scenario
-        What happens.
+        What happens: a scenario, a name of the catalogue, or the path of a file.
     controller
         The controller, evaluated continuously in time; as `simulate_mujoco` takes it.
     sample_period
@@ -90,6 +92,7 @@ def simulate_ode(
         If a setting breaks its rule.
     """
     change, controller = ParameterChange(dynamics=dynamics, jumps=jumps), as_controller(controller)
+    scenario = as_scenario(scenario)
     times, states, outcome = solve_ode(
         scenario,
         controller,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.compiled_controller import force_from_inputs
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.sampling import Steps, parameters_in, steps, whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.python_controller_rk4 import integrate_python_controller
@@ -61,13 +63,15 @@ class Holds:
     disturbance: bool = False
 
 
-def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1e-3) -> Trajectory:
+def simulate_ode_rk4(
+    scenario: Scenario | str | Path, controller: Any, *, timestep: float = 1e-3
+) -> Trajectory:
     """Integrate the closed loop by textbook RK4, with a step ending at every breakpoint.
 
     Parameters
     ----------
     scenario, controller
-        The scenario, and the controller as `simulate_mujoco` takes it.
+        Both as `simulate_mujoco` takes them.
     timestep
         The longest step [s].
 
@@ -76,6 +80,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1
     Trajectory
         The run.
     """
+    scenario = as_scenario(scenario)
     scenario.require_ideal()
     require_stateless(controller := as_controller(controller), "the ODE")
     grid = steps(scenario, timestep)
@@ -91,7 +96,7 @@ def simulate_ode_rk4(scenario: Scenario, controller: Any, *, timestep: float = 1
 
 
 def simulate_ode_held(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     controller: Any,
     *,
     timestep: float = 1e-3,
@@ -104,7 +109,7 @@ def simulate_ode_held(
     Parameters
     ----------
     scenario, controller
-        The scenario, and the controller as `simulate_mujoco` takes it.
+        Both as `simulate_mujoco` takes them.
     timestep
         Physics step, over which parameters and disturbances are held [s].
     control_period
@@ -124,8 +129,8 @@ def simulate_ode_held(
     InvalidValueError
         If a setting breaks its rule.
     """
+    scenario, controller = as_scenario(scenario), as_controller(controller)
     scenario.require_ideal()
-    controller = as_controller(controller)
     if substeps < 1:
         raise InvalidValueError("substeps", "must be at least 1", substeps)
     if holds is None:

@@ -2,12 +2,14 @@
 
 from functools import partial
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import afl_mujoco as afl
 from afl_mujoco import SCENARIOS, Scenario, load_scenario, piecewise_linear, save_scenario
-from afl_mujoco.errors import AflMujocoError, FileError
+from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfections
@@ -256,3 +258,29 @@ def test_a_file_that_cannot_be_written_is_an_error_and_leaves_nothing(tmp_path):
     with pytest.raises(FileError, match=r"cannot be written: no such file or directory$"):
         save_scenario(SCENARIOS["nominal"], tmp_path / "missing" / "s.toml")
     assert list(tmp_path.iterdir()) == []
+
+
+RUNS = {
+    "simulate_mujoco": afl.simulate_mujoco,
+    "simulate_ode": afl.simulate_ode,
+    "simulate_ode_rk4": afl.simulate_ode_rk4,
+    "simulate_ode_held": afl.simulate_ode_held,
+    "run_rollouts": lambda scenario, controller: afl.run_rollouts([scenario], controller),
+}
+
+
+@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
+def test_every_simulator_takes_the_path_of_a_file_or_a_name(tmp_path, run):
+    scenario = afl.Scenario(name="mine", duration=0.02)
+    save_scenario(scenario, path := tmp_path / "mine.toml")
+    of_path, of_text, of_object = (run(x, "lqr") for x in (path, str(path), scenario))
+    last = "end_time" if run is RUNS["run_rollouts"] else "state"
+    for found in (of_path, of_text):
+        np.testing.assert_array_equal(getattr(found, last), getattr(of_object, last))
+    with pytest.raises(AflMujocoError, match="did you mean nominal"):
+        run("nominall", "lqr")
+
+
+def test_only_a_scenario_is_written(tmp_path):
+    with pytest.raises(InvalidValueError, match=r"^scenario must be of type Scenario"):
+        save_scenario("nominal", tmp_path / "x.toml")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.execution.threads import Task, require_threads, share
+from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sampling import SNAP
@@ -79,7 +81,7 @@ class Rollouts:
 
 
 def run_rollouts(
-    scenarios: Sequence[Scenario],
+    scenarios: Sequence[Scenario | str | Path],
     controller: Any,
     *,
     timestep: float = 1e-3,
@@ -97,7 +99,7 @@ def run_rollouts(
     scenarios
         The scenarios, with their imperfections.
     controller
-        The controller, as `simulate_mujoco` takes it.
+        The controller; both as `simulate_mujoco` takes them.
     timestep, control_period, integrator
         As in `simulate_mujoco`.
     threads
@@ -116,14 +118,15 @@ def run_rollouts(
     """
     require_threads(threads)
     controller = as_controller(controller)
-    count = len(scenarios)
+    found = [as_scenario(scenario) for scenario in scenarios]
+    count = len(found)
     status = np.zeros(count, dtype=np.int64)
     figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:-1]}
     judged: list[tuple[Judgement, ...]] = [()] * count
     settings: Any = {"timestep": timestep, "control_period": control_period}
 
     def run(model: CartPoleModel, i: int) -> None:
-        scenario = scenarios[i]
+        scenario = found[i]
         model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
         prepared = prepare(scenario, controller, **settings)
         asked = scenario.requirements != NONE

@@ -347,7 +347,7 @@ def _overview(result: Result) -> Table:
     ]
     marks: dict[Status, str] = {
         "bad": "✗: it fails on the reference hardware",
-        "neutral": f"◐: it {_passes(result)} there with less than 3 times to spare"
+        "neutral": f"◐: it {_passes(result)} at the reference level with less than 3 times to spare"
         + (", or does not settle" if result.settling else ""),
     }
     present = {cell.status for row in cells for cell in row}
