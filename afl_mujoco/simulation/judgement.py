@@ -14,7 +14,7 @@ from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.requirements import UNITS, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, STATE_LIMIT, Trajectory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,7 +181,7 @@ def _rest(
 
 def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
     """Return remarks on a run that no requirement makes, one sentence each."""
-    remarks = [*controller.remarks(scenario.assumed_plants), *_delayed(scenario)]
+    remarks = [*controller.remarks(scenario.assumed_plants), *_delayed(scenario), *_ended(run)]
     end = scenario.imperfections.rail_half_length
     if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
         return remarks
@@ -190,6 +190,17 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *remarks,
         f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s",
     ]
+
+
+def _ended(run: Trajectory) -> list[str]:
+    """Remark on an end that the outcome alone does not explain."""
+    kind, time = run.outcome.kind, run.outcome.time
+    if kind == FELL and time == 0.0:
+        return ["the pole lies at the start, beyond 90°, where every run ends as fallen"]
+    if kind == DIVERGED and not abs(force := run.force[-1]) < STATE_LIMIT:
+        rule = f"a run ends where it is no number or {STATE_LIMIT:g} N and more"
+        return [f"the force was {force:g} N at {time:.3g} s; {rule}"]
+    return []
 
 
 def _delayed(scenario: Scenario) -> list[str]:

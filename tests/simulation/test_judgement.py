@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -147,3 +148,25 @@ def test_a_delay_is_remarked_on_from_the_time_on_in_which_the_pole_leans_e_times
 def test_a_fall_just_before_the_end_is_short_by_what_is_left():
     found = judge(dataclasses.replace(SCENARIO, requirements=Requirements()), made(end=9.5))
     assert [(one.requirement, one.left) for one in found] == [("completes", -0.5)]
+
+
+@pytest.mark.parametrize(
+    ("start", "force", "expected"),
+    [
+        (2.0, 0.0, "the pole lies at the start, beyond 90°, where every run ends as fallen"),
+        (0.1, math.nan, "the force was nan N at 0.02 s; a run ends where it is no number or"),
+        (0.1, -math.inf, "the force was -inf N at 0.02 s"),
+        (0.1, 3e6, "the force was 3e+06 N at 0.02 s"),
+        (0.1, 1.0, None),
+    ],
+)
+def test_why_a_run_ended_is_said_where_the_outcome_does_not_say_it(start, force, expected) -> None:
+    def own(time, state, belief):
+        return force if time > 0.015 else 0.0
+
+    scenario = afl.Scenario(name="ends", initial_state=(0.0, start, 0.0, 0.0), duration=0.1)
+    run = afl.simulate_mujoco(scenario, own, "sampled", control_period=0.02)
+    found = remarks_on(run, scenario, afl.CONTROLLERS["lqr"])
+    assert len(found) == (expected is not None)
+    if expected:
+        assert found[0].startswith(expected)
