@@ -170,3 +170,14 @@ def test_why_a_run_ended_is_said_where_the_outcome_does_not_say_it(start, force,
     assert len(found) == (expected is not None)
     if expected:
         assert found[0].startswith(expected)
+
+
+@pytest.mark.parametrize(("end", "said"), [(1.0, True), (1.5, True), (1.51, False), (None, False)])
+def test_a_cart_at_its_end_stop_is_remarked_on(end, said) -> None:
+    scenario = dataclasses.replace(SCENARIO, imperfections=Imperfections(rail_half_length=end))
+    run = made(z=lambda t: -1.5 * (t == 2.0))
+    found = remarks_on(run, scenario, afl.CONTROLLERS["fixed-retuned"])
+    stopped = [one for one in found if one.startswith("the cart hits the end stop")]
+    assert len(stopped) == said
+    if said:
+        assert stopped[0].endswith(f" {end:g} m from the middle, first at 2 s")
