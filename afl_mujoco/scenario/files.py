@@ -170,6 +170,8 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
 
     Raises
     ------
+    InvalidValueError
+        If it is no scenario.
     FileError
         If the file cannot be written.
     """

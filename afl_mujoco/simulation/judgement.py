@@ -14,7 +14,13 @@ from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.requirements import UNITS, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, STATE_LIMIT, Trajectory
+from afl_mujoco.simulation.trajectory import (
+    COMPLETED,
+    DIVERGED,
+    FALL_ANGLE,
+    STATE_LIMIT,
+    Trajectory,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,12 +200,12 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
 
 def _ended(run: Trajectory) -> list[str]:
     """Remark on an end that the outcome alone does not explain."""
-    kind, time = run.outcome.kind, run.outcome.time
-    if kind == FELL and time == 0.0:
-        return ["the pole lies at the start, beyond 90°, where every run ends as fallen"]
-    if kind == DIVERGED and not abs(force := run.force[-1]) < STATE_LIMIT:
-        rule = f"a run ends where it is no number or {STATE_LIMIT:g} N and more"
-        return [f"the force was {force:g} N at {time:.3g} s; {rule}"]
+    phi, force = np.degrees(run.state[0, 1]), run.force[-1]
+    if abs(run.state[0, 1]) >= FALL_ANGLE:
+        return [f"the pole lies at the start, φ = {phi:.4g}°; every run ends as fallen at 90°"]
+    if run.outcome.kind == DIVERGED and not abs(force) < STATE_LIMIT:
+        rule = f"a run ends where it is not below {STATE_LIMIT:g} N or not a number"
+        return [f"the force was {force:g} at {run.outcome.time:.3g} s; {rule}"]
     return []
 
 

@@ -153,16 +153,17 @@ def test_a_fall_just_before_the_end_is_short_by_what_is_left():
 @pytest.mark.parametrize(
     ("start", "force", "expected"),
     [
-        (2.0, 0.0, "the pole lies at the start, beyond 90°, where every run ends as fallen"),
-        (0.1, math.nan, "the force was nan N at 0.02 s; a run ends where it is no number or"),
-        (0.1, -math.inf, "the force was -inf N at 0.02 s"),
-        (0.1, 3e6, "the force was 3e+06 N at 0.02 s"),
+        (2.0, 0.0, "the pole lies at the start, φ = 114.6°; every run ends as fallen at 90°"),
+        (0.1, math.nan, "the force was nan at 0.02 s; a run ends where it is not below 1e+06 N or"),
+        (0.1, -math.inf, "the force was -inf at 0.02 s; "),
+        (0.1, 3e6, "the force was 3e+06 at 0.02 s; "),
+        (1.45, math.nan, None),  # fell at once, but the pole did not lie
         (0.1, 1.0, None),
     ],
 )
 def test_why_a_run_ended_is_said_where_the_outcome_does_not_say_it(start, force, expected) -> None:
     def own(time, state, belief):
-        return force if time > 0.015 else 0.0
+        return force if time > 0.015 or start > 1.4 else 0.0
 
     scenario = afl.Scenario(name="ends", initial_state=(0.0, start, 0.0, 0.0), duration=0.1)
     run = afl.simulate_mujoco(scenario, own, "sampled", control_period=0.02)
