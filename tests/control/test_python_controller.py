@@ -327,6 +327,15 @@ def test_a_controller_without_a_force_ends_the_run_as_diverged(smooth_scenario, 
     assert np.isfinite(run.state).all()
 
 
+@pytest.mark.parametrize("lost", [0.3, 0.302], ids=["at a step", "within a step"])
+def test_a_run_without_a_force_has_one_for_every_state(smooth_scenario, lost):
+    own = controller_of(lambda time, *_: math.nan if time > lost + 1e-9 else 0.25)
+    run = afl.simulate_ode_rk4(smooth_scenario, own, timestep=4e-3)
+    assert run.outcome.kind == "diverged"
+    assert len(run.force) == len(run.state) == len(run.time)
+    np.testing.assert_array_equal(run.force, 0.25)
+
+
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 def test_a_controller_that_does_nothing_lets_the_pole_fall(smooth_scenario, simulate):
     assert simulate(smooth_scenario, controller_of(lambda *_: 0.0)).outcome.kind == "fell"

@@ -123,11 +123,24 @@ def test_steps_that_do_not_fit_are_refused(smooth_scenario, adaptive):
         simulate_ode_held(smooth_scenario, adaptive, substeps=0)
 
 
-def test_one_substep_is_enough_to_run_and_more_are_closer(smooth_scenario, adaptive):
+@pytest.mark.parametrize("kind", ["smooth_scenario", "odd_scenario"])
+def test_one_substep_is_enough_to_run_and_more_are_closer(kind, request, adaptive):
+    """By the fourth order, with the force held and M and l followed within every step."""
+    scenario, holds = request.getfixturevalue(kind), Holds(control_period=1e-3)
     one, two, many = (
-        simulate_ode_held(smooth_scenario, adaptive, substeps=n).state for n in (1, 2, 8)
+        simulate_ode_held(scenario, adaptive, holds=holds, substeps=n).state for n in (1, 2, 8)
     )
     assert 8.0 < np.abs(one - many).max() / np.abs(two - many).max() < 32.0
+
+
+def test_a_breakpoint_just_before_an_instant_is_not_that_instant(smooth_scenario, adaptive):
+    heavier = staircase((0.5 - 5e-7,), (1.37, 1.6))
+    scenario = replace(smooth_scenario, cart_mass=heavier, initial_state=(0.0, 0.1, 2.0, 0.0))
+    run = simulate_ode_held(scenario, adaptive, timestep=HELD_STEP, holds=Holds(), substeps=8)
+    reference = simulate_ode(scenario, adaptive, sample_period=HELD_STEP)
+    at = np.searchsorted(reference.time, run.time - 1e-9)
+    np.testing.assert_allclose(run.time, reference.time[at], atol=1e-9)
+    np.testing.assert_allclose(run.state, reference.state[at], rtol=0, atol=1e-8)
 
 
 def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
