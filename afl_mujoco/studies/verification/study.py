@@ -43,15 +43,11 @@ class Validate:
 
 def check(configuration: Validate) -> None:
     """Raise if the configuration breaks a rule."""
-    from afl_mujoco.scenario.catalogue import SCENARIOS
-    from afl_mujoco.scenario.files import find_scenario
-
-    for name in configuration.scenarios or SCENARIOS:  # before what is slow to import
-        find_scenario(name)
+    asked = _asked(configuration)  # unknown names first: what follows is slow to import
 
     from afl_mujoco.studies.cases import require_runnable
 
-    require_runnable(*_asked(configuration))
+    require_runnable(*asked)
 
 
 def run(configuration: Validate, *, workers: int = 1, progress: Progress = silent) -> Result:
@@ -71,18 +67,21 @@ def run(configuration: Validate, *, workers: int = 1, progress: Progress = silen
 
 def _asked(configuration: Validate) -> tuple[list[Scenario], list[Controller], Settings]:
     """Return what a configuration asks for."""
-    from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.scenario.catalogue import SCENARIOS
     from afl_mujoco.scenario.files import find_scenario
-    from afl_mujoco.studies.cases import Settings
 
     asked = configuration
+    scenarios = [find_scenario(name) for name in asked.scenarios or SCENARIOS]
+
+    from afl_mujoco.control.catalogue import find_controller
+
+    controllers = [find_controller(name, asked.gain_labels) for name in asked.controllers]
+
+    from afl_mujoco.studies.cases import Settings
+
     period = asked.timestep if asked.control_period is None else asked.control_period
-    return (
-        [find_scenario(name) for name in asked.scenarios or SCENARIOS],
-        [find_controller(name, asked.gain_labels) for name in asked.controllers],
-        Settings(timestep=asked.timestep, control_period=period, full=asked.full),
-    )
+    settings = Settings(timestep=asked.timestep, control_period=period, full=asked.full)
+    return scenarios, controllers, settings
 
 
 STUDY = Study(
