@@ -400,6 +400,12 @@ class Imperfections:
         for name, declaration in DECLARATIONS.items():
             object.__setattr__(self, name, declaration.rule(name, getattr(self, name)))
 
+    @property
+    def noisy(self) -> bool:
+        """Whether a run draws random numbers, so that another seed gives another run."""
+        seeded = {name for one in IMPERFECTIONS if one.seeded for name in one.fields}
+        return any(getattr(self, name) for name in seeded)
+
     __repr__ = short_repr
 
 

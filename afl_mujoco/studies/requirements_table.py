@@ -45,18 +45,26 @@ def in_words(scenario: Scenario) -> list[str]:
 
 
 def tally(runs: Sequence[JudgedRun]) -> str:
-    """Say how many requirements are met, and which runs miss one."""
+    """Say how many requirements are met, or runs complete, and which runs miss one."""
     total = sum(len(run.requirements) for run in runs)
     missing = [run for run in runs if run.missed]
     if not total:
         return "no requirements are asked for"
+    noun, met, unmet = "requirement", ("is met", "are met"), ("is not met", "are not met")
+    if alone := all(one.requirement == "completes" for run in runs for one in run.requirements):
+        noun, met, unmet = (
+            "run",
+            ("completes", "complete"),
+            ("does not complete", "do not complete"),
+        )
     if not missing:
-        return f"all {total} requirements are met" if total > 1 else "the one requirement is met"
+        found = f"all {total} {noun}s {met[1]}" if total > 1 else f"the one {noun} {met[0]}"
+        return f"{found}, and nothing else is required" if alone else found
     missed = sum(len(run.missed) for run in missing)
     cases = [f"{run.controller} on {run.scenario}{_ending(run)}" for run in missing[:MOST]]
     cases += [f"{len(missing) - MOST} more"] if len(missing) > MOST else []
-    are = "is" if missed == 1 else "are"
-    return f"{missed} of {total} requirements {are} not met: {listed(cases, 'and')}"
+    which = f"{missed} of {total} {noun}s" if total > 1 else f"the one {noun}"
+    return f"{which} {unmet[missed > 1]}: {listed(cases, 'and')}"
 
 
 def _ending(run: JudgedRun) -> str:

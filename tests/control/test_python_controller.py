@@ -530,7 +530,13 @@ def factory():
     return Integrating()
 
 
-STATEFUL = {"class": Integrating, "factory": factory, "instance with reset()": Resettable()}
+STATEFUL = {
+    "class": Integrating,
+    "factory": factory,
+    "instance with reset()": Resettable(),
+    "instance": Integrating(),
+    "method": Integrating().__call__,
+}
 
 
 @pytest.mark.parametrize("given", STATEFUL.values(), ids=list(STATEFUL))
@@ -546,14 +552,40 @@ def test_memory_is_fresh_in_every_run(smooth_scenario, given):
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
-def test_memory_is_refused_where_it_is_undefined(smooth_scenario, simulate):
-    own = controller_of(Integrating)
+@pytest.mark.parametrize("given", STATEFUL.values(), ids=list(STATEFUL))
+def test_memory_is_refused_where_it_is_undefined(smooth_scenario, given, simulate):
+    own = controller_of(given)
     try:
         simulate(smooth_scenario, own)
     except InvalidValueError as error:
         assert str(error).startswith("controller 'mine' is stateful, which ")
     else:
         assert simulate in (SIMULATORS["sampled"], SIMULATORS["held"])
+
+
+class Gains:
+    """Remembers nothing that changes an answer; keeps a gain that it computes once."""
+
+    def __init__(self, gain):
+        self.gain, self.calls = gain, None
+
+    def __call__(self, time, state, belief):
+        self.calls = (self.calls or 0) + 1
+        return self.gain * state[1] + time
+
+
+class Lost(Gains):
+    def __call__(self, time, state, belief):
+        raise SystemExit
+
+
+def test_an_instance_that_remembers_nothing_runs_everywhere(smooth_scenario):
+    given = Gains(3.0)
+    for simulate in SIMULATORS.values():
+        assert simulate(smooth_scenario, given).outcome.kind == "fell"
+    assert not controller_of(Lost(1.0)).stateful
+    uncopied = Gains(threading.Lock())
+    assert not controller_of(uncopied).stateful
 
 
 def test_a_class_is_loaded_by_name_and_made_anew_in_a_worker(module):

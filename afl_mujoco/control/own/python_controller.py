@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import hashlib
 import inspect
 import math
 import signal
 import threading
 import time as clock
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +23,7 @@ from afl_mujoco.control.compiled_controller import CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.scenario.parameters import (
+    NOMINAL,
     CartPoleParameters,
     PlantRange,
     require_positive,
@@ -56,15 +59,18 @@ class PythonController(Controller):
         Name for reports and files.
     function
         ``function(time, state, belief) -> force``; or a class or factory without arguments whose
-        instances are such functions, one for each run; or such an instance with a method
-        ``reset()``, called before each run. NaN, or a `ControllerDomainError`, says that it has no
-        force there, and ends the run.
+        instances are such functions, one for each run; or such an instance: each run resets it by
+        its method ``reset()``, or has a copy of it. NaN, or a `ControllerDomainError`, says that
+        it has no force there, and ends the run.
     belief
         Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t).
     call_limit
         How long one call may take [s].
     spec
         ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this.
+    stateful
+        Whether what it answers depends on earlier calls; by default it does for a class, a factory
+        and an instance with ``reset()``, and a copy of any other instance is tried.
     """
 
     name: str
@@ -72,6 +78,7 @@ class PythonController(Controller):
     belief: CartPoleParameters | None = None
     call_limit: float = CALL_LIMIT
     spec: str | None = None
+    stateful: bool = None  # type: ignore[assignment]
     interpreted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -79,16 +86,37 @@ class PythonController(Controller):
         require_type("controller name", self.name, str)
         require_type("belief", self.belief, CartPoleParameters | None)
         require_positive("call_limit", self.call_limit)
-        self._fresh()
-
-    @property
-    def stateful(self) -> bool:
-        """Whether it is made, or reset, for each run."""
-        return _makes_controllers(self.function) or callable(getattr(self.function, "reset", None))
+        if self.stateful is None:
+            self._fresh()
+            object.__setattr__(self, "stateful", self._remembers())
 
     def start(self) -> PythonController:
-        """Return the controller for one run: made anew or reset, if it is stateful."""
-        return replace(self, function=self._fresh()) if self.stateful else self
+        """Return the controller for one run: made anew, reset or copied, if it is no function."""
+        fresh = self._fresh()
+        return self if fresh is self.function else replace(self, function=fresh)
+
+    def _remembers(self) -> bool:
+        """Return whether what the function answers depends on earlier calls, as far as trials tell.
+
+        A function is taken to remember nothing: no trial of it could be undone.
+        """
+        function = self.function
+        if _makes_controllers(function) or callable(getattr(function, "reset", None)):
+            return True
+        if (tried := _copied(function)) is function:
+            return False
+        try:
+            with warnings.catch_warnings(), _limited(self.call_limit):
+                warnings.simplefilter("ignore")
+                belief = self.belief or NOMINAL
+                for time, state in _TRIALS:
+                    answer = tried(time, np.array(state), belief)
+                alone = _copied(function)(time, np.array(state), belief)
+            return not np.array_equal(answer, alone)
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # the run will tell what it is
+            return False
 
     def _fresh(self) -> Function:
         """Return the function for one run, or raise if there is none."""
@@ -98,6 +126,8 @@ class PythonController(Controller):
                 function = function()
             elif callable(reset := getattr(function, "reset", None)):
                 reset()
+            else:
+                function = _copied(function)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -192,7 +222,8 @@ class PythonController(Controller):
     def __reduce__(self) -> Any:
         """Pickle a controller that was loaded by name by that name."""
         function = self.function if self.spec is None else None
-        return _restored, (self.name, function, self.belief, self.call_limit, self.spec)
+        fields = (self.name, function, self.belief, self.call_limit, self.spec, self.stateful)
+        return _restored, fields
 
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance: its name and a hash of its file."""
@@ -205,6 +236,9 @@ class PythonController(Controller):
             "belief": assumed_as_data(self.belief),
         }
 
+
+_TRIALS = tuple((0.01 * k, (0.1, 0.2 * (-1) ** k, -0.3, 0.4)) for k in range(6))
+"""Times [s] and states of the calls that show whether a controller remembers."""
 
 _ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
 
@@ -224,6 +258,7 @@ def _restored(
     belief: CartPoleParameters | None,
     call_limit: float,
     spec: str | None,
+    stateful: bool,
 ) -> PythonController:
     """Return a controller from its pickled fields, its function loaded again by its name."""
     if spec is not None:
@@ -231,8 +266,21 @@ def _restored(
 
         function = load_attribute(spec)
     return PythonController(
-        name=name, function=function, belief=belief, call_limit=call_limit, spec=spec
+        name=name,
+        function=function,
+        belief=belief,
+        call_limit=call_limit,
+        spec=spec,
+        stateful=stateful,
     )
+
+
+def _copied(function: Any) -> Any:
+    """Return a deep copy of an instance; what has no copy, as a function, is returned itself."""
+    try:
+        return copy.deepcopy(function)
+    except Exception:
+        return function
 
 
 def _makes_controllers(function: Any) -> bool:

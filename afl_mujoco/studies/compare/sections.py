@@ -19,7 +19,7 @@ from afl_mujoco.document.blocks import (
     Verdict,
     good_or_bad,
 )
-from afl_mujoco.document.numbers import short
+from afl_mujoco.document.numbers import listed, short
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import departures_text, describe
@@ -43,7 +43,10 @@ MISSES = "At least one controller misses a requirement of its scenario."
 
 def verdict(result: Result) -> Verdict:
     """Return whether every controller meets every requirement."""
-    return Verdict(result.passed, tally(result.runs), MEETS if result.passed else MISSES)
+    noted = [run for run in result.runs if run.remarks and not run.missed]
+    cases = list(dict.fromkeys(run.controller for run in noted))
+    also = f"; see what is remarked on {listed(cases, 'and')}" if cases else ""
+    return Verdict(result.passed, tally(result.runs) + also, MEETS if result.passed else MISSES)
 
 
 def sections(result: Result) -> list[Section]:
@@ -74,10 +77,12 @@ def _deployment(result: Result, scenario: Scenario) -> str:
     period = control_period_of(scenario, result.control_period, result.timestep)
     ideal = scenario.imperfections == IDEAL
     hardware = "ideal" if ideal else f"with {departures_text(scenario.imperfections)}"
+    seed = scenario.imperfections.seed
+    noise = f" One draw of the noise, seed {seed}." if scenario.imperfections.noisy else ""
     return (
         f"As deployed in MuJoCo, {hardware}: "
         f"force held for {short(1e3 * period)} ms, physics steps of "
-        f"{short(1e3 * result.timestep)} ms ({result.integrator})."
+        f"{short(1e3 * result.timestep)} ms ({result.integrator}).{noise}"
     )
 
 
@@ -86,6 +91,7 @@ def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
     runs = result.runs_on(scenario)
     blocks: list[Block] = [
         Finding(scenario.name, finding(runs)),
+        *(Text(f"`{run.controller}`: {remark}") for run in runs for remark in run.remarks),
         Text(_deployment(result, scenario)),
         requirements_table(runs),
     ]
@@ -100,7 +106,6 @@ def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
             )
         )
     blocks.append(_metrics(runs, scenario))
-    blocks += [Text(f"`{run.controller}`: {remark}") for run in runs for remark in run.remarks]
     facts = Facts([Fact(label, text) for label, text in describe(scenario)])
     blocks.append(Section("The scenario", f"compare-{number}-scenario", [facts], folded=True))
     return Section(scenario.name, f"compare-{number}", blocks)

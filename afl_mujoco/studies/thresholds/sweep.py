@@ -46,9 +46,6 @@ from afl_mujoco.studies.thresholds.study import DEFAULT, QUICK, Thresholds
 
 SCENARIO, DELAY = "step-step", "delay"
 
-NOISE = {field for one in IMPERFECTIONS if one.seeded for field in one.fields}
-"""Fields of a scenario's imperfections that draw random numbers."""
-
 METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 """Metrics of a run, in SI units, as in `Rollouts`."""
 
@@ -110,8 +107,8 @@ def sweep_combined(unit: tuple[Controller, Scenarios, Settings]) -> tuple[Verdic
 
 def seeds(seeded: bool, scenarios: Scenarios, settings: Settings) -> range:
     """Return the seeds that must be survived; one where nothing is random."""
-    noisy = any(getattr(s.imperfections, name) for s in scenarios for name in NOISE)
-    return range(settings.seeds if seeded or noisy else 1)
+    noisy = seeded or any(scenario.imperfections.noisy for scenario in scenarios)
+    return range(settings.seeds if noisy else 1)
 
 
 def on_hardware(scenarios: Scenarios, hardware: Sequence[Imperfections]) -> list[Scenario]:

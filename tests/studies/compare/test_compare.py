@@ -161,6 +161,21 @@ def test_the_words_are_those_of_the_runs(result) -> None:
     assert not verdict(result).passed
 
 
+def test_a_remark_on_a_run_that_meets_everything_is_in_the_last_line(result) -> None:
+    good = next(run for run in result.runs if not run.missed)
+    for remarks, said in (((), "met"), (("it hits the end stop",), "remarked on lqr")):
+        runs = (replace(good, remarks=remarks),)
+        assert verdict(replace(result, runs=runs, curves={})).text.endswith(said)
+
+
+def test_one_draw_of_noise_is_called_one() -> None:
+    for noise, said in ((0.0, 0), (1e-4, 1)):
+        imperfections = afl.Imperfections(noise_phi=noise, seed=7)
+        scenario = afl.Scenario(name="one", duration=0.1, imperfections=imperfections)
+        text = to_markdown(sections(compare(scenario, "lqr")))
+        assert text.count("One draw of the noise, seed 7.") == said
+
+
 def test_where_a_settling_time_is_required_no_other_is_shown(result) -> None:
     free = replace(result.scenarios[0], requirements=Requirements())
     shown = [

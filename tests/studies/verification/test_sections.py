@@ -109,14 +109,17 @@ def judged(outcome: str, left: float) -> JudgedRun:
 def test_the_verdict_says_both_whether_codes_agree_and_whether_requirements_are_met() -> None:
     good, fell = judged("completed", 0.0), judged("fell at t = 0.7 s", -1.3)
     result = replace(make_result(), requirements=(good,))
-    assert verdict(result).text == "all 22 checks hold; the one requirement is met"
+    assert (
+        verdict(result).text
+        == "all 22 checks hold; the one run completes, and nothing else is required"
+    )
     assert verdict(result).passed
     assert "Requirements" not in {section.title for section in sections(result)}
     checks = result.checks
     missed = replace(result, requirements=(fell,), verdict=verdict_of(checks, requirements=(fell,)))
     assert missed.verdict == "fail"
     assert verdict(missed).text == (
-        "all 22 checks hold; 1 of 1 requirements is not met: adaptive on step-step (fell at t = "
+        "all 22 checks hold; the one run does not complete: adaptive on step-step (fell at t = "
         "0.7 s)"
     )
     assert findings(missed)["step-step"] == "The controller `adaptive` fell at t = 0.7 s."
@@ -127,7 +130,7 @@ def test_the_verdict_says_both_whether_codes_agree_and_whether_requirements_are_
     with pytest.raises(ValueError, match="verdict must be 'fail'"):
         replace(missed, verdict="pass")
     both = replace(make_result(b3=3.4e-7), requirements=(fell,))
-    assert verdict(both).text.startswith("4 of 22 checks fail; 1 of 1 requirements is not met")
+    assert verdict(both).text.startswith("4 of 22 checks fail; the one run does not")
 
 
 def test_what_a_run_that_fell_did_not_do_is_no_merit_of_it() -> None:
