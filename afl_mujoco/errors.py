@@ -70,6 +70,8 @@ class AflMujocoError(Exception):
 
 def told(value: object, how: Callable[[Any], str] = str) -> str:
     """Return the text of an object of the user's, or the name of its type if it has no text."""
+    if type(value).__repr__ is object.__repr__ and type(value).__str__ is object.__str__:
+        return f"an object of class {type(value).__name__}"  # and no address
     try:
         return how(value)
     except Exception:
@@ -82,7 +84,8 @@ class InvalidValueError(AflMujocoError, ValueError):
 
 def meant(name: object, known: Sequence[str]) -> str:
     """Return a guess which name was meant, as the end of a message; empty if none is near."""
-    near = difflib.get_close_matches(str(name), known, n=2)
+    folded = {one.lower(): one for one in known}
+    near = [folded[one] for one in difflib.get_close_matches(str(name).lower(), folded, n=2)]
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 

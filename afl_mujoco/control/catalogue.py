@@ -189,7 +189,7 @@ def as_controller(controller: Any) -> Controller:
 def require_stateless(controller: Controller, where: str) -> None:
     """Raise if a controller is stateful, which only sampled mode supports."""
     if controller.stateful:
-        rule = f"is stateful, which {where} does not support; only sampled mode does"
+        rule = f'is stateful, which {where} does not support; only mode "sampled" does'
         raise InvalidValueError(f"controller {controller.name!r}", rule)
 
 
@@ -220,6 +220,9 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     if (base := name.removesuffix(ESTIMATED)) != name and base in INFORMED:
         controller = find_controller(base, gain_labels)
         return EstimatedController(name=f"{controller.name}{ESTIMATED}", controller=controller)
+    if name.endswith(".toml"):
+        rule = "must not be a scenario file: scenarios are given first"
+        raise InvalidValueError("controller", rule, name)
     if name not in CONTROLLERS:
         module, _, attribute = name.removesuffix(".py").rpartition(".")
         if module and attribute.isidentifier():

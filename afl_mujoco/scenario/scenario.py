@@ -282,7 +282,7 @@ class Scenario:
         """
         if self.imperfections != IDEAL:
             rule = (
-                "has imperfections, which only sampled mode simulates: run it as deployed with "
+                'has imperfections, which only mode "sampled" simulates: run it as deployed with '
                 "compare, or remove [imperfections]"
             )
             raise InvalidValueError(f"scenario {self.name!r}", rule)

@@ -148,8 +148,13 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """Return HTML for a notebook: how the run ended, and its figures in a table."""
-        rows = "".join(
-            f"<tr><td>{name}</td><td>{'–' if value is None else f'{value:.5g}'}</td></tr>"
+        from afl_mujoco.simulation.metrics import LABELS, unit_of
+
+        heads = ("metric", "value", "unit", "key of <code>metrics</code>")
+        head = "".join(f"<th>{one}</th>" for one in heads)
+        rows = f"<tr>{head}</tr>" + "".join(
+            f"<tr><td>{LABELS[name]}</td><td>{'–' if value is None else f'{value:.5g}'}</td>"
+            f"<td>{unit_of(name)}</td><td><code>{name}</code></td></tr>"
             for name, value in self.metrics.items()
         )
         title = html.escape(f"{self._title}: {self.outcome}")

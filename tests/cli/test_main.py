@@ -87,19 +87,19 @@ BAD_ARGUMENTS = {
     ),
     "controller with the estimator, judged": (
         ["validate", "short.toml", "--controllers", "adaptive-estimated"],
-        "controller 'adaptive-estimated' uses the estimator; only sampled mode ",
+        "controller 'adaptive-estimated' uses the estimator; only mode \"sampled\" ",
     ),
     "controller with the estimator, in the ODE": (
         ["simulate", "short.toml", "--simulator", "ode", "--controller", "lqr-estimated"],
-        "controller 'lqr-estimated' uses the estimator; only sampled mode ",
+        "controller 'lqr-estimated' uses the estimator; only mode \"sampled\" ",
     ),
     "controller with the estimator, in exact mode": (
         ["simulate", "short.toml", "--simulator", "exact", "--controller", "fixed-estimated"],
-        "controller 'fixed-estimated' uses the estimator; only sampled mode ",
+        "controller 'fixed-estimated' uses the estimator; only mode \"sampled\" ",
     ),
     "controller with the estimator, in continuous mode": (
         ["simulate", "short.toml", "--simulator", "continuous", "--controller", "fixed-estimated"],
-        "controller 'fixed-estimated' uses the estimator; only sampled mode ",
+        "controller 'fixed-estimated' uses the estimator; only mode \"sampled\" ",
     ),
     "unknown gain labels": (
         ["validate", "short.toml", "--gain-labels", "table3"],

@@ -390,11 +390,26 @@ def test_a_loaded_controller_reaches_a_worker_by_its_name(module):
         ("raise SystemExit(3)", "m:f", "cannot be imported: SystemExit: 3"),
         ("x = 1", "m:f", "which has no 'f'"),
         ("x = 1", "m:x", "must be callable, got 1"),
+        ("class C: pass\nx = C()", "m:x", "must be callable, got an object of class C"),
+        ("x = 1", "m.py:x", "must be given without .py; did you mean m:x?"),
         ("def f(t, x): return 0.0", "m:f", "must take (time, state, belief): "),
         ("x = 1", "m:", "must be module:attribute"),
         ("x = 1", "a-b:f", "must be module:attribute"),
     ],
-    ids=["none", "needs", "syntax", "raises", "exits", "lacks", "number", "two", "empty", "name"],
+    ids=[
+        "none",
+        "needs",
+        "syntax",
+        "raises",
+        "exits",
+        "lacks",
+        "number",
+        "object",
+        "file",
+        "two",
+        "empty",
+        "name",
+    ],
 )
 def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module):
     module("m", text)

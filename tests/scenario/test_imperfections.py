@@ -144,7 +144,7 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
         simulate(real, CONTROLLERS["fixed"])
     assert (
         str(caught.value)
-        == "scenario 'mine' has imperfections, which only sampled mode simulates: run it as "
+        == "scenario 'mine' has imperfections, which only mode \"sampled\" simulates: run it as "
         "deployed with compare, or remove [imperfections]"
     )
 

@@ -132,7 +132,9 @@ def test_a_run_knows_its_figures_and_says_what_it_is() -> None:
         k: v for k, v in metrics(short, controller, run).items() if k != "saturated_share"
     }
     assert repr(run) == "<Trajectory: <short>, lqr, mujoco sampled: completed, 1001 instants>"
-    assert "&lt;short&gt;, lqr" in run._repr_html_()
+    page = run._repr_html_()
+    assert "&lt;short&gt;, lqr" in page
+    assert f"<td>max |F|</td><td>{run.metrics['max_force']:.5g}</td><td>N</td>" in page
     assert [line.get_xdata()[-1] for line in run.plot().axes[0].lines] == [1.0]
 
 

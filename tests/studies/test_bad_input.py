@@ -176,7 +176,7 @@ CASES = {
             "control_period must be within the duration 20 s, got 40.0",
         ),
         (["--controllers", "integrating:Force"], "is stateful, which this comparison does not"),
-        (["real.toml"], "scenario 'real' has imperfections, which only sampled mode simulates"),
+        (["real.toml"], "scenario 'real' has imperfections, which only mode \"sampled\" simulates"),
     ],
     "thresholds": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),

@@ -65,7 +65,7 @@ class EstimatedController(Controller):
 
     def _refusal(self) -> InvalidValueError:
         """Return the error to raise where a form without the estimator is needed."""
-        rule = "uses the estimator; only sampled mode supports it"
+        rule = 'uses the estimator; only mode "sampled" supports it'
         return InvalidValueError(f"controller {self.name!r}", rule)
 
     def estimator_for(self, plants: PlantRange) -> Estimator:

@@ -29,6 +29,9 @@ def load_attribute(spec: str) -> Any:
     """Return the function, class, factory or instance that a module defines."""
     thing = f"controller {spec!r}"
     module_name, _, function_name = spec.partition(":")
+    if (stem := module_name.removesuffix(".py")) != module_name:
+        rule = f"must be given without .py; did you mean {stem}:{function_name}?"
+        raise InvalidValueError(thing, rule)
     if not all(x.isidentifier() for x in (*module_name.split("."), *function_name.split("."))):
         raise InvalidValueError(thing, "must be module:attribute")
     folder = os.getcwd()

@@ -100,7 +100,8 @@ def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
             Figure(
                 name=f"compare-{number}",
                 title="Over time",
-                caption="States, force and plant; dashed: limits of the requirements.",
+                caption="States, force and plant. Dashed: limits of the requirements; grey along "
+                "the curves: bands to come to rest in; grey across the panels: disturbances.",
                 alt=finding(runs),
                 draw=partial(draw_responses, scenario, curves),
             )

@@ -82,7 +82,7 @@ def _findings(result: Result) -> Iterator[Finding]:
     endless = rail is None and "rail_half_length" not in result.space.varied
     yield Finding(
         "On random hardware",
-        f"On {ours.samples} random samples{' with an endless rail' if endless else ''} the "
+        f"On {ours.samples} random samples{' on a rail without end stops' if endless else ''} the "
         f"{ours.controller} controller {_passes(result)} {percent(ours.rate, 3)} (exact {level} "
         f"interval {interval(ours.interval)} %){settles}{search}.",
     )

@@ -19,6 +19,7 @@ from afl_mujoco.document.blocks import (
 )
 from afl_mujoco.document.numbers import ceil_to, fixed, listed, percent, sentence, short
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
+from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.requirements_table import IN_WORDS, SETTLES, in_words
@@ -86,9 +87,19 @@ def _meaning(result: Result) -> str:
             words = listed([*to_the_end, *asked], "and")
             text += f"On {scenario.name} the requirements are: {words}. "
         if scenario.imperfections != IDEAL:
-            text += f"Each imperfection is added to those of {scenario.name} itself, or replaces "
-            text += f"one of the same key: {departures_text(scenario.imperfections)}. "
-    return text.rstrip()
+            text += (
+                f"Each imperfection comes on top of those of {scenario.name} itself; a level of "
+            )
+            text += f"the same key replaces it: {departures_text(scenario.imperfections)}. "
+    several = [one for one in result.imperfections if len(one.fields) > 1]
+    return (text + " ".join(_keys(one) for one in several)).rstrip()
+
+
+def _keys(one: Imperfection) -> str:
+    """Say which keys of a scenario file an imperfection sets beside the first."""
+    (first, factor), *others = one.fields.items()
+    words = [f"{name} {short(other / factor)}" for name, other in others]
+    return f"{sentence(one.title)}: `{first}`, with {listed(words, 'and')} times as much (in SI)."
 
 
 def _failing(result: Result) -> str:
@@ -125,7 +136,7 @@ def _fails_already(result: Result, name: str, verdict: Verdict) -> str:
     why = f" ({verdict.message})" if verdict.message else ""
     return (
         f"The {name} controller fails on {on} even without any added imperfection: "
-        f"{_how(verdict)}{why}."
+        f"{_how(result, verdict)}{why}."
     )
 
 
@@ -138,7 +149,7 @@ def _holds(result: Result, ours: str) -> str:
     survived = sum(sweep.reference.survives for sweep in sweeps)
     settled = sum(sweep.reference.settles for sweep in sweeps)
     ample = sum(tolerated(*pair) >= 10.0 for pair in zip(single, sweeps, strict=True))
-    without = _endless(result, " and on an endless rail")
+    without = _endless(result, " and on a rail without end stops")
     several = len(single) > 1
     of = f"{len(single)} single imperfections, each" if several else "one single imperfection,"
     settles = f", settles under {settled}," if result.settling else ""
@@ -167,8 +178,8 @@ def _breaks(result: Result, ours: str) -> str:
         text = _rail(*failing.pop(RAIL))
         if not failing:
             return f"{text}."
-    clause = _clause(*min(failing.values(), key=lambda pair: tolerated(*pair)))
-    rail = "on an endless rail" if result.endless else "of the others"
+    clause = _clause(result, *min(failing.values(), key=lambda pair: tolerated(*pair)))
+    rail = "on a rail without end stops" if result.endless else "of the others"
     return f"{text}; {rail}, {clause}." if text else f"{sentence(clause)}."
 
 
@@ -187,10 +198,13 @@ def _rail(rail: Imperfection, sweep: Sweep) -> str:
     return f"{text}; {level_text(rail, ceil_to(enough))} m is enough"
 
 
-def _clause(one: Imperfection, sweep: Sweep) -> str:
+def _clause(result: Result, one: Imperfection, sweep: Sweep) -> str:
     """Say from which level on a controller fails, and how."""
     failure = "" if sweep.failure is None else sweep.failure.failure
-    how, level = _HOW.get(failure, f"the run {_in_words(failure)}"), reached(sweep.survives)
+    how, level = (
+        _HOW.get(failure, f"the run {_in_words(result, sweep.failure)}"),
+        reached(sweep.survives),
+    )
     at = f"{level_text(one, level)} {one.unit}"
     if sweep.survives.bound == UPPER:
         return f"{one.title}: already at {at}, the mildest tried, {how}"
@@ -358,13 +372,15 @@ def _overview(result: Result) -> Table:
         + (f". {legend}" if legend else ""),
         columns=(
             Column("Imperfection"),
+            Column("Unit"),
             Column("Reference", number=True),
             *(Column(name, number=True) for name in result.controllers),
         ),
         rows=[
             (
                 one.title,
-                f"{level_text(one, one.reference)} {one.unit}",
+                one.unit,
+                level_text(one, one.reference),
                 *row,
             )
             for one, row in zip(result.imperfections, cells, strict=True)
@@ -422,26 +438,33 @@ def _detail(result: Result, one: Imperfection, sweep: Sweep) -> tuple[Cell | str
         f"{level_text(one, one.reference)} {one.unit}",
         sweep.controller,
         Cell(threshold_text(one, sweep.survives), kinds[class_of(one, sweep)]),
-        _how(sweep.failure),
+        _how(result, sweep.failure),
         *([threshold_text(one, sweep.settles)] if result.settling else []),
-        Cell(_in_words(reference.failure) or settles, status),
+        Cell(_in_words(result, reference) or settles, status),
         fixed(metrics["peak_z"], 2),
         fixed(metrics["max_force"], 0),
     )
 
 
-def _how(failure: Verdict | None) -> str:
+def _how(result: Result, failure: Verdict | None) -> str:
     """Say what happened first where a controller does not survive."""
     if failure is None:
         return "none"
     at = "" if failure.time is None else f" at {fixed(failure.time, 2)} s"
-    return _in_words(failure.failure) + at
+    return _in_words(result, failure) + at
 
 
-def _in_words(failure: str) -> str:
-    """Return a failure with a requirement in words."""
-    missed = failure.removeprefix(MISSES)
-    return f"{MISSES}“{IN_WORDS[missed]}”" if missed in IN_WORDS else failure
+def _in_words(result: Result, verdict: Verdict | None) -> str:
+    """Return how a controller failed, a requirement in words and with its limit."""
+    if verdict is None:
+        return ""
+    missed = verdict.failure.removeprefix(MISSES)
+    if missed not in IN_WORDS:
+        return verdict.failure
+    asked = [s.requirements for s in result.scenarios if verdict.scenario in (None, s.name)]
+    limits = {getattr(one, missed) for one in asked}
+    limit = f" {short(limits.pop())} {UNITS[missed]}" if len(limits) == 1 else ""
+    return f"{MISSES}“{IN_WORDS[missed]}{limit}”"
 
 
 def _delays(result: Result) -> Section:

@@ -121,7 +121,7 @@ def test_errors_of_the_assumed_parameters_do_not_reach_it(odd_scenario, estimati
 
 
 def test_it_runs_nowhere_else(odd_scenario, estimating):
-    rule = r"^controller 'estimating' .*only sampled mode"
+    rule = r'^controller .estimating. .*only mode "sampled"'
     for simulate in (simulate_ode, simulate_mujoco):
         with pytest.raises(InvalidValueError, match=rule):
             simulate(odd_scenario, estimating)

@@ -120,7 +120,9 @@ def test_the_tables_say_rates_pairs_and_worst_cases(rubbed: Campaign) -> None:
 def test_the_findings_say_rates_with_intervals_and_the_comparison(rubbed: Campaign) -> None:
     failed = sum(t is DOWN for t in rubbed.trials["adaptive"])
     text = " ".join(printed(rubbed, []).split())
-    assert "On 60 random samples with an endless rail the adaptive controller survives" in text
+    assert (
+        "On 60 random samples on a rail without end stops the adaptive controller survives" in text
+    )
     assert "(exact 95 % interval" in text
     assert f"Only the adaptive controller passes 0 samples, only LQR {failed} (McNemar" in text
 

@@ -38,13 +38,13 @@ def test_the_findings_say_what_holds_what_breaks_and_at_what() -> None:
         "What holds", "What breaks first", "At what threshold", "Compared with LQR",
     ]  # fmt: skip
     assert said["What holds"] == (
-        "Of 4 single imperfections, each at the level of the reference hardware and on an "
-        "endless rail, the adaptive controller survives 4, settles under 3, and survives 2 even at "
-        "ten times that level."
+        "Of 4 single imperfections, each at the level of the reference hardware and on a "
+        "rail without end stops, the adaptive controller survives 4, settles under 3, and survives "
+        "2 even at ten times that level."
     )
     assert said["What breaks first"] == (
         "The rail: the reference of 1 m to either side is too short; 3.7 m is "
-        "enough; on an endless rail, rail damping: at 7.3 N s/m, 1.5 times the reference, "
+        "enough; on a rail without end stops, rail damping: at 7.3 N s/m, 1.5 times the reference, "
         "the pole falls."
     )
     assert said["At what threshold"] == (
@@ -70,7 +70,7 @@ def test_a_rail_that_suffices_is_not_what_breaks_first() -> None:
     assert said["What breaks first"].startswith("Rail damping: at 7.3 N s/m, 1.5 times")
     said = found(rail=(UPPER, 100.0, False))
     assert said["What breaks first"].startswith(
-        "The rail: the reference of 1 m to either side is too short; on an endless rail, rail"
+        "The rail: the reference of 1 m to either side is too short; on a rail without end stops, "
     )
 
 
@@ -97,9 +97,9 @@ def rows(blocks: list[Section]) -> list[str]:
 
 def test_the_table_has_a_row_for_each_imperfection() -> None:
     printed = rows(sections(study_results.thresholds()))
-    assert "transport delay 2 ms 47 36" in printed
-    assert "rail damping 5 N s/m ◐ 7.3 ◐ 11" in printed  # twice the reference: little to spare
-    assert "rail to either side 1 m ✗ 3.7 ✗ > 100" in printed
+    assert "transport delay ms 2 47 36" in printed
+    assert "rail damping N s/m 5 ◐ 7.3 ◐ 11" in printed  # twice the reference: little to spare
+    assert "rail to either side m 1 ✗ 3.7 ✗ > 100" in printed
 
 
 def test_the_least_margin_is_beside_the_threshold_of_the_delay() -> None:
@@ -144,3 +144,10 @@ def test_the_table_explains_only_the_marks_that_it_has() -> None:
 
     assert "✗" in caption(delay=(BRACKETED, 0.001, False))
     assert not {*"✗◐"} & {*caption(delay=(BRACKETED, 0.1, True))}
+
+
+def test_an_imperfection_of_several_keys_names_them() -> None:
+    result = study_results.thresholds({}, ("delay",))
+    noise = replace(result.imperfections[0], fields={"noise_phi": 2.0, "noise_z": 0.2})
+    text = " ".join(rows(sections(replace(result, imperfections=(noise,)))))
+    assert "Transport delay: noise_phi, with noise_z 0.1 times as much (in SI)." in text
