@@ -104,7 +104,10 @@ def command_line(tmp_path, monkeypatch, capsys):
 
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.chdir(tmp_path)
-        code = main(arguments)
+        try:
+            code = main(arguments)
+        except SystemExit as ended:  # by the parser
+            code = ended.code
         output, errors = capsys.readouterr()
         return code, output, without_progress(errors)
 

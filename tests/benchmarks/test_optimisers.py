@@ -139,6 +139,7 @@ def test_each_optimiser_spends_its_budget_in_the_box_from_its_seed_alone(name: s
 # The optimum
 
 
+@pytest.mark.slow
 def test_the_known_optimum_lies_in_its_corner_and_below_a_dense_sample() -> None:
     optimum = known_optimum(CORNER)
     assert optimum.gains == (100.0, 5.0, 90.0)
@@ -166,6 +167,7 @@ def test_a_tiny_benchmark_finds_what_it_should(tiny: Result) -> None:
     assert tiny.optima[0].cost <= tiny.best_costs[0] < tiny.optima[0].cost * 1.01
 
 
+@pytest.mark.slow
 def test_a_run_gives_the_same_whoever_shares_it_and_whatever_else_is_compared(
     tiny: Result,
 ) -> None:

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from afl_mujoco.scenario.files import save_scenario
 from tests.synthetic_logs import RIG
 
@@ -13,6 +15,7 @@ def test_a_recording_of_the_package_is_plotted(command_line, tmp_path: Path) -> 
     assert (tmp_path / "out" / "Experiment-1008.png").is_file()
 
 
+@pytest.mark.slow
 def test_a_simulated_run_is_written_as_a_log_and_plotted(command_line, tmp_path: Path) -> None:
     save_scenario(RIG, tmp_path / "rig.toml")
     code, output, _ = command_line(

@@ -38,6 +38,21 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.fixture
+def rejects(folder: Path, command_line):
+    """Asserts that a command line is refused in one line with a message, and writes nothing."""
+
+    def check(message: str, *arguments: str) -> None:
+        before = sorted(p.name for p in folder.iterdir())
+        code, output, errors = command_line(*arguments)
+        assert (code, output) == (2, "")
+        assert len(errors.splitlines()) == 1
+        assert message in errors
+        assert sorted(p.name for p in folder.iterdir()) == before
+
+    return check
+
+
 def with_line(old: str, new: str) -> str:
     assert old in SHORT
     return SHORT.replace(old, new)
@@ -68,11 +83,11 @@ BAD_FILES = {
 @pytest.mark.parametrize("case", BAD_FILES, ids=str)
 @pytest.mark.parametrize("command", ["validate", "simulate"])
 def test_a_bad_scenario_file_is_one_line_that_names_file_key_and_value(
-    folder: Path, command: str, case: str
+    folder: Path, rejects, command: str, case: str
 ) -> None:
     text, message = BAD_FILES[case]
     (folder / "bad.toml").write_text(text)
-    rejects(folder, f"bad.toml: {message}".replace(": is not", " is not"), command, "bad.toml")
+    rejects(f"bad.toml: {message}".replace(": is not", " is not"), command, "bad.toml")
 
 
 BAD_ARGUMENTS = {
@@ -202,21 +217,9 @@ BAD_ARGUMENTS = {
 
 
 @pytest.mark.parametrize("case", BAD_ARGUMENTS, ids=str)
-def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(
-    folder: Path, case: str
-) -> None:
+def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(rejects, case: str) -> None:
     arguments, message = BAD_ARGUMENTS[case]
-    rejects(folder, message, *arguments)
-
-
-def rejects(folder: Path, message: str, *arguments: str) -> None:
-    before = sorted(p.name for p in folder.iterdir())
-    result = run(*arguments, cwd=folder)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert len(result.stderr.splitlines()) == 1
-    assert message in result.stderr
-    assert sorted(p.name for p in folder.iterdir()) == before
+    rejects(message, *arguments)
 
 
 def test_validate_writes_a_report_that_passes(folder: Path) -> None:
@@ -260,10 +263,10 @@ def test_what_reproduces_a_validation_names_every_option_that_matters_and_no_oth
     assert written == {"report.json", "report.md", "report.npz", "junit.xml"}
 
 
-def test_simulate_does_not_write_over_the_scenario_that_it_reads(folder: Path) -> None:
-    rejects(folder, "short.toml is the input scenario and", "simulate", "short.toml", "--out", ".")
+def test_simulate_does_not_write_over_the_scenario_that_it_reads(folder: Path, rejects) -> None:
+    rejects("short.toml is the input scenario and", "simulate", "short.toml", "--out", ".")
     assert (folder / "short.toml").read_text() == SHORT
-    rejects(folder, "did you mean short.toml?", "simulate", "short")
+    rejects("did you mean short.toml?", "simulate", "short")
 
 
 def test_validate_exits_with_1_when_a_check_fails(folder: Path) -> None:

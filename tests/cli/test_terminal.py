@@ -25,6 +25,7 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(
     assert capsys.readouterr() == ("", "filming: 2 of 9\nfilming: 4 of 9\n")
 
 
+@pytest.mark.slow
 def test_a_reader_that_stops_reading_gets_no_traceback(tmp_path: Path) -> None:
     command = [*COMMAND, "compare", "nominal", "--controllers", "lqr", "--no-page"]
     with subprocess.Popen(

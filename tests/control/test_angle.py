@@ -53,6 +53,7 @@ def test_every_simulator_agrees_on_it(odd_scenario):
     assert [str(check) for check in checks if not check.passed] == []
 
 
+@pytest.mark.slow
 def test_it_has_a_lower_objective_than_fixed_gains_by_one_per_cent_on_nearly_every_schedule():
     won = []
     for index in range(6):

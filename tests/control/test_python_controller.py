@@ -505,6 +505,7 @@ def test_the_kinks_of_the_paper_s_controllers_stay_far_below_what_is_refused(nam
     assert str(run.outcome) == "completed"
 
 
+@pytest.mark.slow
 def test_what_a_controller_s_arithmetic_warns_of_is_one_line(module, tmp_path):
     module(
         "overflowing",

@@ -28,6 +28,7 @@ def found(logs):
     return identify(logs, TRUTH.description, workers=2)
 
 
+@pytest.mark.slow
 def test_known_parameters_are_found_within_their_intervals(found) -> None:
     held = {n: found.find(n).low <= x <= found.find(n).high for n, x in TRUTH.expected.items()}
     assert sum(held.values()) >= len(held) - 1, held
@@ -40,12 +41,14 @@ def test_known_parameters_are_found_within_their_intervals(found) -> None:
     assert found.find("lag").on_bound
 
 
+@pytest.mark.slow
 def test_any_number_of_workers_finds_the_same() -> None:
     some = [log_of("short", swing(TRUTH, 9, 1.6), TRUTH.description)]
     one, two = (identify(some, TRUTH.description, workers=n) for n in (1, 2))
     assert one == two
 
 
+@pytest.mark.slow
 def test_estimates_come_back_from_their_file(found, tmp_path) -> None:
     write_json(tmp_path / "estimates.json", found)
     assert read_json(tmp_path / "estimates.json", Identified, "are none") == found
@@ -98,6 +101,7 @@ def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
         assert abs(found.values[i] - shipped.find(name).value) < 3.0 * half
 
 
+@pytest.mark.slow
 def test_missing_rows_do_not_mislead() -> None:
     d, some = TRUTH.description, []
     for i in range(3):

@@ -57,6 +57,7 @@ def test_readings_are_those_of_the_sensors(tmp_path: Path) -> None:
     assert np.abs(log.phi / 1.5e-3 - np.rint(log.phi / 1.5e-3)).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> None:
     _, log, description = logged(tmp_path, RIG, find_controller("lqr"))
     found = identify([log], description)

@@ -52,6 +52,7 @@ def test_a_record_comes_back_as_it_was(name: str, tmp_path: Path) -> None:
     assert [s.title for s in again.sections] == [s.title for s in record.sections]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_its_files_are_the_same_bytes_each_time(name: str, tmp_path: Path) -> None:
     for folder in (tmp_path / "one", tmp_path / "two"):

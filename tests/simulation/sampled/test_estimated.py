@@ -147,6 +147,7 @@ def test_its_ghost_in_a_film_sees_the_true_parameters(odd_scenario, estimating, 
     assert np.abs(film.state - truth.state).max() > 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lqr-estimated", "adaptive-estimated"])
 def test_a_plant_far_from_the_paper_s_is_estimated_and_balanced(name):
     rig = afl.Scenario(

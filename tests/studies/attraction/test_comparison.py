@@ -86,6 +86,7 @@ def test_maps_of_another_grid_or_controller_are_not_compared() -> None:
         Comparison(drawn("ode", ".."), drawn("mujoco", "..", controller="fixed"))
 
 
+@pytest.mark.slow
 def test_a_rod_of_twice_the_length_disagrees_inside_where_the_sound_engine_does_not() -> None:
     grid = state_grid(axis("a", -1.55, 1.55, 15), axis("r", -10.0, 10.0, 15))
     controller = afl.CONTROLLERS["lqr"]

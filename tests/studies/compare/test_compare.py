@@ -227,6 +227,7 @@ def test_bad_input_is_one_line(rig: Path, command_line, arguments, message: str)
     assert not (rig / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(
     rig: Path, command_line, graphics: None
 ) -> None:

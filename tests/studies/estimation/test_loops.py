@@ -135,6 +135,7 @@ def test_what_cannot_be_studied_is_refused(settings, error, said):
     assert str(caught.value).startswith(said)
 
 
+@pytest.mark.slow
 def test_two_workers_write_the_same_bytes_as_one(tmp_path, command_line):
     for workers in ("1", "2"):
         options = ["--seeds", "1", "--workers", workers, "--out", workers]

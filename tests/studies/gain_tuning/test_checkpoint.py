@@ -133,6 +133,7 @@ def killed(file: Path, after: int) -> None:
     assert process.returncode == -signal.SIGKILL
 
 
+@pytest.mark.slow
 def test_a_search_that_is_killed_again_and_again_ends_with_the_same_bits(file: Path) -> None:
     for after in (1, 40, 90):
         killed(file, after)

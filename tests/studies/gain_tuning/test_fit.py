@@ -64,6 +64,7 @@ def test_the_box_holds_the_paper_s_coefficients_of_lambda() -> None:
     assert all(a <= w <= b for a, w, b in zip(box.lower, published, box.upper, strict=True))
 
 
+@pytest.mark.slow
 def test_the_file_has_every_fit_and_what_the_retuned_controllers_use(tmp_path: Path) -> None:
     settings = GeneticSettings(population_size=60, generations=20)
     fits = fit_table(table(GAIN), seed=0, settings=settings)

@@ -20,6 +20,7 @@ from afl_mujoco.studies.hardware.sections import sections, verdict
 from tests.study_results import hardware
 
 
+@pytest.mark.slow
 def test_the_command_judges_recordings_in_a_folder(tmp_path: Path, command_line) -> None:
     (tmp_path / "logs").mkdir()
     for path in sorted(CHOOSE.glob("*.csv"))[:3]:

@@ -59,6 +59,7 @@ def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: Result) -> None
     assert grid.delay[0][0] is None and grid.unstable == 1
 
 
+@pytest.mark.slow
 def test_two_workers_find_the_same_margins(survey: Result) -> None:
     controllers = [CONTROLLERS[name] for name in survey.margins]
     assert survey_margins(controllers, **GRID, workers=2) == survey

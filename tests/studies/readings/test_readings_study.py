@@ -26,6 +26,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "QUICK", TINY)
 
 
+@pytest.mark.slow
 def test_each_case_of_each_named_reading_is_a_scenario_file(command_line, tmp_path: Path) -> None:
     options = ("--quick", "--no-page", "--workers", "1")
     code, output, errors = command_line("readings", *options, "--out", "out")
@@ -49,6 +50,7 @@ def test_each_case_of_each_named_reading_is_a_scenario_file(command_line, tmp_pa
     assert run.outcome.kind == "completed"
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_workers() -> None:
     configuration = study.Readings(quick=True)
     assert study.run(configuration) == study.run(configuration, workers=2)

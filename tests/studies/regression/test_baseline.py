@@ -251,6 +251,7 @@ def test_a_recording_has_every_reported_run_every_half_second(fresh: dict[str, B
     assert recorded.versions.keys() >= {"python", "afl_mujoco", "mujoco", "numpy", "scipy", "numba"}
 
 
+@pytest.mark.slow
 def test_workers_and_repetition_do_not_change_a_byte(fresh: dict[str, Baseline]) -> None:
     names = ("adaptive", "fixed")
     again = regression.record_all([SHORT], [afl.CONTROLLERS[n] for n in names], workers=2)

@@ -53,6 +53,7 @@ def test_the_report_has_each_check_of_each_pair_and_the_equation_checks_once(
     ]
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_report_as_one(report: Result) -> None:
     controllers = [afl.CONTROLLERS[c] for c in ("fixed", "adaptive")]
     assert verify([SHORT], controllers, SETTINGS, workers=2) == report

@@ -213,6 +213,7 @@ def test_the_schedules_are_drawn_corner_by_corner(drawn: dict[str, Drawing]) -> 
     assert mass.get_ydata().tolist() == [0.5, 0.5, 1.0, 1.0, 2.0, 2.0]
 
 
+@pytest.mark.slow
 def test_figures_are_the_same_files_from_any_number_of_workers(tmp_path: Path) -> None:
     one = replace(record("validate"), result=make_result([OWN], full=False))
     done: list[tuple[int, int]] = []
