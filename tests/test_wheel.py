@@ -42,6 +42,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
+@pytest.mark.slow
 def test_a_wheel_installed_elsewhere_finds_its_models(installed: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     home, mass = python("-c", PROGRAM, cwd=tmp_path, env=environment).split()
@@ -62,6 +63,7 @@ def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
     assert [path for path in sorted(expected) if not (installed / path).is_file()] == []
 
 
+@pytest.mark.slow
 def test_a_wheel_names_its_environments_to_gymnasium(installed: Path) -> None:
     distribution = Distribution.at(*installed.glob("afl_mujoco-*.dist-info"))
     (entry,) = distribution.entry_points.select(group="gymnasium.envs")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import time as clock
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -86,11 +88,12 @@ def make_films(
         hidden, done = Path(t), itertools.count(1)
         each = (lambda: progress(next(done))) if workers == 1 else None
         try:
-            for film in _made(planned, hidden, workers, each):
-                _publish(film, hidden, folder)
-                if each is None:
-                    for _ in range(film.frames):
-                        progress(next(done))
+            with contextlib.closing(_made(planned, hidden, workers, each)) as made:
+                for film in made:
+                    _publish(film, hidden, folder)
+                    if each is None:
+                        for _ in range(film.frames):
+                            progress(next(done))
         except FileError as error:
             raise FileError(error.thing.replace(t, str(folder)), error.rule, error.value) from None
     return [folder / film.file for film in planned]
@@ -100,18 +103,22 @@ def make_films(
 def _hidden(folder: Path) -> Iterator[str]:
     """Yield a hidden folder inside a folder, and remove it afterwards."""
     try:
-        hidden = tempfile.TemporaryDirectory(
-            dir=folder, prefix=".films-", ignore_cleanup_errors=True
-        )
+        hidden = tempfile.mkdtemp(dir=folder, prefix=".films-")
     except OSError as error:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
-    with hidden as name:
-        yield name
+    try:
+        yield hidden
+    finally:
+        for wait in (0.0, 0.1, 0.2, 0.4, 0.8, 1.6):  # the encoder of a worker that was stopped may
+            clock.sleep(wait)  # just be making its file
+            shutil.rmtree(hidden, ignore_errors=True)
+            if not os.path.exists(hidden):
+                break
 
 
 def _made(
     planned: Sequence[Film], folder: Path, workers: int, each: Callable[[], None] | None
-) -> Iterator[Film]:
+) -> Generator[Film]:
     """Make films and yield each as it is done."""
     if each is not None:
         for film in planned:

@@ -149,6 +149,7 @@ def test_the_known_optimum_lies_in_its_corner_and_below_a_dense_sample() -> None
     assert np.min(CORNER.cost(sample)) > optimum.cost
 
 
+@pytest.mark.slow
 def test_an_optimum_that_a_run_undercuts_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     true = known_optimum(CORNER)
     monkeypatch.setattr(runs_module, "known_optimum", lambda _: replace(true, cost=true.cost * 1.1))

@@ -138,6 +138,7 @@ def test_a_held_loop_bears_delays_of_whole_periods_up_to_its_margin(name, plant)
     assert delayed_radius(loop, period, whole + 1) > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_bisection_on_a_simulated_delay_finds_the_delay_margin(name):
     """March x' = A x - B K x(t - delay) in steps of a 50th of the delay."""

@@ -44,10 +44,11 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
     good, *others = ENDINGS[first.judged]
     angle, rate = short(float(first.angles[-1])), short(float(first.rates[-1]))
     reach = f"starts up to {angle} rad and {rate} rad/s"
-    said = "; ".join(f"{one.controller} {percent(one.shares[good], 3)}" for one in maps)
+    total = first.outcome.size
+    said = "; ".join(f"{one.controller} {round(total * one.shares[good])}" for one in maps)
     words = {"meets all": "meets all requirements"}.get(good, good)
-    text = f"On {first.scenario}, share of {reach} to either side from which each controller "
-    text += f"{words}: {said}."
+    text = f"On {first.scenario}, of {total} {reach} to either side (--max-angle, --max-rate), "
+    text += f"those from which each controller {words}: {said}."
     return [
         Finding("Starting region", text),
         *([] if first.judged else [Text(SETTLES)]),

@@ -40,8 +40,8 @@ class Attraction:
     """
 
     scenario: ScenarioIfAny = None
-    """Scenario by name, or TOML file, to map over its start. The options for planes, plants, start
-    and horizon are then not allowed."""
+    """Scenario by name, or TOML file, to map over its start within --max-angle and --max-rate. The
+    options for planes, plants, start and horizon are then not allowed."""
     controllers: tuple[str, ...] = (SUBJECT, REFERENCE)
     """Controllers by name; without a scenario neither a Python controller nor one with the
     estimator."""
@@ -60,9 +60,9 @@ class Attraction:
     gravity: float = 9.81
     """g of every map [m/s^2]."""
     max_angle: float = 1.55
-    """Largest |phi0| of the map over states [rad]."""
+    """Largest |phi0| of the map over states, or over starts of a scenario [rad]."""
     max_rate: float = 10.0
-    """Largest |phi0'| of the map over states [rad/s]."""
+    """Largest |phi0'| of the map over states, or over starts of a scenario [rad/s]."""
     cart_masses: tuple[float, float] = (0.1, 2.0)
     """Edges of the map over plants: M [kg]."""
     half_lengths: tuple[float, float] = (0.05, 1.0)

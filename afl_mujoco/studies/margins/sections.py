@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
-from afl_mujoco.control.names import REFERENCE, SUBJECT
 from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
 from afl_mujoco.document.numbers import fixed, listed, percent, short
 from afl_mujoco.document.style import in_words
 from afl_mujoco.studies.margins.figures import delay_margins, draw_delay_margins, draw_measured
 from afl_mujoco.studies.margins.measured_delay import REACH, START, TOLERANCE, DelayComparison
 from afl_mujoco.studies.margins.result import Result
+
+MOST = 4
+"""Largest number of controllers that the finding names; the table has all."""
 
 _COLUMNS = (
     (Column("Gain down to", number=True), "gain_decrease", 2, 1.0),
@@ -50,9 +53,8 @@ def _about(result: Result) -> Iterator[Text]:
 
 def _finding(result: Result) -> Finding:
     """Say how far each loop is from instability on its worst plant, in one sentence."""
-    names = [name for name in (SUBJECT, REFERENCE) if name in result.margins]
     parts = []
-    for name in names or list(result.margins)[:1]:
+    for name in islice(result.margins, MOST):
         unstable = result.grid(name, sampled=True).unstable
         if unstable:
             parts.append(f"{name} is unstable on {unstable} of {result.plants} plants")

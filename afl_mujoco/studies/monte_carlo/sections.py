@@ -20,6 +20,7 @@ from afl_mujoco.document.blocks import (
     Text,
 )
 from afl_mujoco.document.numbers import MISSING, fixed, interval, percent, short
+from afl_mujoco.scenario.ranges import unit_of
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.monte_carlo.figures import (
@@ -93,18 +94,24 @@ def _findings(result: Result) -> Iterator[Finding]:
                 mine, theirs = theirs, mine
             yield Finding(
                 "Compared with LQR on the same hardware",
-                f"Only the {ours.controller} controller passes {mine} samples, only LQR "
-                f"{theirs} (McNemar's exact test: p = {short(pair.p_value, 2)}).",
+                f"The {ours.controller} controller passes {mine} samples on which LQR fails, LQR "
+                f"{theirs} on which {ours.controller} does (McNemar's exact test: p = "
+                f"{short(pair.p_value, 2)}).",
             )
 
 
 def _assumed(result: Result) -> Iterator[Text]:
     """Say what varies if the scenario itself does not say so."""
     if result.assumed:
+        drawn = (
+            f"`{name}` {short(low)} to {short(high)} {unit_of(name)}".rstrip()
+            for name, (low, high) in result.space.varied.items()
+        )
         yield Text(
             f"{result.space.scenario.name} does not say what varies. Imperfections that are ideal "
             "in it are those of random laboratory hardware; its start, M and l are the same in "
-            "every sample. Add a table [ranges] to its file to change this."
+            "every sample. Add a table [ranges] to its file to change this. They are drawn from "
+            f"these ranges: {'; '.join(drawn)}."
         )
 
 
@@ -201,7 +208,8 @@ def _worst_cases(result: Result) -> Table:
         caption=(
             "What a search by CMA-ES found over the same ranges; distance 0 is the scenario "
             f"{result.space.scenario.name} itself with the initial M and l, 1 is the diagonal of "
-            "all ranges"
+            "all ranges. Last but one: what was moved most, as a share of its range; “level 2” is "
+            "the value of M or l after its first change"
         ),
         columns=(
             Column("Controller"),
@@ -210,7 +218,7 @@ def _worst_cases(result: Result) -> Table:
             *([Column("Least margin", number=True)] if result.judged else []),
             Column("Distance", number=True),
             Column("Runs", number=True),
-            Column("Farthest from the scenario"),
+            Column("Moved most"),
             Column("File"),
         ),
         rows=[

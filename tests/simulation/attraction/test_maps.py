@@ -219,6 +219,7 @@ def test_to_end_early_changes_no_outcome(side: str) -> None:
     np.testing.assert_array_equal(early.peak_force[settled], whole.peak_force[settled])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [n for n, c in afl.CONTROLLERS.items() if not (c.stateful or c.interpreted)]
 )

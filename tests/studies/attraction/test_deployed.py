@@ -42,6 +42,7 @@ def files(tmp_path: Path) -> dict[str, str]:
     return {name: str(tmp_path / f"{name}.toml") for name in ("rig", "plain")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rig", "plain"])
 def test_every_point_is_a_run_from_there(name: str, files) -> None:
     settings = Attraction(scenario=files[name], controllers=("lqr", "adaptive"), **SMALL)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -316,15 +314,14 @@ def test_the_command_passes_on_what_it_recorded_and_fails_on_a_change(
     ids=["missing", "malformed", "update malformed", "unwritable", "file"],
 )
 def test_a_bad_folder_is_one_line_and_exit_2(
-    tmp_path: Path, arguments: list[str], message: str
+    tmp_path: Path, command_line, arguments: list[str], message: str
 ) -> None:
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "x.json").write_text("{}")
-    command = [sys.executable, "-m", "afl_mujoco", "regression", *arguments]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert (result.returncode, result.stdout) == (2, "")
-    assert result.stderr.startswith(f"afl-mujoco: {message}")
-    assert len(result.stderr.splitlines()) == 1
+    code, output, errors = command_line("regression", *arguments)
+    assert (code, output) == (2, "")
+    assert errors.startswith(f"afl-mujoco: {message}")
+    assert len(errors.splitlines()) == 1
     assert [p.name for p in tmp_path.iterdir()] == ["bad"]
     assert (tmp_path / "bad" / "x.json").read_text() == "{}"
 

@@ -162,6 +162,8 @@ def _summary(claims: Sequence[Claim]) -> str:
     told = []
     for verdict, words in WORDS.items():
         ids = [claim.id for claim in claims if claim.verdict == verdict]
+        if len(ids) == 1:
+            words = words.replace("do not", "does not").replace("hold ", "holds ", 1)
         if ids:
             told.append(f"{len(ids)} {words} ({', '.join(ids)})")
     pairs = [

@@ -104,8 +104,8 @@ def _overview(result: Result) -> Table:
             )
         )
     return Table(
-        caption="Every scenario and controller; B1 to B5 are the checks of that name, – means not "
-        "judged",
+        caption="Every scenario and controller; OF is the paper's objective, in units of the fixed "
+        "gains on its nominal plant (D4); B1 to B5 are the checks of that name, – means not judged",
         columns=(
             Column("Scenario"),
             Column("Controller"),
