@@ -63,6 +63,7 @@ def opening_blocks(
     blocks: list[Block] = []
     if drawn:
         left_out = len(runs) - len(drawn)
+        pushed = " Grey: disturbances." if scenario.disturbances else ""
         more = f" The table below also has the other {left_out}." if left_out else ""
         blocks.append(
             Figure(
@@ -70,7 +71,7 @@ def opening_blocks(
                 title=f"The system, and the controllers on {scenario.name}",
                 caption=(
                     f"Left: cart and pole at the start, to scale{_pale(scenario)}. Right: each run "
-                    f"over time, as deployed in MuJoCo.{more}"
+                    f"over time, as deployed in MuJoCo.{pushed}{more}"
                 ),
                 alt=f"{_plant(scenario)} Curves of {', '.join(drawn)}.",
                 draw=partial(draw_opening, scenario, drawn),

@@ -222,6 +222,21 @@ def test_nothing_sticks_out_sideways(opened: webdriver.Chrome, width: int, unfol
     assert cut == []
 
 
+@pytest.mark.parametrize("kind", [".scroll", ".picture .canvas"])
+def test_what_scrolls_sideways_has_a_shadow_where_more_is_to_come(
+    opened: webdriver.Chrome, kind: str
+) -> None:
+    resize(opened, 390)
+    found = ask(opened, "[...document.querySelectorAll(arguments[0])].filter(e => "
+        "e.scrollWidth > e.clientWidth).map(e => getComputedStyle(e).backgroundAttachment)",
+        kind)  # fmt: skip
+    assert found
+    assert all("local" in one and "scroll" in one for one in found)
+    drawn = ask(opened, "[...document.querySelectorAll('.picture img')].map(e => "
+        "getComputedStyle(e).mixBlendMode)")  # fmt: skip
+    assert set(drawn) == {"multiply"}  # else a white figure hides the shadow behind it
+
+
 def test_charts_draw_and_zoom_by_button_keyboard_and_pointer(opened: webdriver.Chrome) -> None:
     found = charts(opened)
     painted = ask(
