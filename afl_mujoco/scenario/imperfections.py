@@ -98,7 +98,7 @@ class Draw(NamedTuple):
         What hardware the two ends stand for.
     label, scale
         Name with unit for the comparison of failed and surviving runs by this field alone, and
-        the factor to that unit; a field without a label is not compared.
+        the factor to that unit; a field without a label is named by its key, in SI units.
     """
 
     axis: int

@@ -22,6 +22,7 @@ def _imperfection(name: str, scale: float) -> Callable[[Scenario], float]:
 
 FEATURES: Mapping[str, Callable[[Scenario], float]] = {
     "start angle |φ₀| [deg]": lambda s: math.degrees(abs(s.initial_state[1])),
+    "start position |z₀| [m]": lambda s: abs(s.initial_state[0]),
     "start velocity z′₀ [m/s]": lambda s: s.initial_state[2],
     "start rate away from upright [rad/s]": lambda s: (
         abs(s.initial_state[3]) * (1.0 if s.initial_state[1] * s.initial_state[3] >= 0.0 else -1.0)
@@ -45,7 +46,8 @@ FEWEST = 5
 def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArray[np.float64]]:
     """Return every feature that varies over the samples of a campaign, each of shape (samples,)."""
     scenarios = [sample_scenario(space, i, seed) for i in range(samples)]
-    own = [name for name in HARDWARE if name in space.varied and name not in DRAWS]
+    labelled = {name for name, draw in DRAWS.items() if draw.label}
+    own = [name for name in HARDWARE if name in space.varied and name not in labelled]
     known = {**FEATURES, **{f"{n} [{unit_of(n)}]": _imperfection(n, 1.0) for n in own}}
     found = {
         label: np.array([feature(scenario) for scenario in scenarios])

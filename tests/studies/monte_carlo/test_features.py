@@ -8,8 +8,10 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.monte_carlo.features import FEATURES
+from afl_mujoco.studies.monte_carlo.features import FEATURES, features_of
 
 RIG = Scenario(
     name="scenario",
@@ -27,6 +29,7 @@ def test_every_feature_is_the_number_that_its_label_says() -> None:
     assert {name: feature(RIG) for name, feature in FEATURES.items()} == pytest.approx(
         {
             "start angle |φ₀| [deg]": 20.0,
+            "start position |z₀| [m]": 0.01,
             "start velocity z′₀ [m/s]": -0.7,
             "start rate away from upright [rad/s]": -0.6,  # it leans left and swings to the right
             "cart mass at the start [kg]": 1.5,
@@ -43,6 +46,14 @@ def test_every_feature_is_the_number_that_its_label_says() -> None:
             "encoder step of φ [mrad]": 1.7,
         }
     )
+
+
+def test_whatever_varies_is_among_the_features() -> None:
+    varied = {"noise_z": (0.0, 1e-3), "velocity_filter": (0.0, 0.01), "z": (-0.1, 0.1)}
+    space = SampleSpace(Scenario(name="drawn", ranges=Ranges(varied=varied)))
+    assert features_of(space, 5, 1).keys() == {
+        "start position |z₀| [m]", "noise_z [m]", "velocity_filter [s]",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(
