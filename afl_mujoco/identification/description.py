@@ -213,6 +213,9 @@ class Description:
         Nominal values, given by its owners.
     time, phi, z, command
         The columns.
+    limits
+        Limits of statements that `afl-mujoco hardware` judges, by their id, where they are to be
+        others than those of the recordings that come with the package.
 
     Raises
     ------
@@ -227,10 +230,13 @@ class Description:
     phi: AngleColumn = field(default_factory=AngleColumn)
     z: PositionColumn = field(default_factory=PositionColumn)
     command: CommandColumn = field(default_factory=CommandColumn)
+    limits: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Validate the period, and that no column is used for two signals."""
+        """Validate period and limits, and that no column is used for two signals."""
         require_positive("period", self.period)
+        for name, limit in self.limits.items():
+            require_positive(f"limits.{name}", limit)
         names = list(self.columns.values())
         for name in names:
             if names.count(name) > 1:
@@ -275,14 +281,14 @@ def load_description(path: str | Path) -> Description:
 
 
 def to_table(description: Description) -> dict[str, object]:
-    """Return a description as the table of a TOML file, without values that are None."""
+    """Return a description as the table of a TOML file, without values that are None or empty."""
 
     def plain(one: object) -> dict[str, object]:
         values = {f.name: getattr(one, f.name) for f in fields(one)}  # type: ignore[arg-type]
         return {
             name: plain(v) if hasattr(v, "__dataclass_fields__") else v
             for name, v in values.items()
-            if v is not None
+            if v is not None and v != {}
         }
 
     return plain(description)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,7 @@ def test_units_signs_and_defaults(tmp_path: Path) -> None:
 
 
 def test_what_is_written_reads_back(tmp_path: Path) -> None:
-    one = load_description(DESCRIPTION)
+    one = replace(load_description(DESCRIPTION), limits={"pole-0.2": 5.0})
     (tmp_path / "again.toml").write_text(tomli_w.dumps(to_table(one)))
     assert load_description(tmp_path / "again.toml") == one
 
@@ -49,6 +50,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
         ("resolution = 0.1", 'column = "z"', "column must be for one signal alone, got 'z'"),
         ("pole_mass = 0.1", "pole_mass = nan", "pole_mass"),
         ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
+        ("[nominal]", "[limits]\ngravity = 0\n[nominal]", "limits.gravity must be positive, got 0"),
         ("[nominal]", "[nominal", "is not valid TOML"),
         ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "a whole number of so many digits"),
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from afl_mujoco.errors import InvalidValueError, require_count
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.studies.contract import Progress, Study, silent
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def _asked(configuration: Hardware) -> tuple[list[Log], Identified, str]:
 
     from afl_mujoco.identification.log import read_logs
     from afl_mujoco.identification.shipped import CHOOSE, ESTIMATES, load_estimates
+    from afl_mujoco.studies.hardware.protocol import load_protocol
 
     c = configuration
     identified = load_estimates(ESTIMATES if c.estimates is None else Path(c.estimates))
@@ -77,6 +78,10 @@ def _asked(configuration: Hardware) -> tuple[list[Log], Identified, str]:
         raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
     if identified.drive is None:
         raise InvalidValueError("estimates", "must include cart and drive: vary the command")
+    known = [one.id for one in load_protocol().statements]
+    for name in identified.description.limits:
+        if name not in known:
+            raise UnknownNameError.among("limits", name, known)
     folder = CHOOSE if c.logs is None else Path(c.logs)
     logs = read_logs([folder], identified.description)
     return logs, identified, _name(folder) if c.logs is None else c.logs

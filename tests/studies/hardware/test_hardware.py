@@ -67,6 +67,7 @@ def test_a_model_of_another_pole_does_not_hold(tmp_path: Path, command_line) -> 
     for one in data["drive"]["estimates"]:
         if one["name"] == "gain":
             one["value"] *= 0.2
+    data["description"]["limits"] = {"gravity": 0.25}
     (tmp_path / "wrong.json").write_text(json.dumps(data))
     code, output, _ = command_line(
         "hardware", "--logs", "logs", "--estimates", "wrong.json", "--draws", "0", "--out", "out",
@@ -74,6 +75,19 @@ def test_a_model_of_another_pole_does_not_hold(tmp_path: Path, command_line) -> 
     )  # fmt: skip
     assert code == 1
     assert "rig-0.5-z" in output.splitlines()[-1] and "FAIL" in output
+    judged = json.loads((tmp_path / "out" / "hardware.json").read_text())["statements"]
+    asked = {one.id: one.limit for one in load_protocol().statements}
+    assert {one["id"]: one["limit"] for one in judged} == {**asked, "gravity": 0.25}
+
+
+def test_a_limit_of_no_statement_is_refused(tmp_path: Path, command_line) -> None:
+    data = json.loads((FIT.parent / "estimates.json").read_text())
+    data["description"]["limits"] = {"gravty": 0.25}
+    (tmp_path / "own.json").write_text(json.dumps(data))
+    code, output, errors = command_line("hardware", "--estimates", "own.json", "--logs", "logs")
+    assert (code, output) == (2, "")
+    assert "limits must be one of gravity, coupling, pole-0.2, rig-0.5-phi" in errors
+    assert errors.endswith("got 'gravty'; did you mean gravity?\n")
 
 
 def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
