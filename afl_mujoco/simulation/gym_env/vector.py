@@ -55,8 +55,8 @@ from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
 
-DRAWING = 5
-"""Number of environments whose step takes as long as drawing a scenario, which this thread does."""
+SHARES = 8
+"""Parts for each thread in which environments step: who is done with one takes the next."""
 
 
 def _records(kind: type, **others: type) -> np.dtype[Any]:
@@ -250,22 +250,23 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         limit = self._first.force_limit
         commands = np.clip(values * limit, -limit, limit)
 
-        def work(part: NDArray[np.int64]) -> None:
-            _step(
-                part, self._hold, self._at, self._constants, self._profiles, self._rows,
-                self._shown, self._sizes, self._sensors, self._actuators, self._runs,
-                self._pendings, self._instants, commands, self._truth, self._seen, self._told,
-                self._forces,
-            )  # fmt: skip
-
         begin = np.flatnonzero(fresh).tolist()
         active = np.flatnonzero(~fresh)
-        drawing = DRAWING * len(begin) if self._first.randomize else 0
-        mine = max(0, round((len(active) + drawing) / self._workers) - drawing)
-        theirs = np.array_split(active[mine:], max(self._workers - 1, 1))
-        others = [self._pool.submit(work, part) for part in theirs] if self._pool else []
-        work(active[:mine] if self._pool else active)  # compiled, so that the others can begin
-        drawn = [self._draw(i) for i in begin]
+        count = min(len(active), SHARES * self._workers) if self._pool else 1
+        parts = iter(np.array_split(active, max(count, 1)))
+
+        def work() -> None:
+            for part in parts:  # taking the next is one instruction, which no thread interrupts
+                _step(
+                    part, self._hold, self._at, self._constants, self._profiles, self._rows,
+                    self._shown, self._sizes, self._sensors, self._actuators, self._runs,
+                    self._pendings, self._instants, commands, self._truth, self._seen, self._told,
+                    self._forces,
+                )  # fmt: skip
+
+        others = [self._pool.submit(work) for _ in range(self._workers - 1)] if self._pool else []
+        drawn = [self._draw(i) for i in begin]  # in Python, while the others compute
+        work()
         for one in others:
             one.result()
         self._steps += 1
