@@ -186,7 +186,7 @@ def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(
     for state, force in zip(random_states, rng.uniform(-50, 50, len(random_states)), strict=True):
         x = np.array([*state, math.log(plant[0]), math.log(plant[2])])
         expected = jacobian(x, force, plant[1], plant[3])
-        cart_row, pole_row, transition = np.empty(6), np.empty(6), np.empty((6, 6))
+        cart_row, pole_row, transition = (np.full(s, np.nan) for s in (6, 6, (6, 6)))
         linearise(state[1], state[3], force, plant, cart_row, pole_row)
         np.testing.assert_allclose([cart_row, pole_row], expected[2:4], rtol=1e-10, atol=1e-9)
         fill_transition(cart_row, pole_row, DT, transition)
