@@ -16,6 +16,9 @@ from afl_mujoco.studies.attraction.figures import draw_attraction, draw_starts
 from afl_mujoco.studies.attraction.result import Map, MapPair, Result
 from afl_mujoco.studies.requirements_table import SETTLES
 
+FEW = 0.1
+"""Share of starts below which a map shows little."""
+
 WORDS = {
     STATES: ("states", "From which starts each controller settles", "over starts (φ₀, φ₀′)"),
     PLANTS: (
@@ -49,6 +52,8 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
     words = {"meets all": "meets all requirements"}.get(good, good)
     text = f"On {first.scenario}, of {total} {reach} to either side (--max-angle, --max-rate), "
     text += f"those from which each controller {words}: {said}."
+    if max(one.shares[good] for one in maps) < FEW:
+        text += f" Fewer than {percent(FEW)}: smaller limits show more."
     return [
         Finding("Starting region", text),
         *([] if first.judged else [Text(SETTLES)]),

@@ -225,7 +225,7 @@ def _worst_cases(result: Result) -> Table:
             (
                 one.controller,
                 QUESTIONS[one.question],
-                Cell(_how(one), "bad" if one.failed else "good"),
+                Cell(_how(result, one), "bad" if one.failed else "good"),
                 *(
                     [MISSING if one.robustness is None else percent(one.robustness)]
                     if result.judged
@@ -246,13 +246,14 @@ def _moved(one: WorstCase) -> Iterator[tuple[str, float]]:
     return ((n, x) for n, x in one.changes.items() if " instant " not in n and " shape" not in n)
 
 
-def _how(one: WorstCase) -> str:
+def _how(result: Result, one: WorstCase) -> str:
     """Say how the run of a worst case ended."""
     if not one.failed:
         return "passes"
     if one.missed and one.outcome == COMPLETED:
         others = len(one.missed) - 1
-        return f"misses “{IN_WORDS[one.missed[0]]}”" + (f" and {others} more" if others else "")
+        missed = f"misses “{_limit(result, one.missed[0])}”"
+        return missed + (f" and {others} more" if others else "")
     return one.outcome + ("" if one.end_time is None else f" at {fixed(one.end_time, 2)} s")
 
 
