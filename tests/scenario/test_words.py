@@ -32,12 +32,20 @@ def test_the_papers_schedules_are_told_as_they_are(name: str, text: str) -> None
         (piecewise_linear((1.0, 3.0), (1.0, 2.0)), "1 kg; rises to 1.5 kg over 1 to 2 s"),
         (piecewise_linear((-1.0, 1.0), (1.0, 2.0)), "1.5 kg; rises to 2 kg over 0 to 1 s"),
         (piecewise_linear((2.5, 2.5), (1.0, 2.0)), "1 kg throughout"),
+        (piecewise_linear((-2.0, -0.5), (1.0, 2.0)), "2 kg throughout"),
         (
             piecewise_linear(tuple(range(21)), tuple(1.0 + k % 2 for k in range(21))),
             "1 kg; rises to 2 kg over 0 to 1 s; falls to 1 kg over 1 to 2 s",
         ),
     ],
-    ids=["jump and ramp", "cut by the end", "begun before", "after the end", "saw"],
+    ids=[
+        "jump and ramp",
+        "cut by the end",
+        "begun before",
+        "after the end",
+        "before the start",
+        "saw",
+    ],
 )
 def test_what_changes_within_the_horizon_is_told(schedule: Schedule, text: str) -> None:
     assert schedule_text(schedule, "kg", 2.0) == text
