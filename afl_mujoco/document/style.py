@@ -100,7 +100,8 @@ class _Literal(Figure):
 
     def draw(self, renderer: Any) -> None:
         """Draw it."""
-        self.take_names_literally()
+        if self.get_layout_engine() is not None:  # else `lay_out` has done so
+            self.take_names_literally()
         super().draw(renderer)
 
     def take_names_literally(self) -> None:
@@ -180,6 +181,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     if kind not in ("png", "svg"):
         raise InvalidValueError("suffix of a figure", "must be .png or .svg", repr(path.suffix))
     dated: dict[str, Any] = {"Date": None} if kind == "svg" else {}
+    lay_out(figure)  # else it would be drawn once more to be laid out
     with styled(), atomic_file(path) as temporary:
         figure.savefig(temporary, dpi=PNG_DPI, format=kind, metadata=dated)
 
@@ -188,7 +190,6 @@ def write_figure(figure: blocks.Figure, folder: Path) -> list[Path]:
     """Draw a figure and write it as SVG and PNG into a folder that exists; return the files."""
     with styled():
         drawing = figure.draw()
-    lay_out(drawing)
     paths = [folder / name for name in figure.files.values()]
     for path in paths:
         save_figure(drawing, path)
