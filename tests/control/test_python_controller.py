@@ -600,6 +600,7 @@ def test_an_instance_that_remembers_nothing_runs_everywhere(smooth_scenario):
     for simulate in SIMULATORS.values():
         assert simulate(smooth_scenario, given).outcome.kind == "fell"
     assert not controller_of(Lost(1.0)).stateful
+    assert not controller_of(Gains(math.nan)).stateful
     uncopied = Gains(threading.Lock())
     assert not controller_of(uncopied).stateful
 

@@ -112,7 +112,7 @@ class PythonController(Controller):
                 for time, state in _TRIALS:
                     answer = tried(time, np.array(state), belief)
                 alone = _copied(function)(time, np.array(state), belief)
-            return not np.array_equal(answer, alone)
+            return not np.array_equal(answer, alone, equal_nan=True)
         except KeyboardInterrupt:
             raise
         except BaseException:  # the run will tell what it is

@@ -201,10 +201,8 @@ def _rail(rail: Imperfection, sweep: Sweep) -> str:
 def _clause(result: Result, one: Imperfection, sweep: Sweep) -> str:
     """Say from which level on a controller fails, and how."""
     failure = "" if sweep.failure is None else sweep.failure.failure
-    how, level = (
-        _HOW.get(failure, f"the run {_in_words(result, sweep.failure)}"),
-        reached(sweep.survives),
-    )
+    how = _HOW.get(failure, f"the run {_in_words(result, sweep.failure)}")
+    level = reached(sweep.survives)
     at = f"{level_text(one, level)} {one.unit}"
     if sweep.survives.bound == UPPER:
         return f"{one.title}: already at {at}, the mildest tried, {how}"
@@ -463,7 +461,8 @@ def _in_words(result: Result, verdict: Verdict | None) -> str:
         return verdict.failure
     asked = [s.requirements for s in result.scenarios if verdict.scenario in (None, s.name)]
     limits = {getattr(one, missed) for one in asked}
-    limit = f" {short(limits.pop())} {UNITS[missed]}" if len(limits) == 1 else ""
+    known = len(limits) == 1 and missed != "completes"  # which has no limit of its own
+    limit = f" {short(limits.pop())} {UNITS[missed]}" if known else ""
     return f"{MISSES}“{IN_WORDS[missed]}{limit}”"
 
 
