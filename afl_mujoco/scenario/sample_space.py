@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,16 @@ from afl_mujoco.scenario.schedules import (
     trapezoid,
 )
 
-SHAPES = ("constant", "steps", "trapezoid")
+PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "constant": ("level 1",),
+        "steps": ("level 1", "level 2", "level 3", "instant 1", "instant 2"),
+        "trapezoid": ("level 1", "level 2", *(f"instant {i}" for i in range(1, 5))),
+    }
+)
+"""What each shape uses of the coordinates of M or l."""
+
+SHAPES = tuple(PARTS)
 """Shapes of the schedules, each a third of the shape's coordinate: one level; two jumps between
 three levels; a trapezoid between two levels."""
 
@@ -234,6 +244,25 @@ class SampleSpace:
                 low, high = self.varied[thing]
                 found.append(1.0 if value is None else _share((low, high), value))
         return np.array(found)
+
+
+def acting(changes: Mapping[str, float]) -> dict[str, float]:
+    """Return the coordinates that act on a scenario, without those that its shapes do not use.
+
+    Parameters
+    ----------
+    changes
+        Distance of every coordinate from that of `SampleSpace.reference`.
+    """
+    found = {}
+    for name, change in changes.items():
+        thing, _, part = name.partition(" ")
+        if (shift := changes.get(f"{thing} shape")) is not None and part != "shape":
+            at = int(len(SHAPES) * (0.5 / len(SHAPES) + shift))
+            if part not in PARTS[SHAPES[min(at, len(SHAPES) - 1)]]:
+                continue
+        found[name] = change
+    return found
 
 
 def sample_point(space: SampleSpace, index: int, seed: int) -> NDArray[np.float64]:

@@ -421,6 +421,12 @@ def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module)
     assert "\n" not in message
 
 
+def test_a_file_that_an_installed_module_hides_is_said_to_be(module):
+    module("difflib", "def push(time, state, belief):\n    return 0.0\n")
+    with pytest.raises(InvalidValueError, match=r"has no 'push' and hides difflib\.py of this"):
+        load_python_controller("difflib:push")
+
+
 def test_a_user_s_file_does_not_hide_an_installed_module(module):
     module("json", "def loads(*_): raise RuntimeError\n")
     module("own_module", "import json\nassert json.loads('3') == 3\ndef f(t, x, b): return 0.0\n")

@@ -52,6 +52,17 @@ def load_attribute(spec: str) -> Any:
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name
-            raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
+            hides = _hidden_by(file, module_name, folder)
+            raise InvalidValueError(
+                thing, f"must be defined in {file}, which has no {part!r}{hides}"
+            )
         found = getattr(found, part)
     return found
+
+
+def _hidden_by(file: str, module_name: str, folder: str) -> str:
+    """Say that an installed module hides a file of the same name in a folder, if it does."""
+    own = os.path.join(folder, f"{module_name}.py")
+    if not os.path.exists(own) or (os.path.exists(file) and os.path.samefile(own, file)):
+        return ""
+    return f" and hides {module_name}.py of this folder: give that file another name"

@@ -22,6 +22,7 @@ from afl_mujoco.document.blocks import (
 from afl_mujoco.document.numbers import MISSING, fixed, interval, percent, short
 from afl_mujoco.scenario.ranges import unit_of
 from afl_mujoco.scenario.requirements import UNITS
+from afl_mujoco.scenario.sample_space import acting
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.monte_carlo.figures import (
     BINS,
@@ -208,8 +209,9 @@ def _worst_cases(result: Result) -> Table:
         caption=(
             "What a search by CMA-ES found over the same ranges; distance 0 is the scenario "
             f"{result.space.scenario.name} itself with the initial M and l, 1 is the diagonal of "
-            "all ranges. Last but one: what was moved most, as a share of its range; “level 2” is "
-            "the value of M or l after its first change"
+            "all ranges, also of values that the shape drawn for M or l does not use. Last but "
+            "one: what was moved most, as a share of its range; “level 2” is the value of M or l "
+            "after its first change"
         ),
         columns=(
             Column("Controller"),
@@ -243,7 +245,8 @@ def _worst_cases(result: Result) -> Table:
 
 def _moved(one: WorstCase) -> Iterator[tuple[str, float]]:
     """Return what differs from the scenario, which has no changes and so no instants of them."""
-    return ((n, x) for n, x in one.changes.items() if " instant " not in n and " shape" not in n)
+    moved = acting(one.changes).items()
+    return ((n, x) for n, x in moved if " instant " not in n and " shape" not in n)
 
 
 def _how(result: Result, one: WorstCase) -> str:

@@ -16,6 +16,7 @@ from afl_mujoco.scenario.laboratory import HARDWARE_RANGES, LABORATORY
 from afl_mujoco.scenario.sample_space import (
     SHAPES,
     SampleSpace,
+    acting,
     sample_point,
     sample_scenario,
     search_generator,
@@ -40,6 +41,22 @@ def at(**shares: float) -> Scenario:
         k.replace("__", " "): v for k, v in shares.items()
     }
     return SPACE.scenario_of([point[name] for name in SPACE.coordinates], 0, 0)
+
+
+def test_a_coordinate_acts_where_it_changes_the_scenario_and_nowhere_else() -> None:
+    seen = set()
+    for index in range(12):
+        point = sample_point(SPACE, index, 3)
+        away = dict(zip(SPACE.coordinates, (point - SPACE.reference).tolist(), strict=True))
+        for i, name in enumerate(SPACE.coordinates):
+            if name.endswith("shape") or name in ("encoder_step_z", "encoder_step_phi"):
+                continue
+            other = point.copy()
+            other[i] = (other[i] + 0.5) % 1.0
+            same = SPACE.scenario_of(other, 0, 0) == SPACE.scenario_of(point, 0, 0)
+            assert same == (name not in acting(away)), name
+            seen.add(same)
+    assert seen == {True, False}
 
 
 def test_a_sample_depends_on_its_index_and_the_seed_alone() -> None:
