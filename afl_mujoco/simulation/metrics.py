@@ -86,8 +86,8 @@ def metrics_of(run: Trajectory) -> Metrics:
         "itae_z": integral(time * np.abs(state[:, 0]), time),
         "itae_phi": integral(time * np.abs(state[:, 1]), time),
         "max_force": float(np.abs(force).max()),
-        "force_squared": integral(force**2, time),
-        "force_variation": float(np.abs(np.diff(force)).sum()),
+        "force_squared": _staircase(force**2, time) if run.force_held else integral(force**2, time),
+        "force_variation": float(np.abs(np.diff(force, prepend=0.0)).sum()),  # at rest before t = 0
         "end_time": run.outcome.time,
     }
     for column, name in enumerate(STATES):
@@ -111,6 +111,11 @@ def _known(value: float | None) -> float | None:
 def integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
     """Return the integral over time by the trapezoidal rule."""
     return float(np.trapezoid(values, time))
+
+
+def _staircase(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
+    """Return the integral over time of values that are each held until the next instant."""
+    return float(values[:-1] @ np.diff(time))
 
 
 def _saturated_share(ratio: NDArray[np.float64], time: NDArray[np.float64]) -> float:

@@ -96,6 +96,8 @@ def simulate_mujoco(
         edit=edit,
         imperfections=scenario.imperfections,
     )
+    if edit is None:  # an edit may have added what would be left out
+        model.compute_only(scenario.imperfections)
     period = control_period_of(scenario, control_period, timestep)
     whole_steps("control_period", period, "timestep", timestep)
     settings: dict[str, Any] = {"timestep": timestep}

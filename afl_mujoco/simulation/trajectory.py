@@ -108,6 +108,11 @@ class Trajectory:
         return str(self.provenance.get("simulator", "unknown"))
 
     @property
+    def force_held(self) -> bool:
+        """Whether each force is held until the next instant, as in sampled mode."""
+        return self.provenance.get("settings", {}).get("control_period") is not None
+
+    @property
     def metrics(self) -> dict[str, float | None]:
         """Its figures by name: integrals, peaks, settling; None where there is none."""
         from afl_mujoco.simulation.metrics import metrics_of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import types
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,13 +46,37 @@ def measured(run: Trajectory) -> dict[str, float | None]:
         ("itae_phi", 0.25 - (5.0 + 0.25) * np.exp(-20.0)),
         ("force_squared", 250.0 / 3.0),
         ("max_force", 5.0),
-        ("force_variation", 10.0),
+        ("force_variation", 15.0),  # 5 N at t = 0, where it was at rest before, then to -5 N
         ("peak_z", 1.0),
         ("peak_phi", 1.0),
     ],
 )
 def test_integrals_and_peaks_match_their_closed_forms(name: str, expected: float) -> None:
     assert measured(decaying_run())[name] == pytest.approx(expected, abs=TRAPEZOID_ERROR)
+
+
+def test_a_held_force_is_integrated_as_the_staircase_it_is() -> None:
+    class Bang:
+        """Push with 3 N for a second and with -2 N after it."""
+
+        def __call__(self, t: float, state: np.ndarray, *_: float) -> float:
+            return 3.0 if t < 0.199 else -2.0
+
+    scenario = afl.Scenario(name="pushed", initial_state=(0.0, 0.01, 0.0, 0.0), duration=0.3)
+    run = afl.simulate_mujoco(scenario, Bang, mode="sampled", control_period=0.1)
+    assert run.outcome.kind == "completed"
+    figures = run.metrics
+    assert figures["force_squared"] == pytest.approx(9.0 * 0.2 + 4.0 * 0.1, rel=1e-12)
+    assert figures["force_variation"] == pytest.approx(3.0 + 5.0, rel=1e-12)
+
+
+def test_a_jump_counts_alike_with_and_without_a_delay() -> None:
+    """A force of 2 N is switched on, at once or a little later."""
+    scenario = afl.Scenario(name="pushed", initial_state=(0.0, 0.01, 0.0, 0.0), duration=0.5)
+    late = replace(scenario, imperfections=afl.Imperfections(delay=0.01))
+    for one in (scenario, late):
+        run = afl.simulate_mujoco(one, lambda t, state, *plant: 2.0, mode="sampled")
+        assert run.metrics["force_variation"] == 2.0
 
 
 def test_settling_is_the_first_instant_inside_the_band_for_good() -> None:

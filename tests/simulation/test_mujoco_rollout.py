@@ -4,6 +4,7 @@ import signal
 from contextlib import contextmanager
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,6 +12,7 @@ from afl_mujoco import (
     CONTROLLERS,
     CartPoleModel,
     CartPoleParameters,
+    Imperfections,
     Scenario,
     acceleration,
     constant,
@@ -239,3 +241,16 @@ def test_bad_settings_are_refused(settings, error, message, smooth_scenario, ada
     with pytest.raises(error) as caught:
         simulate_mujoco(smooth_scenario, adaptive, **settings)
     assert str(caught.value) == message
+
+
+def test_friction_that_an_edit_adds_acts_as_that_of_the_scenario() -> None:
+    def rub(spec: mujoco.MjSpec) -> None:
+        spec.joint("slider").frictionloss = 2.0
+
+    scenario = Scenario(name="short", initial_state=(0.0, 0.3, 0.0, 0.0), duration=1.0)
+    rough = replace(scenario, imperfections=Imperfections(rail_friction=2.0))
+    edited = simulate_mujoco(scenario, "fixed", mode="sampled", edit=rub)
+    described = simulate_mujoco(rough, "fixed", mode="sampled")
+    np.testing.assert_array_equal(edited.state, described.state)
+    smooth = simulate_mujoco(scenario, "fixed", mode="sampled")
+    assert not np.array_equal(edited.state, smooth.state)

@@ -69,31 +69,30 @@ ACTUATORS = _records(Actuator, late=np.int64)
 
 
 @borrowing_kernel
-def _look(i, at, parameters, shown, sensors, tick, instant, runs, truth, seen, told):
-    """Write the state of an environment, its measurement, and (M, l)."""
+def _look(i, at, shown, sensors, tick, instant, runs, truth, seen, told):
+    """Write the state of an environment, its measurement, and (M, l) as they are shown."""
     state = read_state(at[i])
     measured = sense(at[i], sensors[i], runs[i], tick)
     for k in range(4):
         truth[i, k], seen[i, k] = state[k], measured[k]
-    last = parameters[min(instant, len(parameters) - 1)]
-    first = 0 if shown else 2
-    told[i, 0], told[i, 1] = last[first], last[first + 1]
+    last = shown[min(instant, len(shown) - 1)]
+    told[i, 0], told[i, 1] = last[0], last[1]
 
 
 @kernel
-def _start(i, at, state, constants, profile, rows, shown, sensors, runs, truth, seen, told):
+def _start(i, at, state, constants, profile, now, shown, sensors, runs, truth, seen, told):
     """Put an environment at the start of its episode; arguments as in `_step`."""
     mj_reset_data(at[i].model, at[i].data)
     write_state(at[i], state[0], state[1], state[2], state[3])
     begin_held(at[i], constants, profile, runs[i])
-    write_parameters(at[i], rows[0, 0], constants[1], rows[0, 1], constants[2])
+    write_parameters(at[i], now[0, 0], constants[1], now[0, 1], constants[2])
     mj_forward(at[i].model, at[i].data)
-    _look(i, at, rows, shown, sensors, 0, 0, runs, truth, seen, told)
+    _look(i, at, shown, sensors, 0, 0, runs, truth, seen, told)
 
 
 @kernel
 def _step(
-    part, hold, at, constants, profiles, rows, shown, sizes, sensors, actuators, runs, pendings,
+    part, hold, at, constants, profiles, now, shown, sizes, sensors, actuators, runs, pendings,
     instants, commands, truth, seen, told, forces,
 ):  # fmt: skip
     """Take a control period in each environment of a part.
@@ -102,13 +101,12 @@ def _step(
     ----------
     part
         Indices of the environments; the arguments that follow, except `hold`, have a row for each.
-    profiles, rows
-        As in `Episode`: what happens in each step; the true (M, l) at each instant, then those that
-        a controller assumes, shape (N, K, 4).
+    profiles, now
+        As in `Episode`: what happens in each step, and the true (M, l) at each instant.
     shown
-        Whether `told` gets the true (M, l).
+        The (M, l) at each instant that `told` gets, shape (N, K, 2).
     sizes
-        Number of rows of `profiles`, `rows` and `pendings` in use, shape (N, 3).
+        Number of rows of `profiles`, `now` and `pendings` in use, shape (N, 3).
     truth, seen, told, forces
         Take the state, its measurement, (M, l), and the force that acted, shape (N, 4), (N, 4),
         (N, 2) and (N,).
@@ -116,13 +114,13 @@ def _step(
     for i in part:
         store(at[i].control, commands[i])
         three = (constants[i, 0], constants[i, 1], constants[i, 2])
-        profile, parameters = profiles[i, : sizes[i, 0]], rows[i, : sizes[i, 1]]
+        profile, last = profiles[i, : sizes[i, 0]], sizes[i, 1]
         instants[i] = advance_held(
-            at[i], three, profile, parameters, actuators[i], runs[i], pendings[i, : sizes[i, 2]],
+            at[i], three, profile, now[i, :last], actuators[i], runs[i], pendings[i, : sizes[i, 2]],
             instants[i], hold,
         )  # fmt: skip
         tick = instants[i] // hold
-        _look(i, at, parameters, shown, sensors, tick, instants[i], runs, truth, seen, told)
+        _look(i, at, shown[i, :last], sensors, tick, instants[i], runs, truth, seen, told)
         forces[i] = load(at[i].control)
 
 
@@ -178,7 +176,8 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._constants = np.zeros((num_envs, 3))
         self._sizes = np.zeros((num_envs, 3), dtype=np.int64)
         self._profiles = np.zeros((num_envs, 0), PROFILE)
-        self._rows, self._pendings = np.zeros((num_envs, 0, 4)), np.zeros((num_envs, 0))
+        self._now, self._shown = np.zeros((2, num_envs, 0, 2))
+        self._pendings = np.zeros((num_envs, 0))
         self._sensors, self._actuators = np.zeros(num_envs, SENSORS), np.zeros(num_envs, ACTUATORS)
         self._runs = np.zeros(num_envs, RUN)
         self._instants = np.zeros(num_envs, dtype=np.int64)
@@ -187,7 +186,6 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._told, self._forces = np.zeros((num_envs, 2)), np.zeros(num_envs)
         self._drawn: list[Episode | None] = [None] * num_envs
         self._samples = np.full(num_envs, None, dtype=object)
-        self._shown = first.parameters == PRIVILEGED
         self._ended: NDArray[np.bool_] | None = None
 
     def reset(
@@ -217,6 +215,8 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             if asked is not None:
                 rail = scenario.imperfections.rail_half_length
                 require_on_rail("z of initial_state", asked[0], rail)
+            if not self._has_room(episode):
+                self._make_room(episode)
             self._begin(i, scenario, start if asked is None else asked, episode)
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         return self._observations(), self._information()
@@ -258,20 +258,26 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         def work() -> None:
             for part in parts:  # taking the next is one instruction, which no thread interrupts
                 _step(
-                    part, self._hold, self._at, self._constants, self._profiles, self._rows,
+                    part, self._hold, self._at, self._constants, self._profiles, self._now,
                     self._shown, self._sizes, self._sensors, self._actuators, self._runs,
                     self._pendings, self._instants, commands, self._truth, self._seen, self._told,
                     self._forces,
                 )  # fmt: skip
 
-        others = [self._pool.submit(work) for _ in range(self._workers - 1)] if self._pool else []
-        drawn = [self._draw(i) for i in begin]  # in Python, while the others compute
-        work()
-        for one in others:
-            one.result()
+        def finish() -> None:
+            work()
+            for one in others:
+                one.result()
+
         self._steps += 1
-        for i, draw in zip(begin, drawn, strict=True):
-            self._begin(i, *draw)
+        others = [self._pool.submit(work) for _ in range(self._workers - 1)] if self._pool else []
+        for i in begin:  # in Python, while the others compute
+            scenario, start, episode = self._draw(i)
+            if not self._has_room(episode):
+                finish()  # of the arrays that are now replaced
+                self._make_room(episode)
+            self._begin(i, scenario, start, episode)
+        finish()
         known = (np.abs(self._truth) < STATE_LIMIT).all(axis=1)
         diverged = np.logical_not(known)
         terminated = (np.abs(self._truth[:, 1]) >= FALL_ANGLE) | diverged
@@ -298,15 +304,25 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             return scenario, start, physics.episode
         return scenario, start, episode_of(scenario, self._timestep, self._hold)
 
+    def _has_room(self, e: Episode) -> bool:
+        """Return whether the arrays have as many rows as an episode needs."""
+        there = (self._profiles, self._now, self._pendings)
+        return all(rows <= one.shape[1] for rows, one in zip(_rows(e), there, strict=True))
+
+    def _make_room(self, e: Episode) -> None:
+        """Replace the arrays by some that have as many rows as an episode needs."""
+        steps, instants, late = _rows(e)
+        self._profiles = _with_room(self._profiles, steps)
+        self._now, self._shown = (_with_room(one, instants) for one in (self._now, self._shown))
+        self._pendings = _with_room(self._pendings, late)
+
     def _begin(self, i: int, scenario: Scenario, start: Sequence[float], e: Episode) -> None:
         """Start an episode in one environment, as `CartPoleEnv.reset` does."""
-        steps, instants, late = len(e.profile), len(e.now), len(no_commands(e.actuator))
-        self._profiles = _with_room(self._profiles, steps)
-        self._rows = _with_room(self._rows, instants)
-        self._pendings = _with_room(self._pendings, late)
+        steps, instants, late = _rows(e)
         if self._drawn[i] is not e:
             self._profiles[i, :steps] = e.profile
-            self._rows[i, :instants, :2], self._rows[i, :instants, 2:] = e.now, e.told
+            self._now[i, :instants] = e.now
+            self._shown[i, :instants] = e.now if self._first.parameters == PRIVILEGED else e.told
             self._drawn[i] = e
         self._pendings[i] = 0.0
         self._sizes[i] = steps, instants, late
@@ -319,8 +335,9 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
         model.compute_only(scenario.imperfections)
         _start(
-            i, self._at, np.array(start), e.constants, e.profile, self._rows[i, :instants],
-            self._shown, self._sensors, self._runs, self._truth, self._seen, self._told,
+            i, self._at, np.array(start), e.constants, e.profile, e.now,
+            self._shown[i, :instants], self._sensors, self._runs, self._truth, self._seen,
+            self._told,
         )  # fmt: skip
 
     def _observations(self) -> NDArray[np.float64]:
@@ -337,6 +354,11 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             known["sample"] = self._samples.copy()
         there = np.ones(self.num_envs, dtype=np.bool_)
         return {**known, **{f"_{name}": there.copy() for name in known}}
+
+
+def _rows(e: Episode) -> tuple[int, int, int]:
+    """Return how many rows of profile, parameters and delayed commands an episode needs."""
+    return len(e.profile), len(e.now), len(no_commands(e.actuator))
 
 
 def _with_room(stacked: NDArray[Any], length: int) -> NDArray[Any]:

@@ -128,6 +128,7 @@ def run_rollouts(
     def run(model: CartPoleModel, i: int) -> None:
         scenario = found[i]
         model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
+        model.compute_only(scenario.imperfections)
         prepared = prepare(scenario, controller, **settings)
         asked = scenario.requirements != NONE
         done, rows = perform(model, prepared, controller, record=asked)

@@ -248,6 +248,7 @@ def simulate_sampled(
             integrator=integrator,
             imperfections=scenario.imperfections,
         )
+        model.compute_only(scenario.imperfections)
     run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
     return recorded(scenario, controller, prepared, run, rows, integrator)
 
