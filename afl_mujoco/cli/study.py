@@ -57,6 +57,7 @@ class StudyCommand:
         from afl_mujoco.cli.page import require_page, write_page
         from afl_mujoco.document.blocks import without_figures
         from afl_mujoco.document.terminal import print_sections, print_verdict
+        from afl_mujoco.execution.processes import kept_processes
         from afl_mujoco.files import output_folder, require_no_folder
         from afl_mujoco.studies.record import PAGE, Record, save_record
 
@@ -66,7 +67,7 @@ class StudyCommand:
             require_page(self.out, self.films, leave_out=study.name)
         study.require_folder(self.out)
         folder = output_folder(self.out)
-        with study_progress() as progress:
+        with study_progress() as progress, kept_processes():
             result = study.run(configuration, progress=progress, **who)
             record = Record(study=study, result=result, command=typed(study.name, configuration))
             files = save_record(

@@ -246,8 +246,10 @@ class Controller(Protocol):
 
 def _range_of(assumed: NDArray[np.float64]) -> PlantRange:
     """Return the range of plants in rows of assumed (M, m, l, g), with m and g constant."""
-    least, largest = assumed.min(axis=0).tolist(), assumed.max(axis=0).tolist()
-    return PlantRange((least[0], largest[0]), (least[2], largest[2]), least[1], least[3])
+    masses, lengths = (
+        (float(column.min()), float(column.max())) for column in (assumed[:, 0], assumed[:, 2])
+    )
+    return PlantRange(masses, lengths, float(assumed[0, 1]), float(assumed[0, 3]))
 
 
 def assumed_as_data(belief: CartPoleParameters | None) -> Any:

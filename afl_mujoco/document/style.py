@@ -16,8 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogFormatterSciNotation
 
 from afl_mujoco.document import blocks
 from afl_mujoco.errors import InvalidValueError
@@ -60,7 +59,6 @@ PNG_DPI = 130
 
 _RC: Any = {
     "font.family": "DejaVu Sans",
-    "mathtext.fontset": "dejavusans",
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.labelsize": 9.0,
@@ -83,9 +81,11 @@ _RC: Any = {
     "lines.solid_capstyle": "round",
     "svg.hashsalt": "afl-mujoco",
     "svg.fonttype": "path",
+    "text.parse_math": False,  # a name is shown as it is
 }
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_BRACES = str.maketrans("", "", "{}")
 
 
 @contextmanager
@@ -95,28 +95,31 @@ def styled() -> Iterator[None]:
         yield
 
 
+class _Powers(LogFormatterSciNotation):
+    """Powers of ten along an axis, as plain text: math is switched off where names are shown."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the label of a tick."""
+        label = super().__call__(x, pos).strip("$").replace(r"\mathdefault", "")
+        mantissa, _, power = label.replace(r"\times", " × ").partition("^")
+        return (mantissa + power.translate(SUPERSCRIPTS)).translate(_BRACES)
+
+
 class _Literal(Figure):
-    """A figure that shows ``$`` in a name as it is: math is only for powers of ten on an axis."""
+    """A figure that shows ``$`` in a name as it is, and powers of ten without math."""
 
     def draw(self, renderer: Any) -> None:
         """Draw it."""
-        if self.get_layout_engine() is not None:  # else `lay_out` has done so
-            self.take_names_literally()
+        self.label_powers()
         super().draw(renderer)
 
-    def take_names_literally(self) -> None:
-        """Switch math off in every text that is not a power of ten along an axis."""
-        scales = [axis for axes in self.axes for axis in (axes.xaxis, axes.yaxis)]
-        powers = {
-            text
-            for axis in scales
-            if isinstance(axis.get_major_formatter(), LogFormatter)
-            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
-            for text in (tick.label1, tick.label2)
-        }
-        for text in self.findobj(Text):
-            if isinstance(text, Text) and text not in powers:
-                text.set_parse_math(False)
+    def label_powers(self) -> None:
+        """Label the ticks of every logarithmic axis without math."""
+        for axis in (one for axes in self.axes for one in (axes.xaxis, axes.yaxis)):
+            if type(axis.get_major_formatter()) is LogFormatterSciNotation:
+                axis.set_major_formatter(_Powers())
+            if type(axis.get_minor_formatter()) is LogFormatterSciNotation:
+                axis.set_minor_formatter(_Powers())
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -170,7 +173,7 @@ def lay_out(figure: Figure) -> None:
     if engine is not None:
         with styled():
             if isinstance(figure, _Literal):
-                figure.take_names_literally()
+                figure.label_powers()
             engine.execute(figure)
         figure.set_layout_engine(None)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -21,10 +22,30 @@ MAX_DEATHS = 4
 """Deaths of workers after which the computation is given up, because it seems to kill them."""
 
 
+_idle: dict[int, ProcessPoolExecutor] | None = None
+"""Pools that wait for their next use, by their number of workers; None outside `kept_processes`."""
+
+
+@contextmanager
+def kept_processes() -> Iterator[None]:
+    """Keep worker processes from one use within the block to the next: to start them takes long."""
+    global _idle
+    _idle = {}
+    try:
+        yield
+    finally:
+        pools, _idle = _idle, None
+        for pool in pools.values():
+            pool.shutdown()
+
+
 @contextmanager
 def open_processes(workers: int) -> Iterator[Executor]:
-    """Yield an executor on worker processes, and end them; at once if the block raises."""
-    pool = _new_pool(workers)
+    """Yield an executor on worker processes, and end them; at once if the block raises.
+
+    Within `kept_processes` a block that does not raise leaves them to the next.
+    """
+    pool = (_idle or {}).pop(workers, None) or _new_pool(workers)
 
     def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         nonlocal pool
@@ -46,16 +67,21 @@ def open_processes(workers: int) -> Iterator[Executor]:
     except BaseException:
         for process in list((pool._processes or {}).values()):
             process.terminate()
-        raise
-    finally:
         pool.shutdown(cancel_futures=True)
+        raise
+    if _idle is None or workers in _idle:
+        pool.shutdown(cancel_futures=True)
+    else:
+        _idle[workers] = pool
 
 
 def _new_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool that has no process yet."""
     spawn = multiprocessing.get_context("spawn")
     in_one_line = warnings.formatwarning is warning_in_one_line
-    return ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=(in_one_line,))
+    return ProcessPoolExecutor(
+        workers, spawn, initializer=_prepare, initargs=(in_one_line, gc.get_threshold())
+    )
 
 
 def _computed(
@@ -92,8 +118,9 @@ def interrupts_held() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _prepare(in_one_line: bool) -> None:
-    """Have this worker warn as its parent does, and end when that does, however it ends."""
+def _prepare(in_one_line: bool, collected_after: tuple[int, int, int]) -> None:
+    """Have this worker warn and collect garbage as its parent does, and end when that does."""
+    gc.set_threshold(*collected_after)
     if in_one_line:
         warnings.formatwarning = warning_in_one_line
     threading.Thread(target=_exit_after_parent, daemon=True).start()

@@ -15,7 +15,7 @@ import pytest
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.execution.executors import compute_all, in_process, open_executor
-from afl_mujoco.execution.processes import MAX_DEATHS
+from afl_mujoco.execution.processes import MAX_DEATHS, kept_processes
 from afl_mujoco.execution.store import Store
 from tests.execution.units import (
     COUNT,
@@ -51,6 +51,34 @@ def test_the_results_are_the_serial_ones_bit_for_bit(tmp_path: Path, workers: in
     assert repr(computed(noted, tmp_path, workers)) == repr(SERIAL)
     pids = {path.name.split("-")[1] for path in (tmp_path / "tried").iterdir()}
     assert (str(os.getpid()) in pids) == (workers == 1)
+
+
+def pids_of(folder: Path) -> set[str]:
+    """Processes that computed the units since the last call."""
+    files = list((folder / "tried").iterdir())
+    for file in files:
+        file.unlink()
+    return {file.name.split("-")[1] for file in files}
+
+
+def test_kept_processes_serve_every_use_until_one_fails_and_end_with_the_block(
+    tmp_path: Path,
+) -> None:
+    with kept_processes():
+        assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
+        first = pids_of(tmp_path)
+        assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
+        assert pids_of(tmp_path) <= first
+        with pytest.raises(InvalidValueError):
+            computed(refused, tmp_path, 2)
+        pids_of(tmp_path)
+        assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
+        second = pids_of(tmp_path)
+        assert not first & second
+    for pid in first | second:
+        assert not Path("/proc", pid).exists()
+    computed(noted, tmp_path, 2)
+    assert not second & pids_of(tmp_path)
 
 
 def test_progress_is_called_with_each_index_as_it_is_done() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import compute_all, open_executor
@@ -12,12 +14,15 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.studies.cases import DECISIVE, Settings, require_runnable
 from afl_mujoco.studies.contract import Progress, counted, silent
-from afl_mujoco.studies.verification.case import judge
+from afl_mujoco.studies.verification.case import Judged, judge
+from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.equation_checks import equation_checks
 from afl_mujoco.studies.verification.checks.explanation import plateau_check
 from afl_mujoco.studies.verification.checks.reference_checks import free_swings, reference_checks
-from afl_mujoco.studies.verification.claims.ledger import judge_claims
+from afl_mujoco.studies.verification.claims.ledger import Ledger, decidable, judge_claims
+from afl_mujoco.studies.verification.claims.readings import READINGS, try_readings
+from afl_mujoco.studies.verification.claims.schedules import SCHEDULES, objectives_on_schedules
 from afl_mujoco.studies.verification.result import Result, verdict_of
 
 
@@ -31,30 +36,31 @@ def verify(
 ) -> Result:
     """Judge every scenario with every controller; arguments as for the study's `run`."""
     require_runnable(scenarios, controllers, settings)
-    cases = [(s, c, settings) for s in scenarios for c in controllers]
-    progress("cases", 0, len(cases))
-    checks = list(equation_checks())
-    studies: list[Refinement] = []
-    if settings.full:
-        swings = free_swings()
-        checks += [*reference_checks(swings), plateau_check()]
-        studies += swings
     scales = nominal_scales(settings.timestep)
-    advance = counted(progress, "cases", len(cases))
-    with open_executor(min(workers, len(cases))) as executor:
-        judged = compute_all(judge, cases, executor, advance)
-        runs = tuple(
-            replace(run, metrics=with_objective(run.metrics, scales))
-            for case in judged
-            for run in case.runs
-        )
-        published = {s.name for s in scenarios if is_published(s)}
-        decisive = {
-            (run.scenario, run.controller): run.metrics
-            for run in runs
-            if run.simulator == DECISIVE and run.scenario in published
-        }
-    ledger = judge_claims(decisive, scales)
+    published = {s.name for s in scenarios if is_published(s)}
+    claimed = decidable({(name, c.name) for name in published for c in controllers})
+    parts: list[Callable[[], Any]] = [partial(_of_equations, settings.full)]
+    if claimed:
+        parts += [partial(objectives_on_schedules, SCHEDULES, scales)]
+        parts += [partial(try_readings, READINGS)]
+    others = len(parts)
+    parts += [partial(judge, (s, c, settings)) for s in scenarios for c in controllers]
+    progress("parts", 0, len(parts))
+    with open_executor(min(workers, len(parts))) as executor:
+        done = compute_all(_computed, parts, executor, counted(progress, "parts", len(parts)))
+    (checks, studies), *evidence = done[:others]
+    judged: list[Judged] = done[others:]
+    runs = tuple(
+        replace(run, metrics=with_objective(run.metrics, scales))
+        for case in judged
+        for run in case.runs
+    )
+    decisive = {
+        (run.scenario, run.controller): run.metrics
+        for run in runs
+        if run.simulator == DECISIVE and run.scenario in published
+    }
+    ledger = judge_claims(decisive, scales, *evidence) if claimed else Ledger()
     for case in judged:
         checks += [*case.checks, *case.explanation.checks]
         studies += case.explanation.studies
@@ -75,3 +81,17 @@ def verify(
         scenarios=tuple(scenarios),
         curves={f"{c.curves.scenario}/{c.curves.controller}": c.curves for c in judged},
     )
+
+
+def _computed(part: Callable[[], Any]) -> Any:
+    """Return what one part of the campaign found."""
+    return part()
+
+
+def _of_equations(full: bool) -> tuple[list[Check], list[Refinement]]:
+    """Return the checks that need no case, and the refinement studies among them."""
+    checks = list(equation_checks())
+    if not full:
+        return checks, []
+    swings = free_swings()
+    return [*checks, *reference_checks(swings), plateau_check()], list(swings)

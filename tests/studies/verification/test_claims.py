@@ -28,12 +28,12 @@ from afl_mujoco.studies.verification.claims.claim import (
     UNDETERMINED,
     verdict,
 )
-from afl_mujoco.studies.verification.claims.ledger import judge_claims
+from afl_mujoco.studies.verification.claims.ledger import decidable, judge_claims
 from afl_mujoco.studies.verification.claims.performance import (
     PUBLISHED_IMPROVEMENT,
     performance_claims,
 )
-from afl_mujoco.studies.verification.claims.readings import Tried
+from afl_mujoco.studies.verification.claims.readings import Tried, try_readings
 from afl_mujoco.studies.verification.claims.search import search_claim
 
 PAPER = np.array(list(PUBLISHED_IMPROVEMENT.values()))
@@ -223,11 +223,13 @@ def test_the_search_finds_the_optimum_in_the_shipped_contest() -> None:
 
 
 def test_the_ledger_has_the_twelve_claims_in_order_or_none() -> None:
-    ledger = judge_claims(as_published(), SCALES, 2, 3)
+    evidence = schedules.objectives_on_schedules(2, SCALES), try_readings(3)
+    ledger = judge_claims(as_published(), SCALES, *evidence)
     assert [claim.id for claim in ledger.claims] == [f"C{k}" for k in range(1, 13)]
     assert set(ledger.comparisons) == {"published", "retuned"}
     incomplete = {k: v for k, v in as_published().items() if k != ("nominal", "fixed")}
-    assert judge_claims(incomplete, SCALES, 2, 3).claims == ()
+    assert decidable(as_published())
+    assert not decidable(incomplete)
 
 
 def test_a_claim_s_row_has_the_fields_of_the_report() -> None:

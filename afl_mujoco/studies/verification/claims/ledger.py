@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
 
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.scenario.catalogue import SCENARIOS
@@ -20,13 +23,8 @@ from afl_mujoco.studies.verification.claims.performance import (
     Runs,
     performance_claims,
 )
-from afl_mujoco.studies.verification.claims.readings import READINGS, try_readings
-from afl_mujoco.studies.verification.claims.schedules import (
-    SCHEDULES,
-    Comparison,
-    objectives_on_schedules,
-    schedules_claim,
-)
+from afl_mujoco.studies.verification.claims.readings import Tried
+from afl_mujoco.studies.verification.claims.schedules import Comparison, schedules_claim
 from afl_mujoco.studies.verification.claims.search import search_claim
 
 
@@ -46,31 +44,28 @@ class Ledger:
     comparisons: Mapping[str, Comparison] = field(default_factory=dict)
 
 
-def decidable(runs: Runs) -> bool:
+def decidable(runs: Container[tuple[str, str]]) -> bool:
     """Return whether the runs are all that the claims need: both controllers, every scenario."""
     return all((s, c) in runs for s in SCENARIOS for c in (FIXED, ADAPTIVE))
 
 
 def judge_claims(
-    runs: Runs,
-    scales: ObjectiveScales,
-    schedules: int = SCHEDULES,
-    readings: int = READINGS,
+    runs: Runs, scales: ObjectiveScales, objectives: NDArray[np.float64], tried: Tried
 ) -> Ledger:
-    """Judge the claims; return an empty ledger if the runs do not decide them.
+    """Judge the claims by runs that decide them.
 
     Parameters
     ----------
-    schedules, readings
-        Numbers of random schedules for C9, and of random readings for C3 to C6.
+    objectives
+        On random schedules, for C9, from `objectives_on_schedules`.
+    tried
+        Random readings of the paper, for C3 to C6.
     """
-    if not decidable(runs):
-        return Ledger()
-    c9, comparisons = schedules_claim(objectives_on_schedules(schedules, scales))
+    c9, comparisons = schedules_claim(objectives)
     table = GainTable.shipped()
     claims = (
         linearisation_claim(),
-        *performance_claims(runs, try_readings(readings)),
+        *performance_claims(runs, tried),
         c9,
         optima_claim(table, scales),
         fit_claim(table),
