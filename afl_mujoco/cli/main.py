@@ -157,6 +157,8 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     if found is None:
         return said
     if not found[1].startswith("-"):
+        for option in (word.partition("=")[0] for word in given if word.endswith(f"={found[1]}")):
+            return str(InvalidValueError(option, "must have no value", found[1]))
         return f"argument {found[1]!r} is one too many"
     options = _options()
     command = next((c for c in (" ".join(given[:2]), *given[:1]) if c in options), PROGRAM)

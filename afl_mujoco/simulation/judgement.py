@@ -187,15 +187,33 @@ def _rest(
 
 def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
     """Return remarks on a run that no requirement makes, one sentence each."""
-    remarks = [*controller.remarks(scenario.assumed_plants), *_delayed(scenario), *_ended(run)]
-    end = scenario.imperfections.rail_half_length
-    if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
-        return remarks
-    first = run.time[hits[0]]
     return [
-        *remarks,
-        f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s",
+        *controller.remarks(scenario.assumed_plants),
+        *_slow(scenario, run),
+        *_ended(run),
+        *_at_limit(scenario, run),
     ]
+
+
+def _at_limit(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on a limit of the hardware that a run reaches, above all short of a required one."""
+    asked, hardware, found = scenario.requirements, scenario.imperfections, []
+    if (end := hardware.rail_half_length) is not None:
+        if (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
+            far = asked.max_position
+            short = f", short of max_position, {far:g} m" if far is not None and far > end else ""
+            found = [
+                f"the cart hits the end stop, {end:g} m from the middle, "
+                f"first at {run.time[hits[0]]:.3g} s{short}"
+            ]
+    limit, most = hardware.force_limit, asked.max_force
+    if limit is not None and most is not None and limit <= most:
+        if np.abs(run.force[np.isfinite(run.force)]).max(initial=0.0) >= limit:
+            found.append(
+                f"the force is clipped at force_limit, {limit:g} N: it cannot miss max_force, "
+                f"{most:g} N, however much is asked for"
+            )
+    return found
 
 
 def _ended(run: Trajectory) -> list[str]:
@@ -209,16 +227,18 @@ def _ended(run: Trajectory) -> list[str]:
     return []
 
 
-def _delayed(scenario: Scenario) -> list[str]:
-    """Remark on a delay in which the pole leans so far that one may have meant milliseconds."""
+def _slow(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on waiting while the pole leans so far that one may have meant milliseconds."""
     (mass, _), (length, _), pole_mass, gravity = scenario.plants  # the fastest to fall
     plant = CartPoleParameters(
         cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
     )
     time = upright_model(plant).a[3, 1] ** -0.5
-    if (delay := scenario.imperfections.delay) < time:
-        return []
+    period = run.provenance.get("settings", {}).get("control_period") or 0.0
+    waits = {"delay": scenario.imperfections.delay, "control period": period}
     return [
-        f"the delay, {delay:g} s, is longer than a pole left alone takes to lean e times as "
+        f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times as "
         f"far, {time:.2g} s"
+        for name, wait in waits.items()
+        if wait >= time
     ]

@@ -50,7 +50,7 @@ LABELS: Mapping[str, str] = {
     "max_force": "max |F|",
     "force_squared": "∫F² dt",
     "force_variation": "total variation of F",
-    "saturated_share": "share of time saturated",
+    "saturated_share": "share of time outside the boundary layer",
     "end_time": "end",
     **{f"peak_{x}": f"max |{s}|" for x, s in SYMBOLS.items()},
     **{f"overshoot_{x}": f"overshoot of {s}" for x, s in SYMBOLS.items()},

@@ -82,6 +82,9 @@ def finding(runs: Sequence[JudgedRun]) -> str:
             parts.append(f"`{run.controller}` {run.outcome}")
         elif run.missed:
             parts.append(f"`{run.controller}` misses {listed(list(map(_miss, run.missed)), 'and')}")
+    if len(good) == len(runs) > 1:
+        every = "Both" if len(good) == 2 else f"All {len(good)}"
+        return f"{every} controllers meet every requirement."
     who = f"Of {len(runs)} controllers " if len(runs) > 1 else "The controller "
     return who + "; ".join(parts) + "."
 
@@ -113,9 +116,10 @@ def requirements_table(runs: Sequence[JudgedRun], *, scenarios: bool = False) ->
 def _rows_of(run: JudgedRun) -> Iterator[tuple[Cell | str, ...]]:
     """Yield a row for each requirement of a run."""
     for one in run.requirements:
-        ended = one.requirement == "completes" and run.outcome != COMPLETED
-        left = _with_unit(one.left, one.unit)
-        share = "" if one.relative is None else f" ({percent(one.relative)})"
+        completes = one.requirement == "completes"
+        ended = completes and run.outcome != COMPLETED
+        left = MISSING if completes and one.met else _with_unit(one.left, one.unit)
+        share = "" if MISSING == left or one.relative is None else f" ({percent(one.relative)})"
         yield (
             run.controller,
             _asked(one),

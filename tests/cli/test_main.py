@@ -158,6 +158,10 @@ BAD_ARGUMENTS = {
         ["simulate", "nominal", "step-step"],
         "argument 'step-step' is one too many",
     ),
+    "value of an option that has none": (
+        ["compare", "nominal", "--film=1"],
+        "--film must have no value, got 1",
+    ),
     "unknown part of a command": (
         ["tune", "tabel"],
         "command must be one of table, fit, got 'tabel'; did you mean table?",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+import re
 import signal
 import sys
 import threading
@@ -19,7 +20,7 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import ControllerError, PythonController
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.simulation import integrator
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
@@ -391,10 +392,12 @@ def test_a_loaded_controller_reaches_a_worker_by_its_name(module):
         ("x = 1", "m:f", "which has no 'f'"),
         ("x = 1", "m:x", "must be callable, got 1"),
         ("class C: pass\nx = C()", "m:x", "must be callable, got an object of class C"),
-        ("x = 1", "m.py:x", "must be given without .py; did you mean m:x?"),
+        ("x = 1", "m.py:x", "must be module:attribute, a file as a module; did you mean m:x?"),
         ("def f(t, x): return 0.0", "m:f", "must take (time, state, belief): "),
         ("x = 1", "m:", "must be module:attribute"),
         ("x = 1", "a-b:f", "must be module:attribute"),
+        ("x = 1", "./m:x", "must be module:attribute, a file as a module; did you mean m:x?"),
+        ("x = 1", "a/m.py:x", "must be module:attribute, a file as a module; did you mean a.m:x?"),
     ],
     ids=[
         "none",
@@ -409,6 +412,8 @@ def test_a_loaded_controller_reaches_a_worker_by_its_name(module):
         "two",
         "empty",
         "name",
+        "here",
+        "below",
     ],
 )
 def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module):
@@ -419,6 +424,19 @@ def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module)
     assert message.startswith(f"controller {spec!r} ")
     assert said in message
     assert "\n" not in message
+
+
+def test_a_file_is_told_how_to_name_its_controller(module, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lqi.py").touch()
+    said = (
+        "a controller of your own must name what it is in lqi.py: lqi:NAME, a function or a class"
+    )
+    for given in ("lqi", "lqi.py", "./lqi.py"):
+        with pytest.raises(InvalidValueError, match=f"^{re.escape(said)}, got {given}$"):
+            find_controller(given)
+    with pytest.raises(UnknownNameError, match="did you mean lqr"):
+        find_controller("lqx")
 
 
 def test_a_file_that_an_installed_module_hides_is_said_to_be(module):

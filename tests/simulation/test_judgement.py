@@ -181,4 +181,40 @@ def test_a_cart_at_its_end_stop_is_remarked_on(end, said) -> None:
     stopped = [one for one in found if one.startswith("the cart hits the end stop")]
     assert len(stopped) == said
     if said:
-        assert stopped[0].endswith(f" {end:g} m from the middle, first at 2 s")
+        assert f" {end:g} m from the middle, first at 2 s, short of" in stopped[0]
+
+
+@pytest.mark.parametrize(
+    ("hardware", "asked", "said"),
+    [
+        ({"rail_half_length": 1.0}, {}, ["first at 0 s, short of max_position, 2 m"]),
+        ({"rail_half_length": 1.0}, {"max_position": 1.0}, ["from the middle, first at 0 s"]),
+        ({"rail_half_length": 2.0}, {}, []),
+        ({"force_limit": 30.0}, {}, ["clipped at force_limit, 30 N: it cannot miss max_force, 30"]),
+        ({"force_limit": 31.0}, {}, []),
+        ({"force_limit": 30.0}, {"max_force": 29.0}, []),
+        ({"force_limit": 30.0}, {"max_force": None}, []),
+    ],
+    ids=str,
+)
+def test_a_limit_of_the_hardware_is_remarked_on_where_a_run_reaches_it(
+    hardware: dict[str, float], asked: dict[str, float], said: list[str]
+) -> None:
+    scenario = dataclasses.replace(
+        SCENARIO,
+        imperfections=Imperfections(**hardware),
+        requirements=dataclasses.replace(ALL, **asked),
+    )
+    run = made(z=lambda t: 1.5 * (t < 2.0), force=lambda t: -30.0 * (t < 0.02))
+    found = remarks_on(run, scenario, afl.find_controller("fixed"))
+    assert len(found) == len(said)
+    assert all(one in remark for one, remark in zip(said, found, strict=True))
+
+
+def test_a_force_held_while_the_pole_falls_is_remarked_on() -> None:
+    slow = dataclasses.replace(SCENARIO, imperfections=Imperfections(control_period=0.5))
+    run = afl.simulate_mujoco(slow, "fixed", mode="sampled")
+    (remark,) = remarks_on(run, slow, afl.find_controller("fixed"))
+    assert remark.startswith("the control period, 0.5 s, is longer than")
+    run = afl.simulate_mujoco(SCENARIO, "fixed", mode="sampled")
+    assert remarks_on(run, SCENARIO, afl.find_controller("fixed")) == []

@@ -29,11 +29,11 @@ def load_attribute(spec: str) -> Any:
     """Return the function, class, factory or instance that a module defines."""
     thing = f"controller {spec!r}"
     module_name, _, function_name = spec.partition(":")
-    if (stem := module_name.removesuffix(".py")) != module_name:
-        rule = f"must be given without .py; did you mean {stem}:{function_name}?"
-        raise InvalidValueError(thing, rule)
-    if not all(x.isidentifier() for x in (*module_name.split("."), *function_name.split("."))):
-        raise InvalidValueError(thing, "must be module:attribute")
+    parts = (*module_name.split("."), *function_name.split("."))
+    if module_name.endswith(".py") or not all(part.isidentifier() for part in parts):
+        meant = _module_of(module_name)
+        hint = f", a file as a module; did you mean {meant}:{function_name}?" if meant else ""
+        raise InvalidValueError(thing, f"must be module:attribute{hint}")
     folder = os.getcwd()
     if folder not in sys.path:
         sys.path.append(folder)  # last, so that no user file hides an installed module
@@ -58,6 +58,20 @@ def load_attribute(spec: str) -> Any:
             )
         found = getattr(found, part)
     return found
+
+
+def attributes_in(module_name: str) -> str:
+    """Say how to name a controller of a file in the working directory, if it is there."""
+    module = _module_of(module_name)
+    if not module or not os.path.isfile(file := f"{module.replace('.', os.sep)}.py"):
+        return ""
+    return f"must name what it is in {file}: {module}:NAME, a function or a class"
+
+
+def _module_of(path: str) -> str:
+    """Return the module of a file below the working directory, or nothing if there can be none."""
+    module = os.path.normpath(path.removesuffix(".py")).replace(os.sep, ".")
+    return module if all(part.isidentifier() for part in module.split(".")) else ""
 
 
 def _hidden_by(file: str, module_name: str, folder: str) -> str:

@@ -20,6 +20,7 @@ from afl_mujoco.studies.compare.comparison import compare
 from afl_mujoco.studies.compare.sections import sections, verdict
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.requirements_table import finding
 
 RIG = """
 name = "rig"
@@ -156,9 +157,15 @@ def test_the_words_are_those_of_the_runs(result) -> None:
     assert "“settles within 5.5 s”" in findings[0].text
     tables = [block for block in section.walk() if isinstance(block, Table)]
     rows = [[getattr(cell, "text", cell) for cell in row] for row in tables[0].rows]
-    assert rows[0] == ["lqr", "runs to the end 6 s", "6 s", "0 s (0 %)"]
+    assert rows[0] == ["lqr", "runs to the end 6 s", "6 s", "–"]
     assert [row[0] for row in rows] == ["lqr"] * 3 + ["adaptive"] * 3
     assert not verdict(result).passed
+
+
+def test_controllers_that_all_meet_every_requirement_are_counted(result) -> None:
+    good = next(run for run in result.runs if not run.missed)
+    for count, said in ((1, "The controller"), (2, "Both controllers"), (3, "All 3 controllers")):
+        assert finding([good] * count).startswith(f"{said} ")
 
 
 def test_a_remark_on_a_run_that_meets_everything_is_in_the_last_line(result) -> None:
