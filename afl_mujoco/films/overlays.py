@@ -1,4 +1,4 @@
-"""Overlays of a scene that belong to no model: the ghost, the forces, the marks of the rail."""
+"""Overlays of a scene that belong to no model: ghost, forces, end stops, marks of the rail."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from afl_mujoco.films.camera import CameraPath
 from afl_mujoco.films.replay import Replay
-from afl_mujoco.simulation.decor import BED_TOP, Colour, add_forces, add_geom, add_marks, cart_size
+from afl_mujoco.simulation.decor import (
+    BED_TOP,
+    Colour,
+    add_forces,
+    add_geom,
+    add_marks,
+    add_stops,
+    cart_size,
+)
 from afl_mujoco.simulation.mujoco_description import POLE_RADIUS
 
 GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
@@ -24,7 +32,7 @@ def add_overlays(
     places: Sequence[float],
     drawn_mass: float | None = None,
 ) -> None:
-    """Add the overlays: the ghost, the forces, the marks of the rail.
+    """Add the overlays: the ghost, the forces, the end stops, the marks of the rail.
 
     Parameters
     ----------
@@ -36,6 +44,7 @@ def add_overlays(
     mass = replay.drawn_mass(index) if drawn_mass is None else drawn_mass
     z = float(replay.state[index, 0])
     add_marks(scene, places)
+    add_stops(scene, replay.rail_half_length, mass)
     _add_ghost(scene, replay.ideal[index], mass, float(replay.half_length[index]))
     add_forces(scene, z, mass, float(replay.force[index]), float(replay.push[index]))
 

@@ -76,6 +76,8 @@ class Replay:
     looks
         Mass that gives the drawn size of the cart [kg], if much of its mass belongs to its drive;
         its own by default.
+    rail_half_length
+        Where the end stops stop the middle of the cart [m]; without them by default.
     """
 
     scenario: str
@@ -92,6 +94,7 @@ class Replay:
     endings: tuple[tuple[float, str], ...] = ()
     ghost: str = IDEAL_ODE
     looks: float | None = None
+    rail_half_length: float | None = None
 
     def drawn_mass(self, index: int) -> float:
         """Return the mass that gives the drawn size of the cart in a frame [kg]."""
@@ -152,6 +155,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
         half_length=scenario.half_length(there),
         pole_mass=scenario.pole_mass,
         gravity=scenario.gravity,
+        rail_half_length=scenario.imperfections.rail_half_length,
         endings=tuple(
             (end.outcome.time, f"{name} {end.outcome}")
             for name, end in (("MuJoCo", run), ("ideal ODE", ideal))

@@ -25,6 +25,10 @@ Colour = tuple[float, float, float, float]
 FORCE: Colour = (0.25, 0.85, 0.62, 1.0)
 PUSH: Colour = (0.95, 0.45, 0.75, 1.0)
 MARK: Colour = (0.62, 0.66, 0.72, 1.0)
+STOP: Colour = (0.84, 0.37, 0.0, 1.0)
+STOP_SIZE = (0.03, 0.12, 0.12)
+"""Half-size of an end stop [m]: it stands on the track and is lower than the cart."""
+
 LIGHT_CART, HEAVY_CART = (0.55, 0.78, 0.98), (0.10, 0.27, 0.62)
 HEAVY = 2.0
 """Cart mass from which the cart has the darkest blue [kg]."""
@@ -98,6 +102,22 @@ def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool
         )
         if numbered and long:
             geom.label = f"{x:g} m"
+
+
+def add_stops(scene: mujoco.MjvScene, end: float | None, cart_mass: float) -> None:
+    """Draw the end stops where the drawn cart touches them; none if the rail has no end.
+
+    Parameters
+    ----------
+    end
+        Half-length of the rail [m], at which the middle of the cart is stopped.
+    """
+    if end is None:
+        return
+    half, box = cart_size(cart_mass), mujoco.mjtGeom.mjGEOM_BOX
+    for side in (-1.0, 1.0):
+        x = side * (end + half[0] + STOP_SIZE[0])
+        add_geom(scene, box, STOP_SIZE, (x, 0.0, BED_TOP + STOP_SIZE[2]), STOP)
 
 
 def marks_near(z: float) -> list[float]:

@@ -15,7 +15,7 @@ from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
-from afl_mujoco.simulation.decor import add_forces, add_marks, marks_near, show_mass
+from afl_mujoco.simulation.decor import add_forces, add_marks, add_stops, marks_near, show_mass
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
     Actuator,
@@ -327,11 +327,12 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
 
 def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
-    """Draw the cart's mass, the forces on it and the marks of the rail near it."""
+    """Draw the cart's mass, the forces on it, the end stops and the marks of the rail near it."""
     mass, _ = physics.parameters()
     z = float(physics.data.ptr.qpos[0])
     i = min(physics.instant, len(physics.episode.profile) - 1)
     show_mass(scene, physics.model.geom("cart").id, float(mass))
     add_marks(scene, marks_near(z), numbered=True)
+    add_stops(scene, physics.scenario.imperfections.rail_half_length, float(mass))
     push = float(physics.episode.profile["push"][i])
     add_forces(scene, z, float(mass), float(physics.data.ptr.ctrl[0]), push)

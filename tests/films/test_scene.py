@@ -10,7 +10,7 @@ import pytest
 
 from afl_mujoco.films.camera import Frame, follow
 from afl_mujoco.films.scene import open_scene
-from afl_mujoco.simulation.decor import ARROW_SCALE, cart_size
+from afl_mujoco.simulation.decor import ARROW_SCALE, STOP, cart_size
 
 pytestmark = pytest.mark.slow
 
@@ -150,6 +150,28 @@ def test_an_arrow_is_as_long_as_its_force_asks_and_ends_at_the_cart(graphics, st
     columns = np.nonzero((picture[..., 0] == arrows[1]) & (picture[..., 1] == 0))[1]
     assert columns.min() == pytest.approx(expected[0], abs=8.0)  # the cart's front hides its tip
     assert columns.max() + 1 == pytest.approx(expected[1], abs=NEAR)
+
+
+def test_the_cart_touches_an_end_stop_where_the_rail_ends(graphics, stage, replay):
+    scene, path = stage
+    index, z = AFTER, replay.state[AFTER, 0]
+    picture = segments(scene, replace(replay, rail_half_length=abs(z)), index, path)
+    stops = [
+        geom
+        for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
+        if geom.rgba.tolist() == pytest.approx(STOP)
+    ]
+    half = cart_size(replay.cart_mass[index])[0]
+    inner = [abs(geom.pos[0]) - geom.size[0] for geom in stops]
+    assert inner == pytest.approx([abs(z) + half] * 2)
+    near = next(geom.objid for geom in stops if np.sign(geom.pos[0]) == np.sign(z))
+    columns = np.nonzero((picture[..., 0] == near) & (picture[..., 1] == 0))[1]
+    edge = path.project(index, np.array([z + np.sign(z) * half]), 0.0, np.array([-0.2]))[0, 0]
+    seen = columns.min() if z > 0.0 else columns.max() + 1
+    assert seen == pytest.approx(edge, abs=8.0)  # the cart's front hides its inner side
+    scene.place(replay, index, path)
+    drawn = scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
+    assert not any(geom.rgba.tolist() == pytest.approx(STOP) for geom in drawn)
 
 
 def test_drawing_leaves_the_model_as_a_fresh_compile_would_have_it(graphics, stage, replay):

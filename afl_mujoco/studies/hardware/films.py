@@ -53,6 +53,7 @@ def films(result: Result, command: str) -> list[Film]:
         pole_mass=base.pole_mass,
         gravity=base.gravity,
         ghost="measured",
+        rail_half_length=base.imperfections.rail_half_length,
         looks=min(0.1, one.description.nominal.cart_mass),
     )
     return [
