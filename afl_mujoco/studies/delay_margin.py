@@ -39,7 +39,7 @@ def delay_margin(
         besides theirs.
     """
     loop = linearize(controller, plant, imperfections)
-    margins = loop_margins(loop, period, imperfections.delay)
+    margins = loop_margins(loop, period, imperfections)
     return None if margins is None or not math.isfinite(margins.delay) else margins.delay
 
 

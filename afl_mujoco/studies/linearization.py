@@ -70,6 +70,7 @@ class Loop:
 LINEAR = (
     "delay", "actuator_lag", "rail_damping", "hinge_damping", "rail_armature", "hinge_armature",
     "tip_mass_share", "pole_radius", "mass_error", "length_error", "control_period",
+    "differentiated", "velocity_filter",
 )  # fmt: skip
 """Imperfections that a linear loop can have."""
 
@@ -88,7 +89,7 @@ def linearize(
     ----------
     imperfections
         Only those in `LINEAR` count: passive physics, wrong M and l, and the actuator's lag, whose
-        state follows those of the plant. `loop_margins` handles delay and hold.
+        state follows those of the plant. `loop_margins` handles delay, hold and velocities.
     """
     r = linear_part(imperfections)
     dynamics = plant_dynamics(CartPoleModel(plant, imperfections=r))

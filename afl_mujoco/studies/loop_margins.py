@@ -14,6 +14,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.studies.linearization import Loop
@@ -62,7 +63,7 @@ class Margins:
 
 
 def loop_margins(
-    loop: Loop, control_period: float | None = None, delay: float = 0.0
+    loop: Loop, control_period: float | None = None, imperfections: Imperfections = IDEAL
 ) -> Margins | None:
     """Return the margins of a loop, or None if it is not stable.
 
@@ -72,16 +73,19 @@ def loop_margins(
         How long the force is held [s]; ``None`` for a continuous controller. The delay of
         the hold itself, half a period, is then no longer part of the margin; with a delay of
         whole periods the loop is stable exactly up to the margin.
-    delay
-        Transport delay of a held force [s]; the delay margin is the additional delay besides it.
+    imperfections
+        Those of a loop with a held force: its transport delay, besides which the delay margin is
+        additional, and how it gets the velocities.
     """
     if control_period is None:
         if not loop.stable:
             return None
         return _margins(control.ss(loop.a, loop.b[:, None], loop.k[None], 0.0), None)
     period = require_positive("control_period", control_period)
-    a, b = held_plant(loop, period, delay)
+    a, b = held_plant(loop, period, imperfections.delay)
     k = np.concatenate([loop.k, np.zeros(len(a) - len(loop.k))])
+    if imperfections.differentiated or imperfections.velocity_filter:
+        a, b, k = measured_loop(a, b, k, period, imperfections)
     if not np.abs(np.linalg.eigvals(a - np.outer(b, k))).max() < 1.0:
         return None
     return _margins(_bilinear(a, b, k, period), period)
@@ -120,6 +124,35 @@ def held_plant(loop: Loop, period: float, delay: float = 0.0) -> tuple[Array, Ar
     for i in range(1, waiting):
         system[order + i, order + i - 1] = 1.0
     return system, drive
+
+
+def measured_loop(
+    a: Array, b: Array, k: Array, period: float, imperfections: Imperfections
+) -> tuple[Array, Array, Array]:
+    """Return A, B and K of a sampled loop whose controller gets its velocities by measurement.
+
+    Four states are added, what the sensors remember: the positions and the filtered velocities of
+    the sample before.
+
+    Parameters
+    ----------
+    period
+        Time between two samples [s].
+    imperfections
+        Whether velocities are differences of positions, and how they are filtered.
+    """
+    order, r = len(a), imperfections
+    rows = np.eye(order + 4)
+    positions, velocities, before, filtered = rows[:2], rows[2:4], rows[order:-2], rows[-2:]
+    if r.differentiated:
+        velocities = (positions - before) / period
+    kept = math.exp(-period / r.velocity_filter) if r.velocity_filter else 0.0
+    seen = kept * filtered + (1.0 - kept) * velocities
+    system = np.zeros((order + 4, order + 4))
+    system[:order, :order], system[order:-2], system[-2:] = a, positions, seen
+    gains = np.append(k, np.zeros(4))
+    gains[2:4] = 0.0
+    return system, np.append(b, np.zeros(4)), gains + k[2:4] @ seen
 
 
 def _sampled(loop: Loop, length: float) -> tuple[Array, Array]:

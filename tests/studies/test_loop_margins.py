@@ -266,7 +266,8 @@ def test_a_delay_of_the_loop_is_taken_from_the_margin(share: float) -> None:
     """By whole periods exactly; within one the margin is that of the continuous phase."""
     loop = linearize(afl.CONTROLLERS["lqr"], NOMINAL)
     period = 0.01
-    alone, delayed = loop_margins(loop, period), loop_margins(loop, period, share * period)
+    alone = loop_margins(loop, period)
+    delayed = loop_margins(loop, period, Imperfections(delay=share * period))
     assert alone is not None and delayed is not None
     whole = share == int(share)
     assert delayed.delay == pytest.approx(alone.delay - share * period, rel=1e-9 if whole else 2e-2)
@@ -313,8 +314,17 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
     assert other.delay == pytest.approx(one.delay - 0.002, rel=0.01)  # a lag is nearly a delay
 
 
-def test_margins_and_measurement_agree_on_imperfect_hardware() -> None:
-    hardware = Imperfections(delay=0.0123, actuator_lag=0.005, rail_damping=1.0, length_error=0.1)
+@pytest.mark.parametrize(
+    "hardware",
+    [
+        Imperfections(delay=0.0123, actuator_lag=0.005, rail_damping=1.0, length_error=0.1),
+        Imperfections(differentiated=True),
+        Imperfections(velocity_filter=0.02),
+        Imperfections(differentiated=True, velocity_filter=0.01, delay=0.0123, actuator_lag=0.005),
+    ],
+    ids=str,
+)
+def test_margins_and_measurement_agree_on_imperfect_hardware(hardware: Imperfections) -> None:
     found = compare_delay((afl.CONTROLLERS["lqr"], NOMINAL, 0.005, hardware))
     assert found.margin is not None and 0.0 < found.margin < 0.1
     assert found.difference == pytest.approx(0.0, abs=0.01)

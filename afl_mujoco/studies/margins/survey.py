@@ -234,8 +234,8 @@ def margins_of_row(unit: Unit) -> NDArray[np.float64]:
     row = np.full((len(plants), 2, len(METRICS)), np.nan)
     for place, plant in enumerate(plants):
         loop = linearize(controller, plant, imperfections)
-        for kind, held in enumerate(((None, 0.0), (period, imperfections.delay))):
-            found = loop_margins(loop, *held)
+        for kind, held in enumerate((None, period)):
+            found = loop_margins(loop, held, imperfections)
             if found is not None:
                 row[place, kind] = list(asdict(found).values())
     return row
