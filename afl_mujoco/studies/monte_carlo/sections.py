@@ -209,9 +209,8 @@ def _worst_cases(result: Result) -> Table:
         caption=(
             "What a search by CMA-ES found over the same ranges; distance 0 is the scenario "
             f"{result.space.scenario.name} itself with the initial M and l, 1 is the diagonal of "
-            "all ranges, also of values that the shape drawn for M or l does not use. Last but "
-            "one: what was moved most, as a share of its range; “level 2” is the value of M or l "
-            "after its first change"
+            "all ranges. Last but one: what was moved most, as a share of its range; “level 2” is "
+            "the value of M or l after its first change"
         ),
         columns=(
             Column("Controller"),

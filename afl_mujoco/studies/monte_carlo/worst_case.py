@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import Executor, compute_all
-from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, search_generator
+from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.cube_search import Budget, Point, minimise
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
@@ -182,8 +182,17 @@ def run_points(unit: PointUnit) -> list[Trial]:
 
 
 def distance_of(space: SampleSpace, point: Point) -> float:
-    """Return how far a point is from the scenario, as a share of the cube's diagonal."""
-    return float(np.linalg.norm(point - space.reference) / np.sqrt(space.dimension))
+    """Return how far a point is from the scenario, as a share of the cube's diagonal.
+
+    Coordinates that the shapes of its schedules do not use do not count.
+    """
+    moved = list(acting(_away(space, point)).values())
+    return float(np.linalg.norm(moved) / np.sqrt(space.dimension))
+
+
+def _away(space: SampleSpace, point: Point) -> dict[str, float]:
+    """Return the distance of every coordinate of a point from that of the scenario."""
+    return dict(zip(space.coordinates, (point - space.reference).tolist(), strict=True))
 
 
 def _found(
@@ -191,7 +200,6 @@ def _found(
 ) -> Found:
     """Assemble what a search found."""
     space, point = campaign.space, end.point
-    away = dict(zip(space.coordinates, (point - space.reference).tolist(), strict=True))
     return Found(
         question=question,
         controller=controller.name,
@@ -200,5 +208,7 @@ def _found(
         trial=trial,
         distance=distance_of(space, point),
         runs=tried,
-        changes=dict(sorted(away.items(), key=lambda item: (-abs(item[1]), item[0]))),
+        changes=dict(
+            sorted(_away(space, point).items(), key=lambda item: (-abs(item[1]), item[0]))
+        ),
     )

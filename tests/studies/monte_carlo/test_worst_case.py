@@ -11,6 +11,7 @@ from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.scenario.laboratory import HARDWARE_RANGES
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
+    acting,
     sample_point,
     search_generator,
 )
@@ -114,7 +115,8 @@ def test_what_it_finds_is_at_least_as_bad_and_as_near_as_the_samples(twenty: Cam
         assert repr(alone) == repr(found.trial)
         changes = np.array(list(found.changes.values()))
         assert (np.diff(np.abs(changes)) <= 0.0).all()
-        assert np.linalg.norm(changes) / np.sqrt(len(changes)) == pytest.approx(found.distance)
+        used = list(acting(found.changes).values())
+        assert np.linalg.norm(used) / np.sqrt(len(changes)) == pytest.approx(found.distance)
     assert scenario_of(hardest).name != scenario_of(nearest).name
 
 
@@ -125,6 +127,14 @@ def test_a_failure_that_only_the_search_found_is_what_the_nearest_is_looked_for_
     assert not hardest.trial.passed
     assert not nearest.trial.passed
     assert nearest.distance <= hardest.distance
+
+
+def test_what_changes_no_scenario_is_no_distance() -> None:
+    home = SHORT.scenario_of(SHORT.reference, 0, 1)
+    for axis, name in enumerate(SHORT.coordinates):
+        point = SHORT.reference.copy()
+        point[axis] += 0.3 if point[axis] < 0.5 else -0.3
+        assert (distance_of(SHORT, point) > 0.0) == (SHORT.scenario_of(point, 0, 1) != home), name
 
 
 def test_nearest_means_failures_by_distance_then_survivors_from_the_hardest(monkeypatch) -> None:
