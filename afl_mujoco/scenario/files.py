@@ -210,6 +210,15 @@ def as_scenario(scenario: Scenario | str | Path) -> Scenario:
     return scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
 
 
+def as_scenarios(
+    scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
+) -> list[Scenario]:
+    """Return scenarios from one or several, each as `as_scenario` takes it."""
+    if isinstance(scenarios, Scenario | str | Path):
+        return [as_scenario(scenarios)]
+    return [as_scenario(one) for one in scenarios]
+
+
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 

@@ -82,13 +82,13 @@ def short_repr(table: Any) -> str:
     return f"{type(table).__name__}({', '.join(given)})"
 
 
-def require_distinct(thing: str, names: Sequence[str]) -> None:
-    """Raise if there is no name, or a name occurs twice."""
+def require_distinct(thing: str, names: Sequence[str], hint: str = "") -> None:
+    """Raise if there is no name, or a name occurs twice; a hint says what then to do."""
     if not names:
         raise InvalidValueError(f"{thing}s", "must be at least one", 0)
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice")
+            raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice{hint}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

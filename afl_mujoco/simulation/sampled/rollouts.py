@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.execution.threads import Task, require_threads, share
-from afl_mujoco.scenario.files import as_scenario
+from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sampling import SNAP
@@ -81,7 +81,7 @@ class Rollouts:
 
 
 def run_rollouts(
-    scenarios: Sequence[Scenario | str | Path],
+    scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
     controller: Any,
     *,
     timestep: float = 1e-3,
@@ -97,7 +97,7 @@ def run_rollouts(
     Parameters
     ----------
     scenarios
-        The scenarios, with their imperfections.
+        One or several, with their imperfections.
     controller
         The controller; both as `simulate_mujoco` takes them.
     timestep, control_period, integrator
@@ -118,7 +118,7 @@ def run_rollouts(
     """
     require_threads(threads)
     controller = as_controller(controller)
-    found = [as_scenario(scenario) for scenario in scenarios]
+    found = as_scenarios(scenarios)
     count = len(found)
     status = np.zeros(count, dtype=np.int64)
     figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:-1]}

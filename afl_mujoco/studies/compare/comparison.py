@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.scenario.files import as_scenario
+from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
@@ -56,8 +56,7 @@ def compare(
     AflMujocoError
         If an argument breaks a rule, before the first run.
     """
-    one = isinstance(scenarios, Scenario | str | Path)
-    asked = [as_scenario(x) for x in cast(Sequence[Any], (scenarios,) if one else scenarios)]
+    asked = as_scenarios(scenarios)
     several = isinstance(controllers, Sequence) and not isinstance(controllers, str)
     used = [as_controller(x) for x in (controllers if several else (controllers,))]
     deployed: Any = {
@@ -92,7 +91,9 @@ def require_comparable(
 ) -> None:
     """Raise if anything would break a comparison, before it begins."""
     require_distinct("scenario", [scenario.name for scenario in scenarios])
-    require_distinct("controller", [controller.name for controller in controllers])
+    given = any(c.interpreted and getattr(c, "spec", None) is None for c in controllers)
+    hint = "; an attribute __name__ gives one another name" if given else ""
+    require_distinct("controller", [controller.name for controller in controllers], hint)
     require_integrator(integrator)
     for scenario in scenarios:
         period = control_period_of(scenario, control_period, timestep)

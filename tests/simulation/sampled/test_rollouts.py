@@ -74,6 +74,12 @@ def test_the_number_of_threads_and_a_repetition_change_no_bit(scenarios, adaptiv
     assert 0 < (one.status > 0).sum() < len(one) == 24  # some fell, some did not
 
 
+def test_one_scenario_need_not_be_in_a_list(adaptive):
+    one, listed = (run_rollouts(given, adaptive, **SETTINGS) for given in ("nominal", ["nominal"]))
+    assert len(one) == 1
+    assert one.iae_z.tobytes() == listed.iae_z.tobytes()
+
+
 def test_the_order_of_the_runs_changes_no_bit(scenarios, adaptive, rng):
     forward = run_rollouts(scenarios, adaptive, **SETTINGS)
     order = rng.permutation(len(scenarios))

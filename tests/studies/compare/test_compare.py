@@ -13,6 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.document.blocks import Finding, Table
 from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
@@ -166,6 +167,13 @@ def test_controllers_that_all_meet_every_requirement_are_counted(result) -> None
     good = next(run for run in result.runs if not run.missed)
     for count, said in ((1, "The controller"), (2, "Both controllers"), (3, "All 3 controllers")):
         assert finding([good] * count).startswith(f"{said} ")
+
+
+def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:
+    with pytest.raises(InvalidValueError, match=r"got '<lambda>' twice; an attribute __name__"):
+        compare("nominal", [lambda *_: 0.0, lambda *_: 1.0])
+    with pytest.raises(InvalidValueError, match=r"got 'lqr' twice$"):
+        compare("nominal", ["lqr", "lqr"])
 
 
 def test_a_remark_on_a_run_that_meets_everything_is_in_the_last_line(result) -> None:
