@@ -9,8 +9,9 @@ import sys
 
 from afl_mujoco.errors import GraphicsError
 
-BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
-"""Headless backends of MuJoCo and the library each needs, the preferred one first."""
+BACKENDS = {"egl": (("EGL",), ("OpenGL", "GL")), "osmesa": (("OSMesa",),)}
+"""Headless backends of MuJoCo, the preferred one first, and the libraries without which MuJoCo
+cannot even be imported with them: one of each group."""
 
 PACKAGES = "install Debian's libegl1 and libgl1 (EGL), or libosmesa6 (OSMesa)"
 
@@ -46,11 +47,15 @@ def choose_backend() -> str:
     """Set ``MUJOCO_GL`` unless it is set, and return it.
 
     MuJoCo and dm_control read it once, when they are imported. Without a display they would pick a
-    window system that is not there; so pick the first headless backend whose library is installed,
-    or ``disable``: simulation works without graphics.
+    window system that is not there; so pick the first headless backend whose libraries are
+    installed, or ``disable``: simulation works without graphics.
     """
     if "MUJOCO_GL" not in os.environ:
-        found = (gl for gl, library in BACKENDS.items() if ctypes.util.find_library(library))
+        found = (
+            backend
+            for backend, needed in BACKENDS.items()
+            if all(any(map(ctypes.util.find_library, group)) for group in needed)
+        )
         os.environ["MUJOCO_GL"] = next(found, "disable")
     return os.environ["MUJOCO_GL"]
 

@@ -31,10 +31,17 @@ def test_what_the_user_set_is_respected(installed, monkeypatch):
 
 @pytest.mark.parametrize(
     ("libraries", "backend"),
-    [(("EGL", "OSMesa"), "egl"), (("OSMesa",), "osmesa"), ((), "disable")],
-    ids=["both", "OSMesa only", "none"],
+    [
+        (("EGL", "GL", "OSMesa"), "egl"),
+        (("EGL", "OpenGL"), "egl"),
+        (("EGL", "OSMesa"), "osmesa"),  # with EGL alone MuJoCo cannot be imported
+        (("EGL",), "disable"),
+        (("OSMesa",), "osmesa"),
+        ((), "disable"),
+    ],
+    ids=str,
 )
-def test_the_first_installed_library_is_chosen(libraries, backend, installed):
+def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, installed):
     installed(*libraries)
     assert choose_backend() == backend
     assert os.environ["MUJOCO_GL"] == backend
