@@ -189,10 +189,21 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
     """Return remarks on a run that no requirement makes, one sentence each."""
     return [
         *controller.remarks(scenario.assumed_plants),
+        *_unreached(scenario),
         *_slow(scenario, run),
         *_ended(run),
         *_at_limit(scenario, run),
     ]
+
+
+def _unreached(scenario: Scenario) -> list[str]:
+    """Remark on changes of M or l that come after the end."""
+    end, found = scenario.duration, []
+    for name, schedule in (("M", scenario.cart_mass), ("l", scenario.half_length)):
+        knots = zip(schedule.times, schedule.values, strict=True)
+        if late := [time for time, value in knots if time > end and value != schedule.at(end)]:
+            found.append(f"{name} changes at {late[-1]:g} s, after the end at {end:g} s")
+    return found
 
 
 def _at_limit(scenario: Scenario, run: Trajectory) -> list[str]:

@@ -218,3 +218,20 @@ def test_a_force_held_while_the_pole_falls_is_remarked_on() -> None:
     assert remark.startswith("the control period, 0.5 s, is longer than")
     run = afl.simulate_mujoco(SCENARIO, "fixed", mode="sampled")
     assert remarks_on(run, SCENARIO, afl.find_controller("fixed")) == []
+
+
+@pytest.mark.parametrize(
+    ("mass", "said"),
+    [
+        (afl.staircase((5.0, 12.0), (1.0, 2.0, 1.5)), "M changes at 12 s, after the end at 10 s"),
+        (afl.trapezoid((8.0, 9.0, 11.0, 13.0), 1.0, 2.0), "M changes at 13 s, after the end"),
+        (afl.staircase((5.0,), (1.0, 2.0)), ""),
+        (afl.piecewise_linear((0.0, 5.0, 12.0), (1.0, 2.0, 2.0)), ""),
+    ],
+    ids=str,
+)
+def test_a_change_of_the_plant_after_the_end_is_remarked_on(mass: afl.Schedule, said: str) -> None:
+    scenario = dataclasses.replace(SCENARIO, cart_mass=mass)
+    found = remarks_on(made(), scenario, afl.find_controller("fixed"))
+    assert len(found) == bool(said)
+    assert all(said in remark for remark in found)
