@@ -114,7 +114,10 @@ class Trajectory:
 
     @property
     def metrics(self) -> dict[str, float | None]:
-        """Its figures by name: integrals, peaks, settling; None where there is none."""
+        """Its figures by name: integrals, peaks, settling; None where there is none.
+
+        A held force is integrated as a staircase; its total variation begins at 0, before t = 0.
+        """
         from afl_mujoco.simulation.metrics import metrics_of
 
         return metrics_of(self)
