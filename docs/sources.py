@@ -66,7 +66,7 @@ SOURCES = (
     Source("identify", 2),
     Source("attraction", 7),
     Source("thresholds", 12),
-    Source("montecarlo", 8),
+    Source("montecarlo", 6),
     Source("bench_gymnasium", 2),
     Source("bench_estimator", 3),
     Source("bench_estimator_candidates", 3),

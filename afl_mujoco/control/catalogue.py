@@ -23,7 +23,7 @@ from afl_mujoco.control.gain_table import beyond_table
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
 from afl_mujoco.control.held import HeldController
 from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED
-from afl_mujoco.control.own.loading import attributes_in, load_python_controller
+from afl_mujoco.control.own.loading import load_python_controller, rule_for_file
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import (
@@ -224,11 +224,11 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
         rule = "must not be a scenario file: scenarios are given first"
         raise InvalidValueError("controller", rule, name)
     if name not in CONTROLLERS:
+        if rule := rule_for_file(name):
+            raise InvalidValueError("a controller of your own", rule, name)
         module, _, attribute = name.removesuffix(".py").rpartition(".")
         if module and attribute.isidentifier():
             rule = f"must be given as module:attribute (did you mean {module}:{attribute}?)"
-            raise InvalidValueError("a controller of your own", rule, name)
-        if rule := attributes_in(name):
             raise InvalidValueError("a controller of your own", rule, name)
         others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
@@ -214,9 +214,9 @@ def as_scenarios(
     scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
 ) -> list[Scenario]:
     """Return scenarios from one or several, each as `as_scenario` takes it."""
-    if isinstance(scenarios, Scenario | str | Path):
-        return [as_scenario(scenarios)]
-    return [as_scenario(one) for one in scenarios]
+    if isinstance(scenarios, Iterable) and not isinstance(scenarios, str):
+        return [as_scenario(one) for one in scenarios]
+    return [as_scenario(scenarios)]  # whatever else it is, it is refused as one
 
 
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:

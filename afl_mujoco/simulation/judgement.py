@@ -192,7 +192,8 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *_unreached(scenario),
         *_slow(scenario, run),
         *_ended(run),
-        *_at_limit(scenario, run),
+        *_stopped(scenario, run),
+        *_clipped(scenario, run),
     ]
 
 
@@ -206,25 +207,27 @@ def _unreached(scenario: Scenario) -> list[str]:
     return found
 
 
-def _at_limit(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a limit of the hardware that a run reaches, above all short of a required one."""
-    asked, hardware, found = scenario.requirements, scenario.imperfections, []
-    if (end := hardware.rail_half_length) is not None:
-        if (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
-            far = asked.max_position
-            short = f", short of max_position, {far:g} m" if far is not None and far > end else ""
-            found = [
-                f"the cart hits the end stop, {end:g} m from the middle, "
-                f"first at {run.time[hits[0]]:.3g} s{short}"
-            ]
-    limit, most = hardware.force_limit, asked.max_force
-    if limit is not None and most is not None and limit <= most:
-        if np.abs(run.force[np.isfinite(run.force)]).max(initial=0.0) >= limit:
-            found.append(
-                f"the force is clipped at force_limit, {limit:g} N: it cannot miss max_force, "
-                f"{most:g} N, however much is asked for"
-            )
-    return found
+def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on a cart that hits an end stop."""
+    end, most = scenario.imperfections.rail_half_length, scenario.requirements.max_position
+    if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
+        return []
+    short = f", short of max_position, {most:g} m" if most is not None and most > end else ""
+    first = run.time[hits[0]]
+    return [f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s{short}"]
+
+
+def _clipped(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on a force that is clipped, so that it cannot exceed what is required of it."""
+    limit, most = scenario.imperfections.force_limit, scenario.requirements.max_force
+    if limit is None or most is None or limit > most:
+        return []
+    if np.abs(run.force[np.isfinite(run.force)]).max(initial=0.0) < limit:
+        return []
+    return [
+        f"the force is clipped at force_limit, {limit:g} N: it cannot exceed max_force, "
+        f"{most:g} N, however much the controller asks for"
+    ]
 
 
 def _ended(run: Trajectory) -> list[str]:
@@ -245,8 +248,7 @@ def _slow(scenario: Scenario, run: Trajectory) -> list[str]:
         cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
     )
     time = upright_model(plant).a[3, 1] ** -0.5
-    period = run.provenance.get("settings", {}).get("control_period") or 0.0
-    waits = {"delay": scenario.imperfections.delay, "control period": period}
+    waits = {"delay": scenario.imperfections.delay, "control period": run.control_period or 0.0}
     return [
         f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times as "
         f"far, {time:.2g} s"

@@ -86,7 +86,7 @@ def metrics_of(run: Trajectory) -> Metrics:
         "itae_z": integral(time * np.abs(state[:, 0]), time),
         "itae_phi": integral(time * np.abs(state[:, 1]), time),
         "max_force": float(np.abs(force).max()),
-        "force_squared": _staircase(force**2, time) if run.force_held else integral(force**2, time),
+        "force_squared": (integral if run.control_period is None else _staircase)(force**2, time),
         "force_variation": float(np.abs(np.diff(force, prepend=0.0)).sum()),  # at rest before t = 0
         "end_time": run.outcome.time,
     }

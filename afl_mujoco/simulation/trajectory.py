@@ -108,9 +108,10 @@ class Trajectory:
         return str(self.provenance.get("simulator", "unknown"))
 
     @property
-    def force_held(self) -> bool:
-        """Whether each force is held until the next instant, as in sampled mode."""
-        return self.provenance.get("settings", {}).get("control_period") is not None
+    def control_period(self) -> float | None:
+        """How long the force is held [s], as in sampled mode; None where it varies in between."""
+        period: float | None = self.provenance.get("settings", {}).get("control_period")
+        return period
 
     @property
     def metrics(self) -> dict[str, float | None]:

@@ -118,13 +118,13 @@ def _rows_of(run: JudgedRun) -> Iterator[tuple[Cell | str, ...]]:
     for one in run.requirements:
         completes = one.requirement == "completes"
         ended = completes and run.outcome != COMPLETED
-        left = MISSING if completes and one.met else _with_unit(one.left, one.unit)
-        share = "" if MISSING == left or one.relative is None else f" ({percent(one.relative)})"
+        share = "" if one.relative is None else f" ({percent(one.relative)})"
+        margin = f"{_with_unit(one.left, one.unit)}{share}"
         yield (
             run.controller,
             _asked(one),
             run.outcome.replace(" at t = ", " at ") if ended else _with_unit(one.value, one.unit),
-            Cell(f"{left}{share}", good_or_bad(one.met)),
+            Cell(MISSING if completes and one.met else margin, good_or_bad(one.met)),
         )
 
 

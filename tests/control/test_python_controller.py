@@ -392,12 +392,16 @@ def test_a_loaded_controller_reaches_a_worker_by_its_name(module):
         ("x = 1", "m:f", "which has no 'f'"),
         ("x = 1", "m:x", "must be callable, got 1"),
         ("class C: pass\nx = C()", "m:x", "must be callable, got an object of class C"),
-        ("x = 1", "m.py:x", "must be module:attribute, a file as a module; did you mean m:x?"),
+        ("x = 1", "m.py:x", "must be module:attribute, with no slash or .py; did you mean m:x?"),
         ("def f(t, x): return 0.0", "m:f", "must take (time, state, belief): "),
         ("x = 1", "m:", "must be module:attribute"),
         ("x = 1", "a-b:f", "must be module:attribute"),
-        ("x = 1", "./m:x", "must be module:attribute, a file as a module; did you mean m:x?"),
-        ("x = 1", "a/m.py:x", "must be module:attribute, a file as a module; did you mean a.m:x?"),
+        ("x = 1", "./m:x", "must be module:attribute, with no slash or .py; did you mean m:x?"),
+        (
+            "x = 1",
+            "a/m.py:x",
+            "must be module:attribute, with no slash or .py; did you mean a.m:x?",
+        ),
     ],
     ids=[
         "none",
@@ -429,11 +433,15 @@ def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module)
 def test_a_file_is_told_how_to_name_its_controller(module, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "lqi.py").touch()
-    said = (
-        "a controller of your own must name what it is in lqi.py: lqi:NAME, a function or a class"
-    )
-    for given in ("lqi", "lqi.py", "./lqi.py"):
-        with pytest.raises(InvalidValueError, match=f"^{re.escape(said)}, got {given}$"):
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / "lqi.py").touch()
+    for given, name, file in (
+        *((given, "lqi", "lqi.py") for given in ("lqi", "lqi.py", "./lqi.py")),
+        *((given, "below.lqi", "below/lqi.py") for given in ("below/lqi.py", "below.lqi")),
+    ):
+        said = f"must be given as {name}:NAME, where NAME is a function or a class of {file}"
+        expected = re.escape(f"a controller of your own {said}, got {given}")
+        with pytest.raises(InvalidValueError, match=f"^{expected}$"):
             find_controller(given)
     with pytest.raises(UnknownNameError, match="did you mean lqr"):
         find_controller("lqx")

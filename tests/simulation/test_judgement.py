@@ -190,7 +190,11 @@ def test_a_cart_at_its_end_stop_is_remarked_on(end, said) -> None:
         ({"rail_half_length": 1.0}, {}, ["first at 0 s, short of max_position, 2 m"]),
         ({"rail_half_length": 1.0}, {"max_position": 1.0}, ["from the middle, first at 0 s"]),
         ({"rail_half_length": 2.0}, {}, []),
-        ({"force_limit": 30.0}, {}, ["clipped at force_limit, 30 N: it cannot miss max_force, 30"]),
+        (
+            {"force_limit": 30.0},
+            {},
+            ["clipped at force_limit, 30 N: it cannot exceed max_force, 30"],
+        ),
         ({"force_limit": 31.0}, {}, []),
         ({"force_limit": 30.0}, {"max_force": 29.0}, []),
         ({"force_limit": 30.0}, {"max_force": None}, []),

@@ -57,7 +57,7 @@ def test_integrals_and_peaks_match_their_closed_forms(name: str, expected: float
 
 def test_a_held_force_is_integrated_as_the_staircase_it_is() -> None:
     class Bang:
-        """Push with 3 N for a second and with -2 N after it."""
+        """Push with 3 N, from 0.2 s on with -2 N."""
 
         def __call__(self, t: float, state: np.ndarray, *_: float) -> float:
             return 3.0 if t < 0.199 else -2.0

@@ -32,7 +32,7 @@ def load_attribute(spec: str) -> Any:
     parts = (*module_name.split("."), *function_name.split("."))
     if module_name.endswith(".py") or not all(part.isidentifier() for part in parts):
         meant = _module_of(module_name)
-        hint = f", a file as a module; did you mean {meant}:{function_name}?" if meant else ""
+        hint = f", with no slash or .py; did you mean {meant}:{function_name}?" if meant else ""
         raise InvalidValueError(thing, f"must be module:attribute{hint}")
     folder = os.getcwd()
     if folder not in sys.path:
@@ -60,12 +60,12 @@ def load_attribute(spec: str) -> Any:
     return found
 
 
-def attributes_in(module_name: str) -> str:
-    """Say how to name a controller of a file in the working directory, if it is there."""
-    module = _module_of(module_name)
+def rule_for_file(name: str) -> str:
+    """Say how to name a controller of a file in the working directory, if the file is there."""
+    module = _module_of(name)
     if not module or not os.path.isfile(file := f"{module.replace('.', os.sep)}.py"):
         return ""
-    return f"must name what it is in {file}: {module}:NAME, a function or a class"
+    return f"must be given as {module}:NAME, where NAME is a function or a class of {file}"
 
 
 def _module_of(path: str) -> str:

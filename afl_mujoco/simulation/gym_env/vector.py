@@ -114,13 +114,13 @@ def _step(
     for i in part:
         store(at[i].control, commands[i])
         three = (constants[i, 0], constants[i, 1], constants[i, 2])
-        profile, last = profiles[i, : sizes[i, 0]], sizes[i, 1]
+        profile, count = profiles[i, : sizes[i, 0]], sizes[i, 1]
         instants[i] = advance_held(
-            at[i], three, profile, now[i, :last], actuators[i], runs[i], pendings[i, : sizes[i, 2]],
-            instants[i], hold,
+            at[i], three, profile, now[i, :count], actuators[i], runs[i],
+            pendings[i, : sizes[i, 2]], instants[i], hold,
         )  # fmt: skip
         tick = instants[i] // hold
-        _look(i, at, shown[i, :last], sensors, tick, instants[i], runs, truth, seen, told)
+        _look(i, at, shown[i, :count], sensors, tick, instants[i], runs, truth, seen, told)
         forces[i] = load(at[i].control)
 
 
@@ -215,8 +215,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             if asked is not None:
                 rail = scenario.imperfections.rail_half_length
                 require_on_rail("z of initial_state", asked[0], rail)
-            if not self._has_room(episode):
-                self._make_room(episode)
+            self._make_room(episode)
             self._begin(i, scenario, start if asked is None else asked, episode)
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         return self._observations(), self._information()
@@ -310,7 +309,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         return all(rows <= one.shape[1] for rows, one in zip(_rows(e), there, strict=True))
 
     def _make_room(self, e: Episode) -> None:
-        """Replace the arrays by some that have as many rows as an episode needs."""
+        """Replace arrays that have fewer rows than an episode needs."""
         steps, instants, late = _rows(e)
         self._profiles = _with_room(self._profiles, steps)
         self._now, self._shown = (_with_room(one, instants) for one in (self._now, self._shown))

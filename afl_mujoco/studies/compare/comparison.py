@@ -92,7 +92,7 @@ def require_comparable(
     """Raise if anything would break a comparison, before it begins."""
     require_distinct("scenario", [scenario.name for scenario in scenarios])
     given = any(c.interpreted and getattr(c, "spec", None) is None for c in controllers)
-    hint = "; an attribute __name__ gives one another name" if given else ""
+    hint = "; set __name__ on one of them" if given else ""
     require_distinct("controller", [controller.name for controller in controllers], hint)
     require_integrator(integrator)
     for scenario in scenarios:

@@ -200,6 +200,7 @@ def _found(
 ) -> Found:
     """Assemble what a search found."""
     space, point = campaign.space, end.point
+    away = _away(space, point)
     return Found(
         question=question,
         controller=controller.name,
@@ -208,7 +209,5 @@ def _found(
         trial=trial,
         distance=distance_of(space, point),
         runs=tried,
-        changes=dict(
-            sorted(_away(space, point).items(), key=lambda item: (-abs(item[1]), item[0]))
-        ),
+        changes=dict(sorted(away.items(), key=lambda item: (-abs(item[1]), item[0]))),
     )

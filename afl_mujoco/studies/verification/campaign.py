@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import call
 from typing import Any
 
 from afl_mujoco.control.controller import Controller
@@ -45,9 +46,9 @@ def verify(
         parts += [partial(try_readings, READINGS)]
     others = len(parts)
     parts += [partial(judge, (s, c, settings)) for s in scenarios for c in controllers]
-    progress("parts", 0, len(parts))
+    progress("checking", 0, len(parts))
     with open_executor(min(workers, len(parts))) as executor:
-        done = compute_all(_computed, parts, executor, counted(progress, "parts", len(parts)))
+        done = compute_all(call, parts, executor, counted(progress, "checking", len(parts)))
     (checks, studies), *evidence = done[:others]
     judged: list[Judged] = done[others:]
     runs = tuple(
@@ -81,11 +82,6 @@ def verify(
         scenarios=tuple(scenarios),
         curves={f"{c.curves.scenario}/{c.curves.controller}": c.curves for c in judged},
     )
-
-
-def _computed(part: Callable[[], Any]) -> Any:
-    """Return what one part of the campaign found."""
-    return part()
 
 
 def _of_equations(full: bool) -> tuple[list[Check], list[Refinement]]:

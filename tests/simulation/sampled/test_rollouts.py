@@ -18,7 +18,7 @@ from afl_mujoco import (
 )
 from afl_mujoco.cli.main import main
 from afl_mujoco.control.own.python_controller import PythonController
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import judge
@@ -78,6 +78,8 @@ def test_one_scenario_need_not_be_in_a_list(adaptive):
     one, listed = (run_rollouts(given, adaptive, **SETTINGS) for given in ("nominal", ["nominal"]))
     assert len(one) == 1
     assert one.iae_z.tobytes() == listed.iae_z.tobytes()
+    with pytest.raises(UnknownNameError, match=r"^scenario must be .* got '5'"):
+        run_rollouts(5, adaptive)
 
 
 def test_the_order_of_the_runs_changes_no_bit(scenarios, adaptive, rng):

@@ -170,7 +170,7 @@ def test_controllers_that_all_meet_every_requirement_are_counted(result) -> None
 
 
 def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:
-    with pytest.raises(InvalidValueError, match=r"got '<lambda>' twice; an attribute __name__"):
+    with pytest.raises(InvalidValueError, match=r"got '<lambda>' twice; set __name__ on one"):
         compare("nominal", [lambda *_: 0.0, lambda *_: 1.0])
     with pytest.raises(InvalidValueError, match=r"got 'lqr' twice$"):
         compare("nominal", ["lqr", "lqr"])
