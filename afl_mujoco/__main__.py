@@ -1,7 +1,10 @@
 """``python -m afl_mujoco`` is ``afl-mujoco``."""
 
 import gc
+import signal
 import sys
+import threading
+from typing import Any
 
 COLLECTED_AFTER = (200_000, 100, 1000)
 """Thresholds of the garbage collector: half a million objects of the imports are never garbage,
@@ -11,6 +14,7 @@ and searching them takes a tenth of a short command's time."""
 def main() -> int:
     """Run the command line; report an interrupt during its import in one line too."""
     gc.set_threshold(*COLLECTED_AFTER)
+    sys.unraisablehook = _interrupt_again
     try:
         from afl_mujoco.cli import main as run
 
@@ -18,6 +22,15 @@ def main() -> int:
     except KeyboardInterrupt:
         print("afl-mujoco: interrupted", file=sys.stderr)
         return 130
+
+
+def _interrupt_again(lost: Any) -> None:
+    """Repeat a Ctrl-C that came where Python drops exceptions, as in a library's destructor."""
+    if not isinstance(lost.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    main_thread = threading.main_thread().ident
+    threading.Timer(0.01, signal.pthread_kill, (main_thread, signal.SIGINT)).start()
 
 
 if __name__ == "__main__":

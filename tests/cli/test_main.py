@@ -310,6 +310,19 @@ def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, wor
     assert list(out.iterdir()) == []
 
 
+def test_a_ctrl_c_that_comes_in_a_destructor_is_not_lost(folder: Path) -> None:
+    (folder / "own.py").write_text(
+        "import signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "class Library:\n"
+        "    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
+        "Library()\n"
+        "def force(t, state, belief): return 0.0\n"
+    )
+    result = run("validate", "--controllers", "own:force", cwd=folder)
+    assert (result.returncode, result.stderr) == (130, "afl-mujoco: interrupted\n")
+
+
 COMMANDS = ([], ["validate"], ["report"], ["simulate"], ["regression"])
 
 
