@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 TITLE = "Cart-pole controllers in MuJoCo"
 LEDE = (
-    "A cart-pole whose mass and length change while it moves: the runs, the findings, and the "
+    "A cart-pole whose mass and length can change while it moves: the runs, the findings, and the "
     "commands that repeat them."
 )
 

@@ -43,8 +43,7 @@ MISSES = "At least one controller misses a requirement of its scenario."
 
 def verdict(result: Result) -> Verdict:
     """Return whether every controller meets every requirement."""
-    noted = [run for run in result.runs if run.remarks and not run.missed]
-    cases = list(dict.fromkeys(run.controller for run in noted))
+    cases = list(dict.fromkeys(run.controller for run in result.runs if run.remarks))
     also = f"; see what is remarked on {listed(cases, 'and')}" if cases else ""
     return Verdict(result.passed, tally(result.runs) + also, MEETS if result.passed else MISSES)
 

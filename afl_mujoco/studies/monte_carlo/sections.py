@@ -19,8 +19,8 @@ from afl_mujoco.document.blocks import (
     Table,
     Text,
 )
-from afl_mujoco.document.numbers import MISSING, fixed, interval, percent, short
-from afl_mujoco.scenario.ranges import unit_of
+from afl_mujoco.document.numbers import MISSING, fixed, interval, listed, percent, short
+from afl_mujoco.scenario.ranges import SCHEDULES, unit_of
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.sample_space import acting
 from afl_mujoco.simulation.trajectory import COMPLETED
@@ -205,12 +205,16 @@ def _messages(result: Result) -> Iterator[str]:
 
 def _worst_cases(result: Result) -> Table:
     """Return what the searches found."""
+    axes = result.space.coordinates
+    drawn = [x for name, x in zip(SCHEDULES, "Ml", strict=True) if f"{name} level 1" in axes]
+    start = f" with the initial {listed(drawn, 'and')}" if drawn else ""
+    changed = any(x.endswith(" level 2") for x in axes)
+    later = "; “level 2” is the value after the first change" if changed else ""
     return Table(
         caption=(
             "What a search by CMA-ES found over the same ranges; distance 0 is the scenario "
-            f"{result.space.scenario.name} itself with the initial M and l, 1 is the diagonal of "
-            "all ranges. Last but one: what was moved most, as a share of its range; “level 2” is "
-            "the value of M or l after its first change"
+            f"{result.space.scenario.name} itself{start}, 1 is the diagonal of all ranges. Last "
+            f"but one: what was moved most, as a share of its range{later}"
         ),
         columns=(
             Column("Controller"),

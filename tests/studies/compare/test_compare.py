@@ -176,7 +176,8 @@ def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:
         compare("nominal", ["lqr", "lqr"])
 
 
-def test_a_remark_on_a_run_that_meets_everything_is_in_the_last_line(result) -> None:
+def test_the_last_line_says_whose_runs_are_remarked_on(result) -> None:
+    assert verdict(result).text.endswith("; see what is remarked on adaptive")
     good = next(run for run in result.runs if not run.missed)
     for remarks, said in (((), "met"), (("it hits the end stop",), "remarked on lqr")):
         runs = (replace(good, remarks=remarks),)

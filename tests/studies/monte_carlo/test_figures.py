@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -10,8 +11,10 @@ import pytest
 from rich.console import Console
 
 from afl_mujoco.document.blocks import Figure, figures_of
+from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.terminal import print_sections
 from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.features import FEATURES, features_of, most_separating
@@ -115,6 +118,24 @@ def test_the_tables_say_rates_pairs_and_worst_cases(rubbed: Campaign) -> None:
     replay = "afl-mujoco simulate out/montecarlo/adaptive/failure-"
     (line,) = (line for line in text.splitlines() if replay in line)
     assert line.endswith(".toml --controller my:controller")
+
+
+def test_a_worst_case_is_measured_from_the_initial_m_and_l_only_where_they_are_drawn() -> None:
+    for names, said in (
+        (("cart_mass", "half_length", "z"), "itself with the initial M and l, 1 is"),
+        (("half_length", "z"), "itself with the initial l, 1 is"),
+        (("z",), "itself, 1 is"),
+    ):
+        drawn = {name: LABORATORY.ranges.varied[name] for name in names}
+        space = SampleSpace(replace(LABORATORY, ranges=Ranges(varied=drawn)))
+        found = Found(
+            question=NEAREST, controller="lqr", point=space.reference, noise=0, trial=DOWN,
+            distance=0.1, runs=7, changes={},
+        )  # fmt: skip
+        some = Campaign(space=space, seed=1, settings=Settings(), trials={"lqr": [DOWN]})
+        text = to_markdown(sections(result_of(some, [found])))
+        assert said in text
+        assert ("“level 2”" in text) == (len(names) > 1)
 
 
 def test_the_findings_say_rates_with_intervals_and_the_comparison(rubbed: Campaign) -> None:
