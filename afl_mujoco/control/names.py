@@ -40,9 +40,13 @@ with."""
 
 
 def subject_of(names: Sequence[str]) -> str:
-    """Return the controller that findings are about: the paper's, or the first that is not LQR."""
+    """Return the controller that findings are about.
+
+    It is the first of the user's own, else the paper's, else the first that is not LQR.
+    """
+    own = [name for name in names if name.removesuffix(ESTIMATED) not in NAMES]
     others = [name for name in names if name != REFERENCE]
-    return SUBJECT if SUBJECT in others else next(iter(others), names[0])
+    return next(iter([*own, *(name for name in others if name == SUBJECT), *others]), names[0])
 
 
 KNOWN = (

@@ -21,7 +21,8 @@ def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[
     blocks: list[Block] = [
         Text(
             "MuJoCo's cart-pole as deployed, in real time. Its ghost is the ideal ODE, without "
-            "imperfections, unless the caption of a film says otherwise."
+            "imperfections, unless the caption of a film says otherwise; there a controller in "
+            "Python is held over each control period too, and any other is continuous."
         )
     ]
     blocks += _films([entry for entry in entries if not entry.scenario], folder)

@@ -406,6 +406,11 @@ class Imperfections:
         seeded = {name for one in IMPERFECTIONS if one.seeded for name in one.fields}
         return any(getattr(self, name) for name in seeded)
 
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Names of noise that nothing measures, because velocities are differences of positions."""
+        return ("noise_z_dot", "noise_phi_dot") if self.differentiated else ()
+
     __repr__ = short_repr
 
 

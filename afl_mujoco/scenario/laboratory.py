@@ -79,6 +79,10 @@ def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
     if scenario.ranges != FIXED:
         return scenario
     own = scenario.imperfections
-    free = {n: r for n, r in HARDWARE_RANGES.items() if getattr(own, n) == getattr(IDEAL, n)}
+    free = {
+        name: bounds
+        for name, bounds in HARDWARE_RANGES.items()
+        if getattr(own, name) == getattr(IDEAL, name) and name not in own.without_effect
+    }
     begin = {name: one.range for name, one in START.items()} if start else {}
     return replace(scenario, ranges=Ranges(varied={**begin, **free}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from types import MappingProxyType
@@ -72,6 +73,11 @@ class Requirements:
             value = getattr(self, field.name)
             if value is not None or field.default is not None:
                 object.__setattr__(self, field.name, require_positive(field.name, value))
+        for name in ("max_angle", "angle_band"):
+            if (angle := getattr(self, name)) is not None and not angle < 0.5 * math.pi:
+                hint = f"{angle:g} degrees is {math.radians(angle):.4f} rad"
+                rule = f"must be less than pi/2, where the pole lies ({hint})"
+                raise InvalidValueError(name, rule, f"{angle:g}")
 
     __repr__ = short_repr
 

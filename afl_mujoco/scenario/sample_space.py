@@ -76,6 +76,10 @@ class SampleSpace:
         if not self.coordinates:
             rule = "must say in [ranges] what varies"
             raise InvalidValueError(f"scenario {self.scenario.name!r}", rule)
+        for name in self.scenario.imperfections.without_effect:
+            if name in self.varied:
+                rule = "must be left out: velocities are differentiated, not measured"
+                raise InvalidValueError(f"ranges.{name}", rule)
         last, least = self.last_change, self._counts[1] * INSTANT
         if self.varied.keys() & SCHEDULES.keys():
             if last > self.scenario.duration:

@@ -190,6 +190,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
     return [
         *controller.remarks(scenario.assumed_plants),
         *_unreached(scenario),
+        *_without_effect(scenario),
         *_slow(scenario, run),
         *_ended(run),
         *_stopped(scenario, run),
@@ -205,6 +206,16 @@ def _unreached(scenario: Scenario) -> list[str]:
         if late := [time for time, value in knots if time > end and value != schedule.at(end)]:
             found.append(f"{name} changes at {late[-1]:g} s, after the end at {end:g} s")
     return found
+
+
+def _without_effect(scenario: Scenario) -> list[str]:
+    """Remark on noise of what is not measured."""
+    own = scenario.imperfections
+    return [
+        f"{name} has no effect, because velocities are differentiated"
+        for name in own.without_effect
+        if getattr(own, name)
+    ]
 
 
 def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:

@@ -17,7 +17,7 @@ from afl_mujoco import (
 )
 from afl_mujoco.control import names
 from afl_mujoco.control.compiled_controller import scheduled_force
-from afl_mujoco.control.names import INFORMED
+from afl_mujoco.control.names import INFORMED, subject_of
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import PlantRange
 
@@ -219,3 +219,18 @@ def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
     (said,) = adaptive.remarks(inside._replace(half_length=(0.04, 0.5)))
     assert "l 0.05 to 1 m, and l reaches 0.04 m" in said
     assert CONTROLLERS["fixed"].remarks(inside._replace(cart_mass=heavy)) == []
+
+
+@pytest.mark.parametrize(
+    ("names", "subject"),
+    [
+        (("lqr", "adaptive", "own.LQI"), "own.LQI"),
+        (("lqr", "fixed", "adaptive"), "adaptive"),
+        (("lqr", "adaptive-estimated"), "adaptive-estimated"),
+        (("lqr", "fixed"), "fixed"),
+        (("lqr",), "lqr"),
+    ],
+    ids=str,
+)
+def test_findings_are_about_the_users_own_controller_else_the_papers(names, subject) -> None:
+    assert subject_of(names) == subject

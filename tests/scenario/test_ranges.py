@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import afl_mujoco as afl
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.laboratory import HARDWARE_RANGES, LABORATORY, START, with_ranges
-from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.schedules import Schedule, slew_limited, staircase
 
@@ -202,3 +202,12 @@ def test_instants_that_find_no_room_are_refused(changes, message: str) -> None:
     with pytest.raises(AflMujocoError) as raised:
         SampleSpace(own)
     assert str(raised.value).startswith(message)
+
+
+def test_noise_of_velocities_that_are_differentiated_is_not_drawn() -> None:
+    own = replace(LABORATORY, ranges=FIXED, imperfections=Imperfections(differentiated=True))
+    left_out = HARDWARE_RANGES.keys() - with_ranges(own).ranges.varied.keys()
+    assert left_out == {"noise_z_dot", "noise_phi_dot"}
+    asked = replace(own, ranges=Ranges(varied={"noise_phi_dot": (0.0, 1.0)}))
+    with pytest.raises(InvalidValueError, match=r"^ranges\.noise_phi_dot must be left out: vel"):
+        SampleSpace(asked)

@@ -63,6 +63,14 @@ def test_to_complete_is_what_every_scenario_requires() -> None:
     [
         ("max_position = -1", "requirements.max_position must be positive, got -1"),
         ("max_angle = nan", "requirements.max_angle must be"),
+        (
+            "max_angle = 15",
+            "requirements.max_angle must be less than pi/2, where the pole lies (15 degrees is",
+        ),
+        (
+            "angle_band = 2",
+            "requirements.angle_band must be less than pi/2, where the pole lies (2 degrees",
+        ),
         ('max_force = "weak"', "requirements.max_force must be a number, got 'weak'"),
         ("angle_band = 0", "requirements.angle_band must be positive, got 0"),
         ("completes = 1", "requirements.completes must be true or false, got 1"),

@@ -239,3 +239,13 @@ def test_a_change_of_the_plant_after_the_end_is_remarked_on(mass: afl.Schedule, 
     found = remarks_on(made(), scenario, afl.find_controller("fixed"))
     assert len(found) == bool(said)
     assert all(said in remark for remark in found)
+
+
+def test_noise_that_nothing_measures_is_remarked_on() -> None:
+    noise = {"noise_phi": 1e-3, "noise_phi_dot": 1.0}
+    for differentiated in (False, True):
+        hardware = afl.Imperfections(differentiated=differentiated, **noise)
+        scenario = dataclasses.replace(SCENARIO, imperfections=hardware)
+        found = remarks_on(made(), scenario, afl.find_controller("fixed"))
+        said = "noise_phi_dot has no effect, because velocities are differentiated"
+        assert found == ([said] if differentiated else [])

@@ -63,7 +63,8 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
             caption=(
                 f"One run in MuJoCo for each point, as deployed, with steps of "
                 f"{1e3 * first.timestep:g} ms ({first.integrator}), schedules, disturbances and "
-                "imperfections. The cross marks the start of the scenario itself."
+                "imperfections. The cross marks the start of the scenario itself, "
+                "which need not be one of the points."
             ),
             alt=text,
             draw=partial(draw_starts, maps),

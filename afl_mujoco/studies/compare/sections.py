@@ -94,13 +94,14 @@ def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
         Text(_deployment(result, scenario)),
         requirements_table(runs),
     ]
+    pushes = "; grey across the panels: disturbances" if scenario.disturbances else ""
     if curves := result.curves_on(scenario):
         blocks.append(
             Figure(
                 name=f"compare-{number}",
                 title="Over time",
                 caption="States, force and plant. Dashed: limits of the requirements; grey along "
-                "the curves: bands to come to rest in; grey across the panels: disturbances.",
+                f"the curves: bands to come to rest in{pushes}.",
                 alt=finding(runs),
                 draw=partial(draw_responses, scenario, curves),
             )

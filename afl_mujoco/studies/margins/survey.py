@@ -124,6 +124,13 @@ def require(
     Each controller is linearised once, so that one that is not smooth is found here.
     """
     require_no_estimator(controllers)
+    for controller in controllers:
+        if controller.interpreted and controller.stateful:
+            rule = (
+                "has a memory, which a linearisation leaves out (a class, and an instance with "
+                "reset(), count as having one; an instance without reset() is tried)"
+            )
+            raise InvalidValueError(f"controller {controller.name!r}", rule)
     period = require_positive("control_period", control_period)
     if period > LONGEST_PERIOD:
         rule = f"must be at most {LONGEST_PERIOD:g} s"

@@ -88,9 +88,10 @@ def _meaning(result: Result) -> str:
             text += f"On {scenario.name} the requirements are: {words}. "
         if scenario.imperfections != IDEAL:
             text += (
-                f"Each imperfection comes on top of those of {scenario.name} itself; a level of "
+                f"Each imperfection comes on top of those of {scenario.name} itself, of which it "
+                "replaces what has its key and is milder: "
             )
-            text += f"the same key replaces it: {departures_text(scenario.imperfections)}. "
+            text += f"{departures_text(scenario.imperfections)}. "
     several = [one for one in result.imperfections if len(one.fields) > 1]
     return (text + " ".join(_keys(one) for one in several)).rstrip()
 
@@ -175,7 +176,8 @@ def _breaks(result: Result, ours: str) -> str:
         return "Everything that was tried, even at its mildest level."
     text = ""
     if RAIL in failing and not failing[RAIL][1].reference.survives:
-        text = _rail(*failing.pop(RAIL))
+        to = " to meet the requirements, end stops hit or not" if result.required else ""
+        text = _rail(*failing.pop(RAIL), to)
         if not failing:
             return f"{text}."
     clause = _clause(result, *min(failing.values(), key=lambda pair: tolerated(*pair)))
@@ -188,14 +190,20 @@ def _endless(result: Result, words: str) -> str:
     return words if result.endless else ""
 
 
-def _rail(rail: Imperfection, sweep: Sweep) -> str:
-    """Say that the reference rail is too short, and which rail is not, rounded up."""
+def _rail(rail: Imperfection, sweep: Sweep, to: str) -> str:
+    """Say that the reference rail is too short, and which rail is not, rounded up.
+
+    Parameters
+    ----------
+    to
+        What it is enough for, if that is less than to stay clear of the end stops.
+    """
     level = level_text(rail, rail.reference)
     text = f"The rail: the reference of {level} m to either side is too short"
     enough = sweep.survives.holds_at
     if sweep.survives.bound == UPPER or enough is None:
         return text
-    return f"{text}; {level_text(rail, ceil_to(enough))} m is enough"
+    return f"{text}; {level_text(rail, ceil_to(enough))} m is enough{to}"
 
 
 def _clause(result: Result, one: Imperfection, sweep: Sweep) -> str:

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from afl_mujoco.control.catalogue import GainError, find_controller
 from afl_mujoco.control.controller import Controller
@@ -49,6 +49,9 @@ SCENARIO, DELAY = "step-step", "delay"
 METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
 """Metrics of a run, in SI units, as in `Rollouts`."""
 
+
+LESS_IS_WORSE = {name for one in IMPERFECTIONS if one.less_is_worse for name in one.fields}
+"""Imperfections whose smaller levels are the harsher ones."""
 
 Scenarios = tuple[Scenario, ...]
 Unit = tuple[str, Controller, Scenarios, Settings]
@@ -121,8 +124,20 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Imperfections]) -> list
 
 
 def _on_top(own: Imperfections, added: Imperfections) -> Imperfections:
-    """Return imperfections overridden by those that are added; their seeds add up."""
-    return replace(own, **{**departures(added), "seed": own.seed + added.seed})
+    """Return imperfections with those that are added, the harsher of each; their seeds add up.
+
+    What is milder than a scenario's own level would not come on top of it, and could even be
+    worse: a control period, where velocities are differences of quantised positions.
+    """
+    harsher = {name: _harsher(name, getattr(own, name), x) for name, x in departures(added).items()}
+    return replace(own, **{**harsher, "seed": own.seed + added.seed})
+
+
+def _harsher(name: str, own: Any, level: Any) -> Any:
+    """Return the harsher of two levels; None is ideal, and a negative error is of its own kind."""
+    if own is None:
+        return level
+    return min(own, level) if name in LESS_IS_WORSE or level < 0.0 else max(own, level)
 
 
 def judge(

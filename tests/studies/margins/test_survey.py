@@ -10,6 +10,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS
+from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL
@@ -121,3 +122,18 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert described(asked) == {"scenario": "own", "left_out": ("noise_phi",)}
     assert request_of(replace(asked, control_period=0.002)).control_period == 0.002
     assert request_of(replace(asked, pole_mass=0.3)).pole_mass == 0.3
+
+
+def test_a_controller_with_a_memory_is_refused_for_what_would_be_left_out() -> None:
+    class Integrating:
+        def __init__(self) -> None:
+            self.sum = 0.0
+
+        def __call__(self, time, state, belief) -> float:
+            self.sum += 0.01 * float(state[0])
+            return float(-100.0 * state[1] - self.sum)
+
+    for given in (Integrating, Integrating()):
+        mine = PythonController(name="mine", function=given)
+        with pytest.raises(InvalidValueError, match=r"^controller 'mine' has a memory, which"):
+            survey_margins([mine], **GRID)

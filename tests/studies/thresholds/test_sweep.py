@@ -198,6 +198,34 @@ def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
     assert len(seeds(False, CASES, SETTINGS)) == 1
 
 
+@pytest.mark.parametrize(
+    ("own", "added", "found"),
+    [
+        ({"delay": 0.02}, {"delay": 0.002}, {"delay": 0.02}),
+        ({"force_limit": 60.0}, {"force_limit": 1000.0}, {"force_limit": 60.0}),
+        ({"force_limit": 60.0}, {"force_limit": 50.0}, {"force_limit": 50.0}),
+        ({}, {"force_limit": 50.0}, {"force_limit": 50.0}),
+        ({"control_period": 0.02}, {"control_period": 0.001}, {"control_period": 0.02}),
+        ({"differentiated": True}, {"noise_phi": 0.1}, {"differentiated": True, "noise_phi": 0.1}),
+        ({"mass_error": -0.2}, {"mass_error": 0.1}, {"mass_error": 0.1}),
+        ({"mass_error": -0.2}, {"mass_error": -0.1}, {"mass_error": -0.2}),
+    ],
+    ids=str,
+)
+def test_nothing_gets_milder_than_it_is_in_the_scenario(own, added, found) -> None:
+    scenario = replace(CASE, imperfections=Imperfections(**own))
+    (on_top,) = on_hardware((scenario,), [Imperfections(**added)])
+    assert on_top.imperfections == Imperfections(**found)
+
+
+def test_the_largest_force_allowed_does_not_hide_the_least_force_limit() -> None:
+    limits = Imperfections(force_limit=100.0), afl.Requirements(max_force=100.0)
+    scenario = replace(CASE, imperfections=limits[0], requirements=limits[1])
+    found = sweep(("force-limit", LQR, (scenario,), SETTINGS)).survives
+    assert found.bound == BRACKETED
+    assert found.fails_at < found.holds_at <= 100.0
+
+
 def test_where_a_scenario_has_requirements_they_decide() -> None:
     wide = replace(OWN, requirements=afl.Requirements(max_position=50.0))
     narrow = replace(OWN, requirements=afl.Requirements(max_position=0.5))
@@ -218,7 +246,7 @@ def test_the_result_says_by_what_its_runs_are_judged() -> None:
     text = " ".join(block.text for block in section.walk() if isinstance(block, Text))
     asked = "the requirements are: runs to the end, |z| at most 3 m and settles within 5.5 s."
     assert asked in text
-    assert "on top of those of step-step itself; a level of the same key replaces it" in text
+    assert "of which it replaces what has its key and is milder" in text
     assert "delay = 0.002" in text
 
 
