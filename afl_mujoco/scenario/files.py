@@ -44,8 +44,11 @@ class _NumberOrTable:
         from pydantic_core import core_schema
 
         def as_table(value: Any) -> Any:
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            return {"shape": "constant", "value": value} if number else value
+            if isinstance(value, dict):
+                return value
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"must be a number or a table, got {value!r:.60}")
+            return {"shape": "constant", "value": value}
 
         return core_schema.no_info_before_validator_function(as_table, handler(source))
 

@@ -128,7 +128,7 @@ def linearize(
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
         raise InvalidValueError(thing, rule, f"{disagreement:.1e}")
     if not kink <= KINK:
-        rule = f"must have slopes on either side that differ by at most {KINK:g} of the largest"
+        rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
         raise InvalidValueError(thing, rule, f"{kink:.1e}")
     loop = Loop(a, b[:, 0], k[0], disagreement)
     return loop if r.actuator_lag == 0.0 else _lagging(loop, r.actuator_lag)

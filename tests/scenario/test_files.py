@@ -170,6 +170,11 @@ HIT = "[[disturbances]]\nshape = "
         ("initial_state = 3", "initial_state must be a list, got 3"),
         ("initial_state = [0, 0]", "initial_state must hold four numbers, got 2"),
         ("schedule = 3", "schedule must be a table, got 3"),
+        (
+            'schedule.half_length = "1.5"',
+            "schedule.half_length must be a number or a table, got '1.5'",
+        ),
+        ("schedule.cart_mass = true", "schedule.cart_mass must be a number or a table, got True"),
         ("[schedule]\nmass = 1", "schedule.mass is not a known key; known keys: cart_mass, "),
         ("[schedule]\ncart_mass = -1.0", "schedule.cart_mass must be positive, got -1.0"),
         (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),

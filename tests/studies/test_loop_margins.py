@@ -226,7 +226,7 @@ def test_a_kink_that_central_differences_do_not_see_is_refused(kink):
     def function(time, state, belief):
         return float(-100.0 * state[1] + kink * abs(state[1]))
 
-    with pytest.raises(InvalidValueError, match="must have slopes on either side that differ"):
+    with pytest.raises(InvalidValueError, match="must be smooth: slopes on either side may differ"):
         linearize(PythonController(name="kinked", function=function), NOMINAL)
 
 
