@@ -91,7 +91,8 @@ def _meaning(result: Result) -> str:
                 f"Each imperfection comes on top of those of {scenario.name} itself, of which it "
                 "replaces what has its key and is milder: "
             )
-            text += f"{departures_text(scenario.imperfections)}. "
+            text += f"{departures_text(scenario.imperfections)}. Where these are harsher than the "
+            text += "reference hardware, they are the reference. "
     several = [one for one in result.imperfections if len(one.fields) > 1]
     return (text + " ".join(_keys(one) for one in several)).rstrip()
 

@@ -14,7 +14,12 @@ from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.imperfections import (
+    IDEAL,
+    IMPERFECTIONS,
+    Imperfection,
+    Imperfections,
+)
 from afl_mujoco.scenario.parameters import departures, require_distinct
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
@@ -60,7 +65,7 @@ Unit = tuple[str, Controller, Scenarios, Settings]
 def sweep(unit: Unit) -> Sweep:
     """Return the thresholds of one controller under one imperfection, with some settings."""
     name, controller, scenarios, settings = unit
-    imperfection = find_imperfection(name)
+    imperfection = referred(find_imperfection(name), scenarios)
 
     @functools.cache
     def at(level: float) -> Verdict:
@@ -138,6 +143,14 @@ def _harsher(name: str, own: Any, level: Any) -> Any:
     if own is None:
         return level
     return min(own, level) if name in LESS_IS_WORSE or level < 0.0 else max(own, level)
+
+
+def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
+    """Return an imperfection whose reference is no milder than what a scenario has itself."""
+    first = list(one.fields.items())[:1]  # all combined has none
+    own = [(getattr(s.imperfections, key), factor) for s in scenarios for key, factor in first]
+    levels = [one.reference, *(x / factor for x, factor in own if x and x / factor > 0.0)]
+    return replace(one, reference=min(levels) if one.less_is_worse else max(levels))
 
 
 def judge(
@@ -294,7 +307,7 @@ def find_thresholds(
             for one, verdict in zip(controllers, bare, strict=True)
             if not verdict.survives
         },
-        imperfections=tuple(find_imperfection(name) for name in names),
+        imperfections=tuple(referred(find_imperfection(name), scenarios) for name in names),
         sweeps=tuple(sweeps),
         added=tuple(one.name for one in added()),
         combined={one.name: v for (one, *_), v in zip(combine, verdicts, strict=True)},

@@ -17,7 +17,7 @@ from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, Threshold
 from afl_mujoco.studies.thresholds import sweep as sweep_module
 from afl_mujoco.studies.thresholds.classes import tolerated
-from afl_mujoco.studies.thresholds.imperfections import BY_NAME
+from afl_mujoco.studies.thresholds.imperfections import BY_NAME, find_imperfection
 from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED, Sweep
 from afl_mujoco.studies.thresholds.sections import sections
 from afl_mujoco.studies.thresholds.sweep import (
@@ -26,6 +26,7 @@ from afl_mujoco.studies.thresholds.sweep import (
     find_thresholds,
     judge,
     on_hardware,
+    referred,
     require,
     seeds,
     sweep,
@@ -216,6 +217,24 @@ def test_nothing_gets_milder_than_it_is_in_the_scenario(own, added, found) -> No
     scenario = replace(CASE, imperfections=Imperfections(**own))
     (on_top,) = on_hardware((scenario,), [Imperfections(**added)])
     assert on_top.imperfections == Imperfections(**found)
+
+
+@pytest.mark.parametrize(
+    ("name", "own", "reference"),
+    [
+        ("delay", {}, 0.002),
+        ("delay", {"delay": 0.001}, 0.002),
+        ("delay", {"delay": 0.04}, 0.04),
+        ("force-limit", {"force_limit": 60.0}, 50.0),
+        ("force-limit", {"force_limit": 20.0}, 20.0),
+        ("combined", {"delay": 0.04}, 1.0),
+        ("mass-over", {"mass_error": -0.5}, 0.1),
+        ("mass-under", {"mass_error": -0.5}, 0.5),
+    ],
+)
+def test_the_reference_is_no_milder_than_the_scenario(name, own, reference) -> None:
+    scenario = replace(CASE, imperfections=Imperfections(**own))
+    assert referred(find_imperfection(name), (scenario,)).reference == reference
 
 
 def test_the_largest_force_allowed_does_not_hide_the_least_force_limit() -> None:
