@@ -44,7 +44,11 @@ FEWEST = 5
 
 
 def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArray[np.float64]]:
-    """Return every feature that varies over the samples of a campaign, each of shape (samples,)."""
+    """Return every feature that varies over the samples of a campaign, each of shape (samples,).
+
+    Of features that put the samples in the same order only the last is kept, as where M is the
+    same in every sample: it is the simplest.
+    """
     scenarios = [sample_scenario(space, i, seed) for i in range(samples)]
     labelled = {name for name, draw in DRAWS.items() if draw.label}
     own = [name for name in HARDWARE if name in space.varied and name not in labelled]
@@ -53,7 +57,9 @@ def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArra
         label: np.array([feature(scenario) for scenario in scenarios])
         for label, feature in known.items()
     }
-    return {label: values for label, values in found.items() if np.ptp(values) > 0.0}
+    varying = {label: values for label, values in found.items() if np.ptp(values) > 0.0}
+    last = {np.argsort(values, kind="stable").tobytes(): label for label, values in varying.items()}
+    return {label: varying[label] for label in varying if label in last.values()}
 
 
 def most_separating(

@@ -94,6 +94,15 @@ def test_nothing_is_said_of_failures_where_there_are_none() -> None:
     assert len(figures(campaign(lqr=[DOWN]))) == 1  # of one sample there is nothing to compare
 
 
+def test_of_features_that_order_the_samples_alike_the_simplest_is_kept() -> None:
+    drawn = {"rail_damping": (0.0, 10.0), "z": (-0.1, 0.1)}
+    for changes, kept in (({}, False), ({"cart_mass": (0.5, 2.0)}, True)):
+        space = SampleSpace(replace(LABORATORY, ranges=Ranges(varied=drawn | changes)))
+        found = features_of(space, 20, 1)
+        assert ("rail damping / least cart mass [1/s]" in found) == kept
+        assert any("rail" in name and "/ least" not in name for name in found)
+
+
 def printed(found: Campaign, worst: list[Found]) -> str:
     stream = StringIO()
     result = result_of(found, worst, asked={"adaptive": "my:controller"})
