@@ -65,10 +65,13 @@ def test_kept_processes_serve_every_use_until_one_fails_and_end_with_the_block(
     tmp_path: Path,
 ) -> None:
     with kept_processes():
-        assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
-        first = pids_of(tmp_path)
-        assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
-        assert pids_of(tmp_path) <= first
+        first: set[str] = set()
+        # On a busy machine one of the two may do all units of a use, so that a use shows it late;
+        # three uses of processes that are not kept would have three of them at least.
+        for _ in range(3):
+            assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
+            first |= pids_of(tmp_path)
+        assert len(first) <= 2
         with pytest.raises(InvalidValueError):
             computed(refused, tmp_path, 2)
         pids_of(tmp_path)
