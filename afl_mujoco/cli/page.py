@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from afl_mujoco.errors import FileError
 
 if TYPE_CHECKING:
-    from afl_mujoco.document.blocks import Section
+    from afl_mujoco.document.blocks import Block, Section
     from afl_mujoco.studies.record import Record
 
 TITLE = "Cart-pole controllers in MuJoCo"
@@ -64,6 +64,7 @@ def write_page(folder: Path, films: Path) -> Path:
     """Write the page of a folder, completely or not at all; nothing is computed."""
     from afl_mujoco.document.html import to_html
     from afl_mujoco.files import write_text
+    from afl_mujoco.films.listing import load_listing
     from afl_mujoco.films.sections import sections as film_sections
     from afl_mujoco.studies.record import PAGE, load_records
 
@@ -71,8 +72,12 @@ def write_page(folder: Path, films: Path) -> Path:
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     found = [section for record in records for section in record.sections]
+    places = dict.fromkeys(place.resolve() for place in (folder, films))
+    entries = [entry for place in places for entry in load_listing(place)]
+    inputs = [(record.study.title, record.inputs) for record in records]
+    inputs += [(entry.file, entry.inputs) for entry in entries]
     parts = [
-        ([_overview(records, found)], folder),
+        ([_overview(records, found, _mixed(inputs))], folder),
         (found, folder),
         (film_sections(films), films),
         ([_not_run(records), _reproduce(records), _notation()], folder),
@@ -85,7 +90,35 @@ def write_page(folder: Path, films: Path) -> Path:
     return folder / PAGE
 
 
-def _overview(records: Sequence[Record], sections: Sequence[Section]) -> Section:
+def _mixed(inputs: Sequence[tuple[str, Mapping[str, str]]]) -> list[Block]:
+    """Return warnings about scenarios and controllers that changed between results.
+
+    Parameters
+    ----------
+    inputs
+        Digests of the scenarios and controllers of each result and film, beside its title.
+    """
+    from afl_mujoco.document.blocks import Finding
+    from afl_mujoco.document.numbers import listed
+
+    blocks: list[Block] = []
+    for thing in dict.fromkeys(name for _, digests in inputs for name in digests):
+        holders = [(title, digests[thing]) for title, digests in inputs if thing in digests]
+        groups = {digest: [t for t, found in holders if found == digest] for _, digest in holders}
+        if len(groups) > 1:
+            kind, _, name = thing.partition(" ")
+            those = " as in ".join(listed(titles, "and") for titles in groups.values())
+            text = (
+                f"The {kind} `{name}` is not the same in {those}: its file was changed, or another "
+                "has the same name. Run again what is out of date."
+            )
+            blocks.append(Finding(f"Results of more than one {kind}", text, "reproduce"))
+    return blocks
+
+
+def _overview(
+    records: Sequence[Record], sections: Sequence[Section], warnings: Sequence[Block]
+) -> Section:
     """Return the verdicts, what was run, the tallies and the findings of all sections."""
     from afl_mujoco.document.blocks import Finding, Section, Tally
 
@@ -100,7 +133,7 @@ def _overview(records: Sequence[Record], sections: Sequence[Section]) -> Section
     ]
     title = "Verdict and findings" if verdicts else "Findings"
     shown = [block for record in records for block in record.opening]
-    return Section(title, "findings", (*verdicts, *shown, *tallies, *findings))
+    return Section(title, "findings", (*verdicts, *warnings, *shown, *tallies, *findings))
 
 
 def _not_run(records: Sequence[Record]) -> Section:

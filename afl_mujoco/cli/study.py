@@ -67,9 +67,11 @@ class StudyCommand:
             require_page(self.out, self.films, leave_out=study.name)
         study.require_folder(self.out)
         folder = output_folder(self.out)
+        inputs = inputs_of(configuration)
         with study_progress() as progress, kept_processes():
             result = study.run(configuration, progress=progress, **who)
-            record = Record(study=study, result=result, command=typed(study.name, configuration))
+            command = typed(study.name, configuration)
+            record = Record(study=study, result=result, command=command, inputs=inputs)
             files = save_record(
                 record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
             )
@@ -110,6 +112,21 @@ class Cluster:
 def study_commands() -> list[Any]:
     """Return a command for each study, in the form that tyro takes."""
     return [_command(study) for study in studies().values()]
+
+
+def inputs_of(configuration: Any) -> dict[str, str]:
+    """Return digests of the scenarios and controllers that a study's options name."""
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.control.digests import digests
+    from afl_mujoco.scenario.files import find_scenario
+
+    def named(option: str) -> list[str]:
+        one, several = (getattr(configuration, name, None) for name in (option, f"{option}s"))
+        return [*(several or ()), *([] if one is None else [one])]
+
+    labels = getattr(configuration, "gain_labels", "table2")
+    controllers = [find_controller(name, labels) for name in named("controller")]
+    return digests(map(find_scenario, named("scenario")), controllers)
 
 
 def _told(files: Sequence[Path]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from afl_mujoco.files import read_json, write_json
@@ -37,6 +37,8 @@ class Entry:
         Command that makes it, as typed into a shell.
     ghost
         What the pale cart-pole in it shows.
+    inputs
+        Digests of its scenarios and controllers, from `digests`.
     """
 
     file: str
@@ -52,6 +54,7 @@ class Entry:
     deployment: Deployment
     command: str
     ghost: str = IDEAL_ODE
+    inputs: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise unless the files are beside the list and the sizes are positive."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.digests import digests
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.film import RESULT_TIME, TITLE_TIME
 from afl_mujoco.films.listing import Entry
@@ -123,6 +124,7 @@ class Film:
             deployment=self.deployment,
             command=self.command,
             ghost=IDEAL_ODE if self.replay is None else self.replay.ghost,
+            inputs=digests(*zip(*self.runs, strict=True)),
         )
 
 

@@ -195,6 +195,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *_ended(run),
         *_stopped(scenario, run),
         *_clipped(scenario, run),
+        *_idle(run),
     ]
 
 
@@ -239,6 +240,15 @@ def _clipped(scenario: Scenario, run: Trajectory) -> list[str]:
         f"the force is clipped at force_limit, {limit:g} N: it cannot exceed max_force, "
         f"{most:g} N, however much the controller asks for"
     ]
+
+
+def _idle(run: Trajectory) -> list[str]:
+    """Remark on a controller that does nothing, which can meet requirements all the same."""
+    if len(run.time) == 1 or run.force.any():
+        return []
+    if run.state[:, 1].any():
+        return ["the force is 0 N throughout"]
+    return ["the force is 0 N throughout and the pole never leans: the run tests no controller"]
 
 
 def _ended(run: Trajectory) -> list[str]:

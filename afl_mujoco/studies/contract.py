@@ -3,11 +3,12 @@
 A study is a package of this folder:
 
 ``study.py``
-    Its configuration is a frozen dataclass. The fields are the options of the command, each with
-    a default; ``quick`` is one of them in the studies that ``make robustness`` runs. Their
-    docstrings are the help texts; that of the class has an example. ``check`` raises if a rule is
-    broken, before anything slow; ``run`` returns the result. `STUDY` names them. ``--help``
-    imports this module, so slow imports belong inside the functions.
+    Its configuration is a frozen dataclass. The fields are the options of the command, each with a
+    default; ``quick`` is one of them in the studies that ``make robustness`` runs. Their docstrings
+    are the help texts; that of the class has an example. Those called ``scenario``, ``scenarios``,
+    ``controller`` and ``controllers`` are names: the record keeps a digest of each. ``check``
+    raises if a rule is broken, before anything slow; ``run`` returns the result. `STUDY` names
+    them. ``--help`` imports this module, so slow imports belong inside the functions.
 ``result.py``
     ``Result``, a frozen dataclass of types that pydantic supports, and of `Array`.
 ``sections.py``

@@ -42,7 +42,7 @@ PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "
 PAGE = "report.html"
 """The page of a folder, removed with an old result: beside a new one it would mislead."""
 
-HEADER = ("schema", "study", "command", "versions", "files")
+HEADER = ("schema", "study", "command", "versions", "inputs", "files")
 """Keys that precede the fields of a result."""
 
 
@@ -71,6 +71,8 @@ class Record:
         Command that made it, as typed into a shell.
     versions
         Versions of `PACKAGES` and of Python with which it was made.
+    inputs
+        Digests of its scenarios and controllers, from `digests`.
     files
         Names of the files beside its JSON; empty unless the record was read from a folder.
     """
@@ -79,6 +81,7 @@ class Record:
     result: Any
     command: str
     versions: Mapping[str, str] = field(default_factory=versions)
+    inputs: Mapping[str, str] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
     @property
@@ -175,6 +178,7 @@ def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]
         "study": record.study.name,
         "command": record.command,
         "versions": dict(record.versions),
+        "inputs": dict(record.inputs),
         "files": dict(files),
         **result,
     }
@@ -195,14 +199,22 @@ def load_record(study: Study, folder: Path) -> Record:
         arrays = _arrays(folder / f"{study.stem}.npz")
         given = {key: value for key, value in data.items() if key not in HEADER}
         result = unpacked(study.result_type, given, arrays)
-        versions = {str(name): str(number) for name, number in data["versions"].items()}
-        files = {str(name): str(digest) for name, digest in data["files"].items()}
+        header = {"inputs": {}} | data  # an older file has none
+        versions, inputs, files = (
+            {str(name): str(value) for name, value in header[key].items()}
+            for key in ("versions", "inputs", "files")
+        )
         for name, digest in files.items():
             if _is_of(study, name) and (folder / name).is_file():
                 if _digest(folder / name) != digest:
                     raise ValueError(f"{name} beside it must be unchanged since it was written")
     return Record(
-        study=study, result=result, command=data["command"], versions=versions, files=tuple(files)
+        study=study,
+        result=result,
+        command=data["command"],
+        versions=versions,
+        inputs=inputs,
+        files=tuple(files),
     )
 
 

@@ -8,12 +8,15 @@ import itertools
 import json
 import re
 from collections import Counter
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
 from afl_mujoco.cli.page import require_page, write_page
+from afl_mujoco.cli.study import inputs_of
+from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import PAGE, Record, save_record
 from afl_mujoco.studies.registry import find_study
@@ -124,6 +127,44 @@ def test_a_page_without_a_verification_has_no_verdict(tmp_path: Path) -> None:
     assert text.startswith("Cart-pole controllers in MuJoCo")
     assert "PASS" not in text and "FAIL" not in text
     assert "Findings" in text
+
+
+def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
+    for name, options, said in (
+        ("validate", {"scenarios": ("nominal",)}, {"scenario nominal", *PAPER}),
+        ("compare", {"gain_labels": "table1"}, {"scenario step-step", "adaptive-table1", "lqr"}),
+        ("margins", {"scenario": "laboratory", "controllers": ("lqr",)}, {"laboratory", "lqr"}),
+        ("estimation", {"controller": "adaptive-retuned"}, {"adaptive-retuned"}),
+        ("montecarlo", {}, {"scenario laboratory", "controller adaptive", "lqr"}),
+        ("readings", {}, set()),
+    ):
+        found = inputs_of(find_study(name).configuration(**options))
+        assert {thing.split()[-1] for thing in found} == {one.split()[-1] for one in said}
+        assert all(thing.split()[0] in ("scenario", "controller") for thing in found)
+
+
+def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_of(
+    tmp_path: Path,
+) -> None:
+    inputs = {"scenario rig": "a", "controller lqr": "b"}
+    changed = {"margins": {}, "thresholds": {"controller lqr": "c"}, "compare": {"scenario x": "d"}}
+    for name, new in changed.items():
+        one = replace(study_results.record(name), inputs=inputs | new)
+        save_record(one, tmp_path, figures=False)
+    write_listing(tmp_path, film_entry("a.mp4", inputs={"scenario rig": "e"}))
+    (tmp_path / "a.mp4").write_bytes(b"film")
+    text = Outline(write_page(tmp_path, tmp_path).read_text(encoding="utf-8")).text
+    for said in (
+        "The scenario rig is not the same in Controllers compared, Imperfection thresholds and "
+        "Stability margins as in a.mp4: its file was changed",
+        "The controller lqr is not the same in Controllers compared and Stability margins as in "
+        "Imperfection thresholds: its file was changed",
+    ):
+        assert said in text
+    assert text.count("Results of more than one") == 2 * 2  # and what the link is for
+    write_listing(tmp_path)
+    save_record(replace(study_results.record("thresholds"), inputs=inputs), tmp_path, figures=False)
+    assert "Results of more" not in write_page(tmp_path, tmp_path).read_text(encoding="utf-8")
 
 
 def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_path: Path) -> None:

@@ -392,6 +392,13 @@ def test_a_loaded_controller_reaches_a_worker_by_its_name(module):
         ("x = 1", "m:f", "which has no 'f'"),
         ("x = 1", "m:x", "must be callable, got 1"),
         ("class C: pass\nx = C()", "m:x", "must be callable, got an object of class C"),
+        ("x = 1", "m:x y", "must be module:attribute"),
+        (
+            "x = 1",
+            "m:x-estimated",
+            "must be module:attribute; only a controller of the catalogue can be followed by "
+            "-estimated",
+        ),
         ("x = 1", "m.py:x", "must be module:attribute, with no slash or .py; did you mean m:x?"),
         ("def f(t, x): return 0.0", "m:f", "must take (time, state, belief): "),
         ("x = 1", "m:", "must be module:attribute"),
@@ -412,6 +419,8 @@ def test_a_loaded_controller_reaches_a_worker_by_its_name(module):
         "lacks",
         "number",
         "object",
+        "words",
+        "estimated",
         "file",
         "two",
         "empty",
@@ -427,6 +436,7 @@ def test_what_cannot_be_loaded_is_answered_in_one_line(text, spec, said, module)
     message = str(caught.value)
     assert message.startswith(f"controller {spec!r} ")
     assert said in message
+    assert ("did you mean" in message) == ("did you mean" in said)
     assert "\n" not in message
 
 

@@ -28,7 +28,7 @@ ALL = Requirements(
 SCENARIO = afl.Scenario(name="judged", disturbances=(PULSE,), duration=10.0, requirements=ALL)
 
 
-def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 0.0 * t, end=None):
+def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, end=None):
     """A run whose z, phi and force are functions of time; one with an end fell there."""
     time = np.round(np.arange(0.0, (10.0 if end is None else end) + 1e-9, 0.01), 9)
     state = np.zeros((len(time), 4))
@@ -213,6 +213,18 @@ def test_a_limit_of_the_hardware_is_remarked_on_where_a_run_reaches_it(
     found = remarks_on(run, scenario, afl.find_controller("fixed"))
     assert len(found) == len(said)
     assert all(one in remark for one, remark in zip(said, found, strict=True))
+
+
+def test_a_controller_that_does_nothing_is_remarked_on() -> None:
+    upright = afl.Scenario(name="upright", initial_state=(0.2, 0.0, 0.0, 0.0), duration=0.1)
+    leaning = dataclasses.replace(upright, initial_state=(0.0, 0.1, 0.0, 0.0))
+    said = "the force is 0 N throughout"
+    for scenario, rest in ((upright, " and the pole never leans: the run tests no"), (leaning, "")):
+        run = afl.simulate_mujoco(scenario, lambda t, state, belief: 0.0, "sampled")
+        (remark,) = remarks_on(run, scenario, afl.find_controller("fixed"))
+        assert remark.startswith(said + rest) and (bool(rest) or remark == said)
+    pushed = afl.simulate_mujoco(upright, "fixed", "sampled")  # it brings the cart back
+    assert remarks_on(pushed, upright, afl.find_controller("fixed")) == []
 
 
 def test_a_force_held_while_the_pole_falls_is_remarked_on() -> None:

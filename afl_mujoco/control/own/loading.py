@@ -7,6 +7,7 @@ import os
 import sys
 from typing import Any
 
+from afl_mujoco.control.names import ESTIMATED
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, told
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -31,9 +32,8 @@ def load_attribute(spec: str) -> Any:
     module_name, _, function_name = spec.partition(":")
     parts = (*module_name.split("."), *function_name.split("."))
     if module_name.endswith(".py") or not all(part.isidentifier() for part in parts):
-        meant = _module_of(module_name)
-        hint = f", with no slash or .py; did you mean {meant}:{function_name}?" if meant else ""
-        raise InvalidValueError(thing, f"must be module:attribute{hint}")
+        rule = f"must be module:attribute{_hint(module_name, function_name)}"
+        raise InvalidValueError(thing, rule)
     folder = os.getcwd()
     if folder not in sys.path:
         sys.path.append(folder)  # last, so that no user file hides an installed module
@@ -58,6 +58,15 @@ def load_attribute(spec: str) -> Any:
             )
         found = getattr(found, part)
     return found
+
+
+def _hint(module_name: str, function_name: str) -> str:
+    """Say what may have been meant by names of which one is not an identifier."""
+    if function_name.endswith(ESTIMATED):
+        return f"; only a controller of the catalogue can be followed by {ESTIMATED}"
+    if (meant := _module_of(module_name)) in ("", module_name):
+        return ""
+    return f", with no slash or .py; did you mean {meant}:{function_name}?"
 
 
 def rule_for_file(name: str) -> str:
