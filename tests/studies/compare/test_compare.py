@@ -111,12 +111,15 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     assert (code, errors) == (1, "")
     last = output.splitlines()[-1]
     assert "compared.zero on rig (fell at t = " in last
-    assert last.endswith(" and compared.late on rig (failed)")
+    assert last.endswith(
+        " and compared.late on rig (failed); see what is remarked on compared.zero"
+    )
     written = {path.name for path in (rig / "out").iterdir()}
     assert {"compare.json", "compare.npz", "compare.md", "report.html"} <= written
     found = load_record(find_study("compare"), rig / "out").result
     by_name = {run.controller: run for run in found.runs}
     assert by_name["lqr"].missed == []
+    assert by_name["compared.zero"].remarks == ("the force is 0 N throughout",)
     assert by_name["compared.late"].outcome == (
         "failed: raised ZeroDivisionError at t = 0.5 s: division by zero"
     )
