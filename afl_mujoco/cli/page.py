@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +11,7 @@ from afl_mujoco.errors import FileError
 
 if TYPE_CHECKING:
     from afl_mujoco.document.blocks import Block, Section
+    from afl_mujoco.films.listing import Entry
     from afl_mujoco.studies.record import Record
 
 TITLE = "Cart-pole controllers in MuJoCo"
@@ -74,10 +75,8 @@ def write_page(folder: Path, films: Path) -> Path:
     found = [section for record in records for section in record.sections]
     places = dict.fromkeys(place.resolve() for place in (folder, films))
     entries = [entry for place in places for entry in load_listing(place)]
-    inputs = [(record.study.title, record.inputs) for record in records]
-    inputs += [(entry.file, entry.inputs) for entry in entries]
     parts = [
-        ([_overview(records, found, _mixed(inputs))], folder),
+        ([_overview(records, found, _mixed(records, entries))], folder),
         (found, folder),
         (film_sections(films), films),
         ([_not_run(records), _reproduce(records), _notation()], folder),
@@ -90,19 +89,18 @@ def write_page(folder: Path, films: Path) -> Path:
     return folder / PAGE
 
 
-def _mixed(inputs: Sequence[tuple[str, Mapping[str, str]]]) -> list[Block]:
-    """Return warnings about scenarios and controllers that changed between results.
+def _mixed(records: Sequence[Record], films: Sequence[Entry]) -> list[Block]:
+    """Return warnings about scenarios and controllers of the results that are not one throughout.
 
-    Parameters
-    ----------
-    inputs
-        Digests of the scenarios and controllers of each result and film, beside its title.
+    Films alone are not compared: the worst cases of two controllers may have one name.
     """
     from afl_mujoco.document.blocks import Finding
     from afl_mujoco.document.numbers import listed
 
+    inputs = [(record.study.title, record.inputs) for record in records]
+    inputs += [(entry.file, entry.inputs) for entry in films]
     blocks: list[Block] = []
-    for thing in dict.fromkeys(name for _, digests in inputs for name in digests):
+    for thing in dict.fromkeys(name for record in records for name in record.inputs):
         holders = [(title, digests[thing]) for title, digests in inputs if thing in digests]
         groups = {digest: [t for t, found in holders if found == digest] for _, digest in holders}
         if len(groups) > 1:

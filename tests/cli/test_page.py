@@ -162,7 +162,8 @@ def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_
     ):
         assert said in text
     assert text.count("Results of more than one") == 2 * 2  # and what the link is for
-    write_listing(tmp_path)
+    worst = [film_entry(f"{i}.mp4", inputs={"scenario rig-hardest": f"{i}"}) for i in range(2)]
+    write_listing(tmp_path, *worst)
     save_record(replace(study_results.record("thresholds"), inputs=inputs), tmp_path, figures=False)
     assert "Results of more" not in write_page(tmp_path, tmp_path).read_text(encoding="utf-8")
 
