@@ -73,7 +73,8 @@ def write_page(folder: Path, films: Path) -> Path:
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     found = [section for record in records for section in record.sections]
-    places = dict.fromkeys(place.resolve() for place in (folder, films))
+    apart = folder.resolve() != films.resolve()  # a study films into the folder of its result
+    places = [folder, films] if apart else [films]
     entries = [entry for place in places for entry in load_listing(place)]
     parts = [
         ([_overview(records, found, _mixed(records, entries))], folder),
@@ -81,7 +82,7 @@ def write_page(folder: Path, films: Path) -> Path:
         (film_sections(films), films),
         ([_not_run(records), _reproduce(records), _notation()], folder),
     ]
-    if folder.resolve() != films.resolve():  # a study films into the folder of its result
+    if apart:
         parts.insert(1, (film_sections(folder, "Films beside this page", "own-films"), folder))
     verdicts = [record.verdict for record in records if record.verdict]
     verdict = min(verdicts, key=lambda one: one.passed, default=None)  # a failure counts
@@ -90,7 +91,7 @@ def write_page(folder: Path, films: Path) -> Path:
 
 
 def _mixed(records: Sequence[Record], films: Sequence[Entry]) -> list[Block]:
-    """Return warnings about scenarios and controllers of the results that are not one throughout.
+    """Return a warning for each scenario and controller of which there are different versions.
 
     Films alone are not compared: the worst cases of two controllers may have one name.
     """
@@ -110,7 +111,7 @@ def _mixed(records: Sequence[Record], films: Sequence[Entry]) -> list[Block]:
                 f"The {kind} `{name}` is not the same in {those}: its file was changed, or another "
                 "has the same name. Run again what is out of date."
             )
-            blocks.append(Finding(f"Results of more than one {kind}", text, "reproduce"))
+            blocks.append(Finding(f"Different versions of a {kind}", text, "reproduce"))
     return blocks
 
 

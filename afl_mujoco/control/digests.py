@@ -18,9 +18,7 @@ def digests(scenarios: Iterable[Scenario], controllers: Iterable[Controller]) ->
     """
     found = {f"scenario {one.name}": scenario_to_table(one) for one in scenarios}
     found |= {f"controller {one.name}": one.describe() for one in controllers}
-    return {name: _digest(json.dumps(content)) for name, content in found.items()}
-
-
-def _digest(text: str) -> str:
-    """Return a digest of a text."""
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+    return {
+        name: hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()
+        for name, content in found.items()
+    }

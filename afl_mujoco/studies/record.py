@@ -196,14 +196,11 @@ def load_record(study: Study, folder: Path) -> Record:
             raise ValueError(f"{rule}, got {found[0]!r} and {found[1]!r}")
         if not isinstance(data["command"], str):
             raise ValueError("command must be a string")
+        header = {"inputs": {}} | data  # an older file has none
+        versions, inputs, files = (_texts(header, key) for key in ("versions", "inputs", "files"))
         arrays = _arrays(folder / f"{study.stem}.npz")
         given = {key: value for key, value in data.items() if key not in HEADER}
         result = unpacked(study.result_type, given, arrays)
-        header = {"inputs": {}} | data  # an older file has none
-        versions, inputs, files = (
-            {str(name): str(value) for name, value in header[key].items()}
-            for key in ("versions", "inputs", "files")
-        )
         for name, digest in files.items():
             if _is_of(study, name) and (folder / name).is_file():
                 if _digest(folder / name) != digest:
@@ -216,6 +213,13 @@ def load_record(study: Study, folder: Path) -> Record:
         inputs=inputs,
         files=tuple(files),
     )
+
+
+def _texts(header: Mapping[str, Any], key: str) -> dict[str, str]:
+    """Return an object of texts from a header, or raise."""
+    if not isinstance(header[key], dict):
+        raise ValueError(f"{key} must be an object, got {header[key]!r}")
+    return {str(name): str(value) for name, value in header[key].items()}
 
 
 def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:

@@ -66,8 +66,8 @@ def test_kept_processes_serve_every_use_until_one_fails_and_end_with_the_block(
 ) -> None:
     with kept_processes():
         first: set[str] = set()
-        # On a busy machine one of the two may do all units of a use, so that a use shows it late;
-        # three uses of processes that are not kept would have three of them at least.
+        # On a busy machine one of the two may do every unit of a use, and the other appear later;
+        # if they were not kept, three uses would show at least three processes.
         for _ in range(3):
             assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
             first |= pids_of(tmp_path)

@@ -9,9 +9,12 @@ from typing import Any
 
 import pytest
 
+import afl_mujoco as afl
+from afl_mujoco.control.digests import digests
 from afl_mujoco.document.blocks import Film
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, list_film, load_listing
+from afl_mujoco.films.plan import side_by_side
 from afl_mujoco.films.replay import Deployment
 from afl_mujoco.films.sections import sections
 from tests.verification_result import film_entry, write_listing
@@ -60,6 +63,13 @@ def test_a_report_shows_the_showcase_and_then_each_scenario_the_wide_films_first
     assert single.caption == "As deployed: RK4 at 1 ms, force held for 5 ms."
 
 
+def test_the_entry_of_a_film_says_which_scenarios_and_controllers_it_is_of() -> None:
+    scenario, controllers = afl.SCENARIOS["step-step"], [*afl.CONTROLLERS.values()][:2]
+    film = side_by_side(scenario, controllers, Deployment())
+    assert film.entry.inputs == digests([scenario], controllers)
+    assert len(film.entry.inputs) == 3
+
+
 def entry(**changes: Any) -> str:
     """Return a list with one entry, changed."""
     plain = asdict(film_entry("a.mp4")) | changes
@@ -76,6 +86,8 @@ BAD = {
     "a poster elsewhere": (entry(poster="/etc/x.png"), "lie beside films.json"),
     "no film": (entry(file="a.exe"), "end in .mp4, got 'a.exe'"),
     "a scenario that is a number": (entry(scenario=3), "scenario"),
+    "inputs that are a list": (entry(inputs=[]), "inputs"),
+    "an input that is a number": (entry(inputs={"scenario rig": 3}), "inputs"),
 }
 
 

@@ -165,6 +165,9 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
     assert names(tmp_path) == set()
 
 
+BARE = {"schema": 4, "study": "margins", "command": "", "versions": {}, "inputs": {}, "files": {}}
+
+
 @pytest.mark.parametrize(
     ("content", "rule"),
     [
@@ -178,6 +181,10 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
             '{"schema": 4, "study": "margins", "command": "", "versions": {}, "files": {}, '
             '"control_period": "long"}',
             "control_period must be a number, got 'long'",
+        ),
+        *(
+            (json.dumps(BARE | {key: value}), f"{key} must be an object, got {value!r}")
+            for key, value in (("versions", []), ("inputs", "x"), ("inputs", None), ("files", 3))
         ),
         ('{"schema": NaN}', "NaN is not a JSON number"),
     ],

@@ -116,7 +116,10 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     )
     written = {path.name for path in (rig / "out").iterdir()}
     assert {"compare.json", "compare.npz", "compare.md", "report.html"} <= written
-    found = load_record(find_study("compare"), rig / "out").result
+    record = load_record(find_study("compare"), rig / "out")
+    names = ("lqr", "compared.Counting", "compared.zero", "compared.late")
+    assert [*record.inputs] == ["scenario rig", *(f"controller {name}" for name in names)]
+    found = record.result
     by_name = {run.controller: run for run in found.runs}
     assert by_name["lqr"].missed == []
     assert by_name["compared.zero"].remarks == ("the force is 0 N throughout",)
