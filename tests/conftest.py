@@ -1,6 +1,7 @@
 """Fixtures that more than one folder uses."""
 
 import os
+import signal
 
 import numpy as np
 import pytest
@@ -20,6 +21,9 @@ from tests.program import without_progress
 
 SEED = 20260
 BACKEND = choose_backend()  # before a test imports mujoco
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background jobs
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # else what a test starts ignores it
 
 
 @pytest.fixture

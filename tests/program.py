@@ -39,8 +39,6 @@ def interrupt(*arguments: str, cwd: Path, once: Callable[[], object], after: flo
 
     It must end as every command does then: exit code 130, one line, and nothing on stdout.
     """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background jobs
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # else the program ignores it too
     process = subprocess.Popen(
         [*COMMAND, *arguments],
         cwd=cwd,

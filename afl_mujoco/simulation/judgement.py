@@ -272,7 +272,7 @@ def _slow(scenario: Scenario, run: Trajectory) -> list[str]:
     waits = {"delay": scenario.imperfections.delay, "control period": run.control_period or 0.0}
     return [
         f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times as "
-        f"far, {time:.2g} s"
+        f"far, {time:.2g} s; it is given in seconds, not in ms or Hz"
         for name, wait in waits.items()
         if wait >= time
     ]

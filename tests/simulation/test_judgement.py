@@ -232,6 +232,7 @@ def test_a_force_held_while_the_pole_falls_is_remarked_on() -> None:
     run = afl.simulate_mujoco(slow, "fixed", mode="sampled")
     (remark,) = remarks_on(run, slow, afl.find_controller("fixed"))
     assert remark.startswith("the control period, 0.5 s, is longer than")
+    assert remark.endswith("it is given in seconds, not in ms or Hz")
     run = afl.simulate_mujoco(SCENARIO, "fixed", mode="sampled")
     assert remarks_on(run, SCENARIO, afl.find_controller("fixed")) == []
 
