@@ -1,6 +1,6 @@
 """What the pages hold that nobody types: tables, numbers, results, help texts.
 
-A page is a Jinja template. ``{{ table("criteria") }}`` is what the code declares,
+A page is a Jinja template. ``{{ table("imperfections") }}`` is what the code declares,
 ``{{ thresholds.delay_adaptive }}`` a number of ``numbers.toml``, ``{{ sections("margins") }}`` what
 a study says of its result in ``results/``, ``{{ output("bench_batch") }}`` what a benchmark
 printed, ``{{ help("compare") }}`` the help of a command, ``{{ part("findings") }}`` a page of

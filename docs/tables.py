@@ -19,7 +19,6 @@ from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.thresholds.classes import level_text
 from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL, added
-from afl_mujoco.studies.verification.criteria import CRITERIA
 from docs.sources import SOURCES
 
 REQUIREMENT_UNITS = {**UNITS, **BANDS}
@@ -29,7 +28,6 @@ def tables() -> dict[str, str]:
     """Return each table by its name."""
     return {
         "angle": angle_table(),
-        "criteria": criteria_table(),
         "imperfections": fields_table(),
         "requirements": requirements_table(),
         "reference hardware": thresholds_table(),
@@ -114,16 +112,6 @@ def sources_table() -> str:
     """Return what makes each result that the pages rest on, and how long it takes."""
     rows = [(f"`{s.file}`", f"`{s.command}`", f"{s.minutes:g}") for s in SOURCES]
     return cells_as_table(("file", "made by", "minutes on two cores"), rows)
-
-
-def criteria_table() -> str:
-    """Return every criterion."""
-    header = ("check", "quantity", "unit", "limit", "why this limit", "proves", "leaves open")
-    rows = [
-        (c.id, c.quantity, c.unit, f"{c.limit:g}", c.reason, c.proves, c.leaves_open)
-        for c in CRITERIA.values()
-    ]
-    return cells_as_table(header, rows)
 
 
 def results_table() -> str:

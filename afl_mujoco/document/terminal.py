@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -41,6 +42,13 @@ def print_sections(
     for section in sections:
         if not section.folded:
             _print_section(section, folder, console or _console())
+
+
+def to_text(sections: Sequence[blocks.Section]) -> str:
+    """Return sections of text and tables as plain text, as wide as without a terminal."""
+    stream = io.StringIO()
+    print_sections(sections, Path(), Console(file=stream, width=WIDTH, highlight=False))
+    return "\n".join(line.rstrip() for line in stream.getvalue().strip("\n").splitlines())
 
 
 def print_verdict(verdict: blocks.Verdict) -> None:

@@ -128,6 +128,20 @@ class Result:
         on = ", ".join(scenario.name for scenario in self.scenarios)
         return f"<{names} on {on}: {total - missed} of {total} requirements met>"
 
+    def __str__(self) -> str:
+        """Return who meets the requirements, and how much of each is left, as text."""
+        from afl_mujoco.document.terminal import to_text
+        from afl_mujoco.studies.compare.sections import judged_section
+
+        return to_text([judged_section(self)])
+
+    def _repr_markdown_(self) -> str:
+        """Return the same as Markdown, for a notebook."""
+        from afl_mujoco.document.markdown import to_markdown
+        from afl_mujoco.studies.compare.sections import judged_section
+
+        return to_markdown([judged_section(self)], level=5)
+
     def runs_on(self, scenario: Scenario) -> list[ComparedRun]:
         """Return the runs of a scenario."""
         return [run for run in self.runs if run.scenario == scenario.name]

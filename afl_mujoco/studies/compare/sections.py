@@ -37,6 +37,8 @@ MAIN = (
 )  # fmt: skip
 """Metrics that are shown; the file has all of them."""
 
+TITLE = "Controllers compared"
+
 MEETS = "Every controller meets every requirement of its scenario, as deployed in MuJoCo."
 MISSES = "At least one controller misses a requirement of its scenario."
 
@@ -51,7 +53,22 @@ def verdict(result: Result) -> Verdict:
 def sections(result: Result) -> list[Section]:
     """Return what a report says about a comparison."""
     parts = [_scenario(result, number, one) for number, one in enumerate(result.scenarios, 1)]
-    return [Section("Controllers compared", "compare", parts)]
+    return [Section(TITLE, "compare", parts)]
+
+
+def judged_section(result: Result) -> Section:
+    """Return who meets the requirements of each scenario, and how much of each is left."""
+    parts = [block for one in result.scenarios for block in _judged(result.runs_on(one), one)]
+    return Section(TITLE, "compare", parts)
+
+
+def _judged(runs: Sequence[ComparedRun], scenario: Scenario) -> list[Block]:
+    """Return who meets the requirements of a scenario, with remarks and margins."""
+    return [
+        Finding(scenario.name, finding(runs)),
+        *(Text(f"`{run.controller}`: {remark}") for run in runs for remark in run.remarks),
+        requirements_table(runs),
+    ]
 
 
 def opening(result: Result) -> list[Block]:
@@ -88,12 +105,8 @@ def _deployment(result: Result, scenario: Scenario) -> str:
 def _scenario(result: Result, number: int, scenario: Scenario) -> Section:
     """Return what a report says about a scenario."""
     runs = result.runs_on(scenario)
-    blocks: list[Block] = [
-        Finding(scenario.name, finding(runs)),
-        *(Text(f"`{run.controller}`: {remark}") for run in runs for remark in run.remarks),
-        Text(_deployment(result, scenario)),
-        requirements_table(runs),
-    ]
+    *words, table = _judged(runs, scenario)
+    blocks = [*words, Text(_deployment(result, scenario)), table]
     pushes = "; grey across the panels: disturbances" if scenario.disturbances else ""
     if curves := result.curves_on(scenario):
         blocks.append(

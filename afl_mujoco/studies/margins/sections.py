@@ -31,7 +31,9 @@ _COLUMNS = (
 
 def sections(result: Result) -> list[Section]:
     """Return what a report says about the margins."""
-    blocks: list[Block] = [_finding(result), *_about(result), _delay_figure(result)]
+    blocks: list[Block] = [_finding(result), *_about(result)]
+    if result.plants > 1:
+        blocks.append(_delay_figure(result))
     blocks.append(_table(result))
     if both := _both(result):
         blocks += [Text(_measured_text(result, both)), _measured_figure(both, result)]
@@ -126,14 +128,19 @@ def _measured_text(result: Result, both: list[DelayComparison]) -> str:
 
 
 def _delay_figure(result: Result) -> Figure:
-    """Return the figure of the delay margins."""
+    """Return the figure of the delay margins, a map or a line for each controller."""
+    masses, lengths = len(result.cart_masses), len(result.half_lengths)
+    over = f"{masses} × {lengths} plants. Red: unstable"
+    if lengths == 1:
+        over = f"{masses} M at l = {short(result.half_lengths[0])} m. Crosses at 0: unstable"
+    elif masses == 1:
+        over = f"{lengths} l at M = {short(result.cart_masses[0])} kg. Crosses at 0: unstable"
     return Figure(
         name="margins-delay",
         title="Delay margin of the linearised loop",
         caption=(
             "Delay margin at upright of the loop linearised from MuJoCo, with the force held for "
-            f"{1e3 * result.control_period:g} ms, over {len(result.cart_masses)} × "
-            f"{len(result.half_lengths)} plants. Red: unstable even without added delay."
+            f"{1e3 * result.control_period:g} ms, over {over} even without added delay."
         ),
         alt=f"Least delay margin: {'; '.join(_least(result)) or 'none'}.",
         draw=partial(draw_delay_margins, result),

@@ -95,6 +95,18 @@ def test_a_gain_beyond_its_table_is_remarked_on(result) -> None:
     assert "found for l 0.05 to 1 m, and l reaches 1.5 m here" in remarks["adaptive"]
 
 
+def test_a_comparison_says_in_print_and_in_a_notebook_who_meets_what(result) -> None:
+    printed, shown = str(result), result._repr_markdown_()
+    for said in ("misses", "Its gains are extrapolated: they were found for M", "settles within"):
+        assert said in printed and said in shown
+    for row in result.requirements:
+        assert (f"{abs(row['left']):.4g} {row['unit']}" in printed) or not row["left"]
+    missed = sum(not row["met"] for row in result.requirements)
+    assert printed.count("✗") == shown.count("✗") == missed > 0
+    assert shown.count("✓") == len(result.requirements) - missed > 0
+    assert "\x1b" not in printed
+
+
 @pytest.mark.parametrize(("end", "remark"), [(3.0, "the cart hits the end stop, 3 m"), (30.0, "")])
 def test_a_cart_that_hits_its_end_stop_is_remarked_on(end: float, remark: str) -> None:
     rail = Imperfections(rail_half_length=end)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from io import StringIO
 from pathlib import Path
 
@@ -12,10 +12,33 @@ from rich.console import Console
 
 from afl_mujoco.document.blocks import Finding, Text, figures_of
 from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.studies.margins.figures import draw_delay_margins
 from afl_mujoco.studies.margins.sections import sections
 from tests import study_results
 
 RESULT = study_results.margins()
+
+
+def over_plants(masses: int, lengths: int):
+    """Return the result on its last masses and lengths only, without measured delays."""
+    margins = {}
+    for name, both in RESULT.margins.items():
+        loops = {}
+        for kind in ("continuous", "sampled"):
+            grid = getattr(both, kind)
+            cut = {
+                field.name: tuple(row[-lengths:] for row in getattr(grid, field.name)[-masses:])
+                for field in fields(grid)
+            }
+            loops[kind] = replace(grid, **cut)
+        margins[name] = replace(both, **loops)
+    return replace(
+        RESULT,
+        cart_masses=RESULT.cart_masses[-masses:],
+        half_lengths=RESULT.half_lengths[-lengths:],
+        margins=margins,
+        measured=(),
+    )
 
 
 def printed(result) -> list[list[str]]:
@@ -65,3 +88,36 @@ def test_margins_are_drawn_over_the_plants_and_unstable_ones_left_out() -> None:
     assert np.ma.getmaskarray(values).sum() == 1
     assert values[1, 0] == pytest.approx(30.0)
     assert "adaptive 12 ms" in delay.alt
+
+
+def test_an_infinite_margin_is_not_drawn_as_an_unstable_plant() -> None:
+    held = RESULT.grid("adaptive", sampled=True)
+    endless = replace(held, delay=((None, 0.03, 0.1), held.delay[1]))
+    both = replace(RESULT.margins["adaptive"], sampled=endless)
+    drawn = draw_delay_margins(replace(RESULT, margins={"adaptive": both}))
+    values = drawn.axes[0].collections[0].get_array()
+    assert np.ma.getmaskarray(values).sum() == 1  # the unstable plant
+    assert values[0, 0] == values.max()
+
+
+@pytest.mark.parametrize(("masses", "lengths"), [(2, 1), (1, 3)])
+def test_margins_over_m_or_l_alone_are_lines_with_crosses_where_unstable(
+    masses: int, lengths: int
+) -> None:
+    result = over_plants(masses, lengths)
+    (delay,) = figures_of(sections(result))
+    axes = delay.draw().axes[0]
+    grid = result.grid("adaptive", sampled=True)
+    margins = [x for row in grid.delay for x in row]
+    assert axes.get_xlabel()[:4] == ("cart" if masses > 1 else "half")
+    line, crosses = axes.lines[:2]
+    np.testing.assert_array_equal(
+        line.get_ydata(), [np.nan if x is None else 1e3 * x for x in margins]
+    )
+    assert line.get_marker() == "o"
+    assert len(crosses.get_xdata()) == margins.count(None) == 1
+    assert "Crosses at 0: unstable" in delay.caption and "Red" not in delay.caption
+
+
+def test_margins_of_one_plant_are_in_the_table_alone() -> None:
+    assert list(figures_of(sections(over_plants(1, 1)))) == []
