@@ -98,7 +98,7 @@ class Draw(NamedTuple):
         What hardware the two ends stand for.
     label, scale
         Name with unit for the comparison of failed and surviving runs by this field alone, and
-        the factor to that unit; a field without a label is named by its key, in SI units.
+        the factor to that unit; without a label they are those of the field's threshold.
     """
 
     axis: int
@@ -250,7 +250,8 @@ class Imperfections:
     """Largest rate at which the actuator changes its force."""
     encoder_step_z: float = _declared(
         0.0, _resolution, "m",
-        drawn=Draw(4, (0.0, 1e-4), "from exact to a tenth of a millimetre"),
+        drawn=Draw(4, (0.0, 1e-4), "from exact to a tenth of a millimetre",
+            "encoder step of z [mm]", 1e3),
     )  # fmt: skip
     """Resolution of the cart's position sensor: readings are rounded to the nearest multiple; 0 for
     an exact sensor, else at least 1e-12."""
@@ -274,7 +275,7 @@ class Imperfections:
     positions over a control period (zero at the first tick)."""
     noise_z: float = _declared(
         0.0, _not_negative, "m",
-        drawn=Draw(0, (0.0, 5e-4), "from none to a linear potentiometer"),
+        drawn=Draw(0, (0.0, 5e-4), "from none to a linear potentiometer", "noise of z [mm]", 1e3),
     )  # fmt: skip
     """Standard deviation of the white noise on the cart's position at each tick."""
     noise_phi: float = _declared(
@@ -289,7 +290,8 @@ class Imperfections:
     """The same on the angle."""
     noise_z_dot: float = _declared(
         0.0, _not_negative, "m/s",
-        drawn=Draw(2, (0.0, 1e-2), "from none to a filtered tachometer"),
+        drawn=Draw(2, (0.0, 1e-2), "from none to a filtered tachometer", "noise of z′ [mm/s]",
+            1e3),
     )  # fmt: skip
     """The same on the cart's velocity sensor, which is not used where velocities are
     differentiated."""
@@ -305,8 +307,7 @@ class Imperfections:
         Imperfection(name="rail-damping", title="rail damping", unit="N s/m",
             fields={"rail_damping": 1.0}, reference=5.0, benign=0.05, harsh=500.0),
         why="a geared cart on a rail",
-        drawn=Draw(7, (0.0, 2.0), "viscous friction: from an air bearing to dry bushes",
-            "rail damping [N s/m]"),
+        drawn=Draw(7, (0.0, 2.0), "viscous friction: from an air bearing to dry bushes"),
     )  # fmt: skip
     """Viscous friction of the cart."""
     hinge_damping: float = _declared(
@@ -323,8 +324,7 @@ class Imperfections:
         Imperfection(name="rail-friction", title="dry friction", unit="N",
             fields={"rail_friction": 1.0}, reference=1.0, benign=0.01, harsh=100.0),
         why="the geared cart",
-        drawn=Draw(6, (0.0, 1.0), "dry friction: from an air bearing to dry bushes",
-            "dry friction [N]"),
+        drawn=Draw(6, (0.0, 1.0), "dry friction: from an air bearing to dry bushes"),
     )  # fmt: skip
     """Dry (Coulomb) friction of the cart on its rail."""
     rail_armature: float = _declared(

@@ -22,6 +22,9 @@ from afl_mujoco.simulation.trajectory import (
     Trajectory,
 )
 
+LONGEST = 50.0
+"""Half-length that nobody means [m]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
@@ -191,7 +194,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *controller.remarks(scenario.assumed_plants),
         *_unreached(scenario),
         *_without_effect(scenario),
-        *_slow(scenario, run),
+        *unit_remarks(scenario, run.control_period),
         *_ended(run),
         *_stopped(scenario, run),
         *_clipped(scenario, run),
@@ -262,17 +265,50 @@ def _ended(run: Trajectory) -> list[str]:
     return []
 
 
-def _slow(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on waiting while the pole leans so far that one may have meant milliseconds."""
+def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
+    """Return remarks on values that one may have meant in another unit.
+
+    Parameters
+    ----------
+    period
+        Control period [s].
+    """
+    return [*_slow(scenario, period or 0.0), *_coarse(scenario), *_long(scenario)]
+
+
+def _slow(scenario: Scenario, period: float) -> Iterator[str]:
+    """Remark on waiting while the pole leans far."""
     (mass, _), (length, _), pole_mass, gravity = scenario.plants  # the fastest to fall
     plant = CartPoleParameters(
         cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
     )
     time = upright_model(plant).a[3, 1] ** -0.5
-    waits = {"delay": scenario.imperfections.delay, "control period": run.control_period or 0.0}
-    return [
-        f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times as "
-        f"far, {time:.2g} s; it is given in seconds, not in ms or Hz"
-        for name, wait in waits.items()
-        if wait >= time
-    ]
+    for name, wait in (("delay", scenario.imperfections.delay), ("control period", period)):
+        if wait >= time:
+            yield (
+                f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times "
+                f"as far, {time:.2g} s; it is given in seconds, not in ms or Hz"
+            )
+
+
+def _coarse(scenario: Scenario) -> Iterator[str]:
+    """Remark on sensors that cannot tell whether the cart-pole is at rest."""
+    own, asked = scenario.imperfections, scenario.requirements
+    for name, symbol, band, unit, others in (
+        ("encoder_step_z", "z", asked.position_band, "m", "mm or counts"),
+        ("encoder_step_phi", "φ", asked.angle_band, "rad", "degrees or counts"),
+        ("noise_z", "z", asked.position_band, "m", "mm"),
+        ("noise_phi", "φ", asked.angle_band, "rad", "degrees or mrad"),
+    ):
+        if (value := getattr(own, name)) > band:
+            yield (
+                f"{name}, {value:g} {unit}, is wider than the band in which {symbol} is at rest, "
+                f"{band:g} {unit} to either side; it is given in {unit}, not in {others}"
+            )
+
+
+def _long(scenario: Scenario) -> Iterator[str]:
+    """Remark on a pole that is no pole."""
+    _, (_, length), _, _ = scenario.plants
+    if length > LONGEST:
+        yield f"l reaches {length:g} m, half the length of the pole; it is given in m, not in mm"

@@ -12,7 +12,13 @@ import afl_mujoco as afl
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import UNITS, Requirements
-from afl_mujoco.simulation.judgement import Judgement, judge, judge_failure, remarks_on
+from afl_mujoco.simulation.judgement import (
+    Judgement,
+    judge,
+    judge_failure,
+    remarks_on,
+    unit_remarks,
+)
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
@@ -148,6 +154,32 @@ def test_a_delay_is_remarked_on_from_the_time_on_in_which_the_pole_leans_e_times
 def test_a_fall_just_before_the_end_is_short_by_what_is_left():
     found = judge(dataclasses.replace(SCENARIO, requirements=Requirements()), made(end=9.5))
     assert [(one.requirement, one.left) for one in found] == [("completes", -0.5)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said", "ends"),
+    [
+        ({"encoder_step_phi": 0.15}, "encoder_step_phi, 0.15 rad, is wider", "degrees or counts"),
+        ({"encoder_step_z": 2.0}, "encoder_step_z, 2 m, is wider", "not in mm or counts"),
+        ({"noise_phi": 0.5}, "noise_phi, 0.5 rad, is wider than the band in which φ is", "mrad"),
+        ({"noise_z": 0.5}, "noise_z, 0.5 m, is wider than the band in which z is at", "in mm"),
+        ({"delay": 8.0}, "the delay, 8 s, is longer than a pole", "not in ms or Hz"),
+    ],
+    ids=str,
+)
+def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: str) -> None:
+    scenario = dataclasses.replace(SCENARIO, imperfections=Imperfections(**changes))
+    (remark,) = unit_remarks(scenario, 0.001)
+    assert remark.startswith(said) and remark.endswith(ends)
+    run = afl.simulate_mujoco(scenario, "lqr", mode="sampled")
+    assert remark in remarks_on(run, scenario, afl.find_controller("lqr"))
+
+
+def test_a_half_length_in_millimetres_is_remarked_on() -> None:
+    long = dataclasses.replace(SCENARIO, half_length=afl.constant(600.0))
+    (remark,) = unit_remarks(long, 0.001)
+    assert remark.startswith("l reaches 600 m, half the length of the pole") and "mm" in remark
+    assert unit_remarks(SCENARIO, 0.001) == []
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,7 @@ CASES = {
         (["--timestep", "-0.001"], "timestep must be positive, got -0.001"),
         (
             ["nominal", "--control-period", "40"],
-            "control_period must be within the duration 20 s, got 40.0",
+            "control_period must be within the duration 20 s (in seconds, not Hz), got 40.0",
         ),
         (["--controllers", "integrating:Force"], "is stateful, which this comparison does not"),
         (["real.toml"], "scenario 'real' has imperfections, which only mode \"sampled\" simulates"),

@@ -65,7 +65,7 @@ def control_period_of(scenario: Scenario, given: float | None, timestep: float) 
     own = scenario.imperfections.control_period
     period = given if own is None else own
     if period is not None and period > scenario.duration:
-        rule = f"must be within the duration {scenario.duration:g} s"
+        rule = f"must be within the duration {scenario.duration:g} s (in seconds, not Hz)"
         raise InvalidValueError("control_period", rule, period)
     if own is None:
         return timestep if given is None else given

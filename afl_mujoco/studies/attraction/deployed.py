@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,6 +40,8 @@ class StartMap:
         Whether requirements decide.
     own
         (phi, phi_dot) at which the scenario itself starts [rad, rad/s].
+    own_outcome
+        How the run from there ends, as in `outcome`.
     timestep, integrator
         MuJoCo's step [s] and integrator.
     shares
@@ -54,6 +56,7 @@ class StartMap:
     controller: str
     judged: bool
     own: tuple[float, float]
+    own_outcome: int
     timestep: float
     integrator: str
     shares: dict[str, float]
@@ -81,15 +84,11 @@ def map_starts(
         phi(0) [rad] and phi_dot(0) [rad/s].
     """
     judged = scenario.requirements != NONE
+    settings: Any = {"timestep": timestep, "integrator": integrator, "threads": threads}
     rows = []
     for rate in rates.tolist():
         starts = [_started(scenario, angle, rate) for angle in angles.tolist()]
-        settings: Any = {"timestep": timestep, "integrator": integrator, "threads": threads}
-        if controller.interpreted:
-            rows.append([_alone(start, controller, judged, settings) for start in starts])
-        else:
-            runs = run_rollouts(starts, controller, **settings)
-            rows.append([_outcome(runs, i, judged) for i in range(len(runs))])
+        rows.append(_outcomes(starts, controller, judged, settings))
         progress(len(starts))
     outcome = np.array(rows, dtype=np.uint8)
     counts = np.bincount(outcome.ravel(), minlength=len(WORDS[judged])) / outcome.size
@@ -98,6 +97,7 @@ def map_starts(
         controller=controller.name,
         judged=judged,
         own=(scenario.initial_state[1], scenario.initial_state[3]),
+        own_outcome=_outcomes([scenario], controller, judged, settings)[0],
         timestep=timestep,
         integrator=integrator,
         shares=dict(zip(WORDS[judged], counts.tolist(), strict=True)),
@@ -111,6 +111,16 @@ def _started(scenario: Scenario, angle: float, rate: float) -> Scenario:
     """Return a scenario with another start."""
     z, _, z_dot, _ = scenario.initial_state
     return replace(scenario, initial_state=(z, angle, z_dot, rate))
+
+
+def _outcomes(
+    starts: Sequence[Scenario], controller: Controller, judged: bool, settings: Any
+) -> list[int]:
+    """Return how the runs of a controller end."""
+    if controller.interpreted:
+        return [_alone(start, controller, judged, settings) for start in starts]
+    runs = run_rollouts(starts, controller, **settings)
+    return [_outcome(runs, i, judged) for i in range(len(runs))]
 
 
 def _alone(start: Scenario, controller: Controller, judged: bool, settings: Any) -> int:

@@ -72,7 +72,7 @@ def draw_starts(maps: Sequence[StartMap]) -> Figure:
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = dict(enumerate((GOOD_COLOUR, FALLEN_COLOUR, MISSED_COLOUR, UNDECIDED_COLOUR)))
     words = dict(enumerate(WORDS[maps[0].judged]))
-    present = {code for found in maps for code in np.unique(found.outcome).tolist()}
+    present = {x for found in maps for x in (*np.unique(found.outcome), found.own_outcome)}
     for axes, found in zip(panels.flat, maps, strict=False):
         image = np.empty((*found.outcome.shape, 4))
         for code, colour in colours.items():
@@ -80,8 +80,8 @@ def draw_starts(maps: Sequence[StartMap]) -> Figure:
         edges = _edges(found.angles, found.rates)
         axes.grid(False)
         axes.imshow(image, extent=edges, origin="lower", aspect="auto", interpolation="nearest")
-        axes.plot(*found.own, "x", color="white", markersize=9, markeredgewidth=4)
-        axes.plot(*found.own, "x", color="black", markersize=8, markeredgewidth=2)
+        own = colours[found.own_outcome]
+        axes.plot(*found.own, "X", color=own, markeredgecolor="black", markersize=11)
         axes.set_xlim(edges[:2])
         axes.set_ylim(edges[2:])
         share = 100.0 * found.shares[words[SETTLED]]

@@ -7,9 +7,19 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
+from afl_mujoco.document.blocks import (
+    Block,
+    Cell,
+    Column,
+    Figure,
+    Finding,
+    Section,
+    Table,
+    Text,
+    good_or_bad,
+)
 from afl_mujoco.document.numbers import fixed, percent, short
-from afl_mujoco.simulation.attraction.grid import OUTCOMES, PLANTS, STATES
+from afl_mujoco.simulation.attraction.grid import OUTCOMES, PLANTS, SETTLED, STATES
 from afl_mujoco.studies.attraction.deployed import WORDS as ENDINGS
 from afl_mujoco.studies.attraction.deployed import StartMap
 from afl_mujoco.studies.attraction.figures import draw_attraction, draw_starts
@@ -63,8 +73,8 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
             caption=(
                 f"One run in MuJoCo for each point, as deployed, with steps of "
                 f"{1e3 * first.timestep:g} ms ({first.integrator}), schedules, disturbances and "
-                "imperfections. The cross marks the start of the scenario itself, "
-                "which need not be one of the points."
+                "imperfections. The cross marks the start of the scenario itself, in the colour of "
+                "how its run ends; it need not be one of the points."
             ),
             alt=text,
             draw=partial(draw_starts, maps),
@@ -74,9 +84,14 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
             columns=(
                 Column("Controller"),
                 *(Column(word.capitalize(), "%", number=True) for word in (good, *others)),
+                Column("From its own start"),
             ),
             rows=[
-                (one.controller, *(fixed(100.0 * x, 1) for x in one.shares.values()))
+                (
+                    one.controller,
+                    *(fixed(100.0 * x, 1) for x in one.shares.values()),
+                    Cell((good, *others)[one.own_outcome], good_or_bad(one.own_outcome == SETTLED)),
+                )
                 for one in maps
             ],
         ),

@@ -103,6 +103,7 @@ class Request(NamedTuple):
 def request_of(configuration: Attraction) -> Request:
     """Return the request of a configuration, or raise."""
     from afl_mujoco.control.catalogue import find_controller, require_stateless
+    from afl_mujoco.errors import InvalidValueError
     from afl_mujoco.scenario.parameters import require_distinct, require_positive
     from afl_mujoco.scenario.sampling import whole_steps
     from afl_mujoco.simulation.attraction.grid import Settling
@@ -122,6 +123,9 @@ def request_of(configuration: Attraction) -> Request:
         whole_steps(name, time, "timestep", timestep)
     require_integrator(c.integrator)
     for controller in controllers:
+        if controller.interpreted:
+            rule = "is written in Python: give a scenario to map its starts"
+            raise InvalidValueError(f"controller {controller.name!r}", rule)
         _ = controller.kind  # raises if it has no compiled form
         require_stateless(controller, "a map over plants")
         for grid in maps:  # raises if a gain is not positive

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import ks_2samp
 
-from afl_mujoco.scenario.imperfections import DRAWS
-from afl_mujoco.scenario.ranges import HARDWARE, unit_of
+from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS
+from afl_mujoco.scenario.ranges import HARDWARE
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 
 
-def _imperfection(name: str, scale: float) -> Callable[[Scenario], float]:
-    """Return a function that reads an imperfection, scaled to the unit of its label."""
-    return lambda scenario: scale * getattr(scenario.imperfections, name)
+def _label(name: str) -> tuple[str, float]:
+    """Return what an imperfection is called, with its unit, and the factor to that unit."""
+    declared = DECLARATIONS[name]
+    if declared.drawn is not None and declared.drawn.label:
+        return declared.drawn.label, declared.drawn.scale
+    for one in declared.swept:
+        if one.fields == {name: 1.0}:
+            return f"{one.title} [{one.unit}]", one.scale
+    return f"{name} [{declared.unit}]", 1.0
+
+
+def _imperfections(names: Iterable[str]) -> dict[str, Callable[[Scenario], float]]:
+    """Return functions that read imperfections, by their label, in its unit."""
+
+    def reader(name: str, scale: float) -> Callable[[Scenario], float]:
+        return lambda scenario: scale * getattr(scenario.imperfections, name)
+
+    return {label: reader(name, scale) for name in names for label, scale in (_label(name),)}
 
 
 FEATURES: Mapping[str, Callable[[Scenario], float]] = {
@@ -35,7 +50,7 @@ FEATURES: Mapping[str, Callable[[Scenario], float]] = {
         s.imperfections.rail_damping / min(s.cart_mass.values)
     ),
     "delay + lag [ms]": lambda s: 1e3 * (s.imperfections.delay + s.imperfections.actuator_lag),
-    **{draw.label: _imperfection(name, draw.scale) for name, draw in DRAWS.items() if draw.label},
+    **_imperfections(DRAWS),
 }
 """Features of a scenario by their label, which gives the unit."""
 
@@ -50,9 +65,7 @@ def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArra
     same in every sample: it is the simplest.
     """
     scenarios = [sample_scenario(space, i, seed) for i in range(samples)]
-    labelled = {name for name, draw in DRAWS.items() if draw.label}
-    own = [name for name in HARDWARE if name in space.varied and name not in labelled]
-    known = {**FEATURES, **{f"{n} [{unit_of(n)}]": _imperfection(n, 1.0) for n in own}}
+    known = FEATURES | _imperfections(name for name in HARDWARE if name in space.varied)
     found = {
         label: np.array([feature(scenario) for scenario in scenarios])
         for label, feature in known.items()

@@ -7,6 +7,8 @@ from functools import partial
 from itertools import islice
 from pathlib import PurePath
 
+import numpy as np
+
 from afl_mujoco.control.names import REFERENCE, subject_of
 from afl_mujoco.document.blocks import (
     Block,
@@ -23,6 +25,8 @@ from afl_mujoco.document.numbers import MISSING, fixed, interval, listed, percen
 from afl_mujoco.scenario.ranges import SCHEDULES, unit_of
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.sample_space import acting
+from afl_mujoco.simulation.judgement import unit_remarks
+from afl_mujoco.simulation.sampled.runs import control_period_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.monte_carlo.figures import (
     BINS,
@@ -47,7 +51,7 @@ DEFAULT_INTEGRATOR = "RK4"
 
 def sections(result: Result) -> list[Section]:
     """Return what a report says about a campaign."""
-    blocks: list[Block] = [*_findings(result), *_assumed(result)]
+    blocks: list[Block] = [*_findings(result), *_assumed(result), *_units(result)]
     if not result.judged:
         blocks.append(Text(SETTLES))
     blocks += [_rates_figure(result), _rates(result)]
@@ -114,6 +118,14 @@ def _assumed(result: Result) -> Iterator[Text]:
             "every sample. Add a table [ranges] to its file to change this. They are drawn from "
             f"these ranges: {'; '.join(drawn)}."
         )
+
+
+def _units(result: Result) -> Iterator[Text]:
+    """Say what in the harshest sample one may have meant in another unit."""
+    corner = result.space.scenario_of(np.ones(result.space.dimension), 0, 0)
+    period = control_period_of(corner, None, result.timestep)
+    for remark in unit_remarks(corner, period):
+        yield Text(f"Where everything that varies is at its largest, {remark}.")
 
 
 def _passes(result: Result) -> str:

@@ -46,8 +46,11 @@ def reached(threshold: Threshold) -> float:
 def tolerated(imperfection: Imperfection, sweep: Sweep) -> float:
     """Return how many times the reference level was survived at most; 0 if no level was."""
     level = sweep.survives.holds_at
-    if level is None:
-        return 0.0
+    return 0.0 if level is None else times_reference(imperfection, level)
+
+
+def times_reference(imperfection: Imperfection, level: float) -> float:
+    """Return how many times worse than the reference a level is."""
     ratio = level / imperfection.reference
     return round(1.0 / ratio if imperfection.less_is_worse else ratio, 9)  # 10 is 10
 

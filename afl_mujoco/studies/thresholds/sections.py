@@ -30,6 +30,7 @@ from afl_mujoco.studies.thresholds.classes import (
     level_text,
     reached,
     threshold_text,
+    times_reference,
     tolerated,
     unsettled,
 )
@@ -59,6 +60,9 @@ _HOW = {
     END_STOP: "the cart reaches the end stop",
     REFUSED: "the controller computes no force",
 }
+
+AMPLE = 10.0
+"""How many times the reference level is ample."""
 
 _EQUAL = 1.05  # thresholds closer than this factor count as equal
 
@@ -143,24 +147,36 @@ def _fails_already(result: Result, name: str, verdict: Verdict) -> str:
 
 
 def _holds(result: Result, ours: str) -> str:
-    """Say what one imperfection at a time does at its reference level."""
-    single = [one for one in result.imperfections if one.name not in (RAIL, COMBINED.name)]
+    """Say what one imperfection at a time does at its reference level, and at ten times that.
+
+    An endless rail is no imperfection, so that its end is left out there.
+    """
+    left_out = (COMBINED.name, RAIL) if result.endless else (COMBINED.name,)
+    single = [one for one in result.imperfections if one.name not in left_out]
     if not single:
         return "No single imperfection was tried."
     sweeps = [result.sweep(one.name, ours) for one in single]
+    without = _endless(result, " and on a rail without end stops")
+    at = f"at the level of the reference hardware{without}"
+    if len(single) == 1:
+        reference = sweeps[0].reference
+        passes = _passes(result) if reference.survives else "fails"
+        but = " but does not settle" if result.settling and unsettled(sweeps[0]) else ""
+        return f"{sentence(single[0].title)} {at}: the {ours} controller {passes}{but}."
     survived = sum(sweep.reference.survives for sweep in sweeps)
     settled = sum(sweep.reference.settles for sweep in sweeps)
-    ample = sum(tolerated(*pair) >= 10.0 for pair in zip(single, sweeps, strict=True))
-    without = _endless(result, " and on a rail without end stops")
-    several = len(single) > 1
-    of = f"{len(single)} single imperfections, each" if several else "one single imperfection,"
-    settles = f", settles under {settled}," if result.settling else ""
-    again = "under" if result.required else "survives"
-    return (
-        f"Of {of} at the level of the reference hardware"
-        f"{without}, the {ours} controller {_passes(result, under=True)} {survived}{settles} and "
-        f"{again} {ample} even at ten times that level."
+    settles = f" and settles under {settled}" if result.settling else ""
+    text = (
+        f"Of {len(single)} single imperfections, each {at}, the {ours} controller "
+        f"{_passes(result, under=True)} {survived}{settles}."
     )
+    pairs = zip(single, sweeps, strict=True)
+    far = [pair for pair in pairs if times_reference(pair[0], pair[0].harsh) >= AMPLE]
+    if far:
+        ample = sum(tolerated(*pair) >= AMPLE for pair in far)
+        again = "meets them under" if result.required else "survives"
+        text += f" Of the {len(far)} searched to ten times that level, it {again} {ample} there."
+    return text
 
 
 def _breaks(result: Result, ours: str) -> str:
@@ -215,9 +231,8 @@ def _clause(result: Result, one: Imperfection, sweep: Sweep) -> str:
     at = f"{level_text(one, level)} {one.unit}"
     if sweep.survives.bound == UPPER:
         return f"{one.title}: already at {at}, the mildest tried, {how}"
-    times = level / one.reference
-    times_text = short(1.0 / times if one.less_is_worse else times, 2)
-    return f"{one.title}: at {at}, {times_text} times the reference, {how}"
+    times = short(times_reference(one, level), 2)
+    return f"{one.title}: at {at}, {times} times the reference, {how}"
 
 
 def _thresholds(result: Result, ours: str) -> str:

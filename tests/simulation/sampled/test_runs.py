@@ -385,7 +385,7 @@ def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, ada
 
 def test_a_control_period_longer_than_the_run_is_refused(adaptive):
     short = Scenario(name="short", duration=0.2)
-    rule = r"control_period must be within the duration 0.2 s, got 0.3"
+    rule = r"control_period must be within the duration 0.2 s \(in seconds, not Hz\), got 0.3"
     for scenario, given in (
         (short, {"control_period": 0.3}),
         (replace(short, imperfections=Imperfections(control_period=0.3)), {}),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.document.blocks import Table
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.files import save_scenario
@@ -16,7 +17,8 @@ from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.attraction.grid import FALLEN, SETTLED, UNDECIDED
 from afl_mujoco.simulation.judgement import judge
-from afl_mujoco.studies.attraction.figures import draw_starts
+from afl_mujoco.studies.attraction.deployed import WORDS
+from afl_mujoco.studies.attraction.figures import GOOD_COLOUR, draw_starts
 from afl_mujoco.studies.attraction.sections import sections
 from afl_mujoco.studies.attraction.study import STUDY, Attraction, check, run
 
@@ -69,6 +71,10 @@ def test_every_point_is_a_run_from_there(name: str, files) -> None:
                 seen.add(expected)
         assert sum(found.shares.values()) == pytest.approx(1.0)
         assert next(iter(found.shares.values())) == np.mean(found.outcome == SETTLED)
+        (itself,) = afl.compare(scenario, found.controller).runs
+        met = itself.outcome == "completed" and not itself.missed
+        if name == "rig":
+            assert found.own_outcome == (SETTLED if met else UNDECIDED)
     assert len(seen) >= 2
     assert len(draw_starts(result.starts).axes) == 2
     (section,) = sections(result)
@@ -88,7 +94,7 @@ def test_a_python_controller_can_be_mapped_on_a_scenario(files, monkeypatch, tmp
     settings = Attraction(scenario=files["rig"], controllers=("mapped_law:law",), **SMALL)
     check(settings)
     assert run(settings).starts[0].shares["falls"] > 0.5
-    with pytest.raises(AflMujocoError):  # the ideal loop needs a compiled one
+    with pytest.raises(AflMujocoError, match="give a scenario to map its starts"):
         check(Attraction(controllers=("mapped_law:law",)))
 
 
@@ -118,6 +124,21 @@ def test_the_record_survives_its_file(files, tmp_path) -> None:
     again = load_record(STUDY, tmp_path).result
     np.testing.assert_array_equal(again.starts[0].outcome, result.starts[0].outcome)
     assert again.starts[0].shares == result.starts[0].shares
+
+
+def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise(files) -> None:
+    settings = Attraction(
+        scenario=files["rig"], controllers=("lqr", "fixed"), grid=2, max_angle=1.5, max_rate=4.0
+    )
+    result = run(settings)
+    lqr = result.starts[0]
+    assert (lqr.outcome != SETTLED).all() and lqr.own_outcome == SETTLED
+    cross = draw_starts(result.starts).axes[0].lines[0]
+    assert cross.get_markerfacecolor() == GOOD_COLOUR
+    (table,) = (b for b in sections(result)[0].blocks if isinstance(b, Table))
+    assert [row[-1].text for row in table.rows] == [
+        WORDS[True][one.own_outcome] for one in result.starts
+    ]
 
 
 def test_a_controller_that_fails_from_some_starts_fails_there_only(

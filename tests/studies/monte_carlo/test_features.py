@@ -21,6 +21,7 @@ RIG = Scenario(
     imperfections=Imperfections(
         rail_damping=3.0, rail_friction=0.4, hinge_damping=5e-4, delay=2e-3, actuator_lag=7e-3,
         noise_phi=1.1e-3, noise_phi_dot=13e-3, encoder_step_phi=1.7e-3,
+        noise_z=3e-4, noise_z_dot=8e-3, encoder_step_z=5e-5,
     ),
 )  # fmt: skip
 
@@ -44,15 +45,21 @@ def test_every_feature_is_the_number_that_its_label_says() -> None:
             "noise of φ [mrad]": 1.1,
             "noise of φ′ [mrad/s]": 13.0,
             "encoder step of φ [mrad]": 1.7,
+            "transport delay [ms]": 2.0,
+            "actuator lag [ms]": 7.0,
+            "noise of z [mm]": 0.3,
+            "noise of z′ [mm/s]": 8.0,
+            "encoder step of z [mm]": 0.05,
         }
     )
 
 
 def test_whatever_varies_is_among_the_features() -> None:
     varied = {"noise_z": (0.0, 1e-3), "velocity_filter": (0.0, 0.01), "z": (-0.1, 0.1)}
+    varied["force_limit"] = (20.0, 40.0)
     space = SampleSpace(Scenario(name="drawn", ranges=Ranges(varied=varied)))
     assert features_of(space, 5, 1).keys() == {
-        "start position |z₀| [m]", "noise_z [m]", "velocity_filter [s]",
+        "start position |z₀| [m]", "noise of z [mm]", "velocity_filter [s]", "force limit [N]",
     }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from afl_mujoco.document.blocks import Figure, figures_of
+from afl_mujoco.document.blocks import Figure, Text, figures_of
 from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.terminal import print_sections
 from afl_mujoco.scenario.laboratory import LABORATORY
@@ -24,6 +24,7 @@ from afl_mujoco.studies.monte_carlo.result import result_of
 from afl_mujoco.studies.monte_carlo.sections import sections
 from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
 from afl_mujoco.studies.monte_carlo.worst_case import NEAREST, Found
+from tests import study_results
 
 SPACE, SAMPLES = SampleSpace(LABORATORY), 60
 UP = Trial(outcome="completed", end_time=20.0, settling_time=9.0, peak_z=1.234)
@@ -164,3 +165,19 @@ def test_what_a_broken_controller_said_is_printed() -> None:
     text = printed(campaign(mine=[UP, BROKEN]), [])
     assert "mine: controller failed on sample 1: controller [x] raised" in text
     assert "McNemar" not in text  # there is nobody to compare with
+
+
+def test_a_range_that_reaches_another_unit_is_remarked_on() -> None:
+    result = study_results.monte_carlo()
+
+    def said(**varied: tuple[float, float]) -> list[str]:
+        scenario = replace(LABORATORY, ranges=Ranges(varied=varied))
+        (section,) = sections(replace(result, space=SampleSpace(scenario), worst_cases=()))
+        texts = (block.text for block in section.blocks if isinstance(block, Text))
+        return [text for text in texts if text.startswith("Where everything that varies")]
+
+    assert said(delay=(0.0, 5e-3)) == []
+    (remark,) = said(delay=(0.0, 10.0))
+    assert remark.endswith("it is given in seconds, not in ms or Hz.")
+    (remark,) = said(half_length=(0.3, 600.0))
+    assert "l reaches 600 m" in remark

@@ -39,8 +39,8 @@ def test_the_findings_say_what_holds_what_breaks_and_at_what() -> None:
     ]  # fmt: skip
     assert said["What holds"] == (
         "Of 4 single imperfections, each at the level of the reference hardware and on a "
-        "rail without end stops, the adaptive controller survives 4, settles under 3, and survives "
-        "2 even at ten times that level."
+        "rail without end stops, the adaptive controller survives 4 and settles under 3. Of the 4 "
+        "searched to ten times that level, it survives 2 there."
     )
     assert said["What breaks first"] == (
         "The rail: the reference of 1 m to either side is too short; 3.7 m is "
@@ -59,9 +59,41 @@ def test_the_findings_say_what_holds_what_breaks_and_at_what() -> None:
     )
 
 
+def test_a_rail_of_one_s_own_counts_and_a_range_that_ends_early_does_not() -> None:
+    rail = replace(SCENARIOS["step-step"].imperfections, rail_half_length=2.0)
+    result = study_results.thresholds()
+    near = [replace(one, harsh=9.9 * one.reference) for one in result.imperfections[:1]]
+    result = replace(
+        result,
+        scenarios=(replace(SCENARIOS["step-step"], imperfections=rail),),
+        imperfections=(*near, *result.imperfections[1:]),
+    )
+    first = next(b.text for b in sections(result)[0].blocks if isinstance(b, Finding))
+    assert first.startswith("Of 5 single imperfections, each at the level of the reference")
+    assert "Of the 4 searched to ten times that level, it survives 1 there" in first
+
+
+@pytest.mark.parametrize(
+    ("fine", "settles", "said"),
+    [
+        (True, True, "survives"),
+        (True, False, "survives but does not settle"),
+        (False, False, "fails"),
+    ],
+)
+def test_a_single_imperfection_is_not_counted(fine: bool, settles: bool, said: str) -> None:
+    sweep = (BRACKETED, 0.1, BRACKETED, 0.1, fine, settles)
+    blocks = sections(study_results.thresholds({"delay": sweep}, ("delay",)))[0].blocks
+    first = next(b.text for b in blocks if isinstance(b, Finding))
+    assert first == (
+        "Transport delay at the level of the reference hardware and on a rail without end stops: "
+        f"the adaptive controller {said}."
+    )
+
+
 def test_a_worse_number_is_a_worse_sentence() -> None:
     said = found(delay=(BRACKETED, 0.001, False))
-    assert "survives 3, settles" in said["What holds"]
+    assert "survives 3 and settles" in said["What holds"]
     assert "transport delay: at 1 ms, 0.5 times" in said["What breaks first"]
 
 
