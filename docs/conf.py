@@ -43,6 +43,7 @@ nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+nb_render_markdown_format = "gfm"  # its tables
 
 default_role = "code"  # docstrings quote code by single backticks
 autodoc_typehints = "none"  # they stand in the signature

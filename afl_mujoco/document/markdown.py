@@ -26,12 +26,12 @@ def _section(section: blocks.Section, level: int) -> list[str]:
         if isinstance(block, blocks.Section):
             parts += _section(block, level + 1)
         elif not isinstance(block, blocks.Chart):  # it needs a page's script
-            parts.append(_part(block))
+            parts.append(as_paragraph(block))
     return parts
 
 
-def _part(block: blocks.Block) -> str:
-    """Return a block as a paragraph."""
+def as_paragraph(block: blocks.Block) -> str:
+    """Return a block that is not a section as a paragraph."""
     if isinstance(block, blocks.Finding):
         return f"**{_plain(block.lead)}.** {_marked(block.text)}"
     if isinstance(block, blocks.Text):

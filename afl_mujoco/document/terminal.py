@@ -44,10 +44,10 @@ def print_sections(
             _print_section(section, folder, console or _console())
 
 
-def to_text(sections: Sequence[blocks.Section]) -> str:
-    """Return sections of text and tables as plain text, as wide as without a terminal."""
+def to_text(found: Sequence[blocks.Block]) -> str:
+    """Return blocks of text and tables as plain text, as wide as without a terminal."""
     stream = io.StringIO()
-    print_sections(sections, Path(), Console(file=stream, width=WIDTH, highlight=False))
+    _print_blocks(found, Path(), Console(file=stream, width=WIDTH, highlight=False))
     return "\n".join(line.rstrip() for line in stream.getvalue().strip("\n").splitlines())
 
 
@@ -73,7 +73,12 @@ def _console() -> Console:
 def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
     """Print a heading and what follows."""
     console.print(RichText(f"\n{section.title}", style="bold"))
-    for block in section.blocks:
+    _print_blocks(section.blocks, folder, console)
+
+
+def _print_blocks(found: Sequence[blocks.Block], folder: Path, console: Console) -> None:
+    """Print blocks one after another."""
+    for block in found:
         if isinstance(block, blocks.Section):
             print_sections([block], folder, console)
         elif isinstance(block, NOT_SHOWN) or (isinstance(block, blocks.Text) and block.note):

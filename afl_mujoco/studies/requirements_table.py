@@ -92,7 +92,7 @@ def finding(runs: Sequence[JudgedRun]) -> str:
 def _miss(one: Judgement) -> str:
     """Say how a run that completed misses a requirement."""
     if one.value is None and one.left is not None:
-        return f"“{_asked(one)}”, not in the time that there is for it"
+        return f"“{_asked(one)}” (it never does)"
     return f"“{_asked(one)}” with {_with_unit(one.value, one.unit)}"
 
 

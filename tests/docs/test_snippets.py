@@ -27,10 +27,9 @@ def run(text: str, folder: Path) -> str:
 
 
 def test_the_controller_of_the_readme_meets_every_requirement_of_its_rig() -> None:
-    lines = [line.split() for line in run(snippet("README.md"), ROOT).splitlines()]
-    mine = [line for line in lines if line[0] == "mine"]
-    assert [len(mine), len(lines)] == [5, 15]
-    assert all(float(left) >= 0.0 for _, _, left, *_ in mine)
+    printed = run(snippet("README.md"), ROOT)
+    assert "Of 3 controllers lqr and mine meet every requirement; adaptive misses" in printed
+    assert printed.count("recovers within 3.5 s ") == 3  # a row for each
 
 
 def test_the_scenario_of_the_guide_is_written_and_read_again(tmp_path: Path) -> None:

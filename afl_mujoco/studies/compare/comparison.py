@@ -49,7 +49,8 @@ def compare(
     Returns
     -------
     Result
-        Every run with its metrics and requirements: `table`, `requirements`, `plot`.
+        Every run with its metrics and requirements: `table`, `requirements`, `plot`. Printed, or
+        shown by a notebook, it says who meets which requirement, and how much of it is left.
 
     Raises
     ------

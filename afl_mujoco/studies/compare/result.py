@@ -131,16 +131,16 @@ class Result:
     def __str__(self) -> str:
         """Return who meets the requirements, and how much of each is left, as text."""
         from afl_mujoco.document.terminal import to_text
-        from afl_mujoco.studies.compare.sections import judged_section
+        from afl_mujoco.studies.compare.sections import judged_blocks
 
-        return to_text([judged_section(self)])
+        return to_text(judged_blocks(self))
 
     def _repr_markdown_(self) -> str:
         """Return the same as Markdown, for a notebook."""
-        from afl_mujoco.document.markdown import to_markdown
-        from afl_mujoco.studies.compare.sections import judged_section
+        from afl_mujoco.document.markdown import as_paragraph
+        from afl_mujoco.studies.compare.sections import judged_blocks
 
-        return to_markdown([judged_section(self)], level=5)
+        return "\n\n".join(map(as_paragraph, judged_blocks(self)))
 
     def runs_on(self, scenario: Scenario) -> list[ComparedRun]:
         """Return the runs of a scenario."""

@@ -37,8 +37,6 @@ MAIN = (
 )  # fmt: skip
 """Metrics that are shown; the file has all of them."""
 
-TITLE = "Controllers compared"
-
 MEETS = "Every controller meets every requirement of its scenario, as deployed in MuJoCo."
 MISSES = "At least one controller misses a requirement of its scenario."
 
@@ -53,13 +51,12 @@ def verdict(result: Result) -> Verdict:
 def sections(result: Result) -> list[Section]:
     """Return what a report says about a comparison."""
     parts = [_scenario(result, number, one) for number, one in enumerate(result.scenarios, 1)]
-    return [Section(TITLE, "compare", parts)]
+    return [Section("Controllers compared", "compare", parts)]
 
 
-def judged_section(result: Result) -> Section:
+def judged_blocks(result: Result) -> list[Block]:
     """Return who meets the requirements of each scenario, and how much of each is left."""
-    parts = [block for one in result.scenarios for block in _judged(result.runs_on(one), one)]
-    return Section(TITLE, "compare", parts)
+    return [block for one in result.scenarios for block in _judged(result.runs_on(one), one)]
 
 
 def _judged(runs: Sequence[ComparedRun], scenario: Scenario) -> list[Block]:

@@ -65,7 +65,8 @@ def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArra
     same in every sample: it is the simplest.
     """
     scenarios = [sample_scenario(space, i, seed) for i in range(samples)]
-    known = FEATURES | _imperfections(name for name in HARDWARE if name in space.varied)
+    own = _imperfections(name for name in HARDWARE if name in space.varied)
+    known = {**FEATURES, **own}
     found = {
         label: np.array([feature(scenario) for scenario in scenarios])
         for label, feature in known.items()

@@ -17,6 +17,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.simulation.judgement import Judgement
 from afl_mujoco.studies.compare.comparison import compare
 from afl_mujoco.studies.compare.sections import sections, verdict
 from afl_mujoco.studies.record import load_record
@@ -185,6 +186,13 @@ def test_controllers_that_all_meet_every_requirement_are_counted(result) -> None
     good = next(run for run in result.runs if not run.missed)
     for count, said in ((1, "The controller"), (2, "Both controllers"), (3, "All 3 controllers")):
         assert finding([good] * count).startswith(f"{said} ")
+
+
+def test_a_run_that_never_settles_is_said_to(result) -> None:
+    missed = next(run for run in result.runs if run.missed)
+    never = Judgement(requirement="settling_time", limit=5.5, value=None, left=-0.5)
+    said = finding([replace(missed, requirements=(never,))])
+    assert said == "The controller `adaptive` misses “settles within 5.5 s” (it never does)."
 
 
 def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:
