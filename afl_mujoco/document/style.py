@@ -6,17 +6,18 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from colorsys import hsv_to_rgb
 from contextlib import contextmanager
-from itertools import chain, count
+from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation
+from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
 
 from afl_mujoco.document import blocks
 from afl_mujoco.errors import InvalidValueError
@@ -56,6 +57,9 @@ STATE_LABELS = ("z [m]", "φ [rad]", "z′ [m/s]", "φ′ [rad/s]")
 TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
 
 PNG_DPI = 130
+
+LETTER = 0.06
+"""Width of a letter of a tick's label [in]."""
 
 _RC: Any = {
     "font.family": "DejaVu Sans",
@@ -175,7 +179,25 @@ def lay_out(figure: Figure) -> None:
             if isinstance(figure, _Literal):
                 figure.label_powers()
             engine.execute(figure)
+            for axes in figure.axes:
+                _keep_labels_apart(axes.xaxis, figure)
         figure.set_layout_engine(None)
+
+
+def _keep_labels_apart(axis: Axis, figure: Figure) -> None:
+    """Put fewer ticks on a linear x axis whose labels touch, as long as there are two."""
+    ticks = len(axis.get_ticklabels())
+    while isinstance(axis.get_major_locator(), MaxNLocator) and ticks > 2 and _touch(axis, figure):
+        ticks -= 1
+        axis.set_major_locator(MaxNLocator(ticks - 1, steps=[1, 2, 2.5, 5, 10]))
+
+
+def _touch(axis: Axis, figure: Figure) -> bool:
+    """Return whether two labels of an x axis are less than the width of a letter apart."""
+    boxes = [one.get_window_extent() for one in axis.get_ticklabels() if one.get_text()]
+    boxes = sorted((box for box in boxes if box.width), key=lambda box: float(box.x0))
+    gap = LETTER * figure.dpi
+    return any(left.x1 + gap > right.x0 for left, right in pairwise(boxes))
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import matplotlib
@@ -148,3 +149,16 @@ def test_a_logarithmic_axis_of_less_than_a_decade_has_labels_between_the_powers(
         figure.draw_without_rendering()
     shown = [text.get_text() for text in axis.yaxis.get_minorticklabels()]
     assert {"2 × 10⁻³", "3 × 10⁻³", "4 × 10⁻³"} <= set(shown)
+
+
+def test_long_labels_of_ticks_do_not_touch() -> None:
+    with styled():
+        figure = new_figure(3.0, 2.0)
+        axes = figure.subplots()
+        axes.plot([-0.004, 0.0], [0.0, 1.0])
+    before = [text.get_text() for text in axes.get_xticklabels()]
+    lay_out(figure)
+    shown = [text for text in axes.get_xticklabels() if text.get_text()]
+    boxes = [text.get_window_extent() for text in shown]
+    assert 2 <= len(shown) < len(before)
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))

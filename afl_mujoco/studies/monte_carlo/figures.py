@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from afl_mujoco.document.style import colours, new_figure
@@ -80,7 +79,6 @@ def draw_failures(result: Result) -> Figure:
     for axis, feature in zip(panels.flat, chosen, strict=False):
         _draw_feature(axis, features[feature], failed)
         axis.set_xlabel(feature)
-        axis.xaxis.set_major_locator(MaxNLocator(5))  # so that long numbers stay apart
     for axis in panels.flat[len(chosen) :]:
         axis.set_axis_off()
     for axis in panels[:, 0]:
