@@ -155,7 +155,7 @@ def test_long_labels_of_ticks_do_not_touch() -> None:
     with styled():
         figure = new_figure(3.0, 2.0)
         axes = figure.subplots()
-        axes.plot([-0.004, 0.0], [0.0, 1.0])
+        axes.plot([-0.00045, 0.0], [0.0, 1.0])
     before = [text.get_text() for text in axes.get_xticklabels()]
     lay_out(figure)
     shown = [text for text in axes.get_xticklabels() if text.get_text()]
