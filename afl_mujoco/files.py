@@ -92,6 +92,9 @@ def output_folder(path: str | Path) -> Path:
     return folder
 
 
+_TOML_VALUES = '; values are written true, 0.9, [1, 2] or "text"'
+
+
 def toml_as_json(path: str | Path) -> str:
     """Return the content of a TOML file as the text that `parse_json` takes."""
     try:
@@ -102,7 +105,7 @@ def toml_as_json(path: str | Path) -> str:
     except UnicodeDecodeError:
         raise FileError(str(path), "cannot be read: not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
-        raise FileError(str(path), f"is not valid TOML: {error}") from None
+        raise FileError(str(path), f"is not valid TOML: {error}{_TOML_VALUES}") from None
     except RecursionError:
         raise FileError(str(path), "is nested too deeply") from None
     except ValueError:  # of the path, or of the conversion of a whole number
@@ -202,8 +205,10 @@ def _in_one_line(error: Any, kind: Any) -> str:
         case "missing" | "missing_argument", _:
             got = ""
     said = first["msg"].replace("Input should", "must", 1).replace("an object", "a table")
-    rule = _RULES.get(first["type"], said)
-    return f"{_resolved(kind, place)[0]} {rule}{got}".strip()
+    rule, key = _RULES.get(first["type"], said), _resolved(kind, place)[0]
+    if first["type"] == "list_type" and isinstance(first["input"], dict):
+        rule += f" of tables, each of which begins with [[{key}]]"
+    return f"{key} {rule}{got}".strip()
 
 
 def _joined(key: str, part: str) -> str:

@@ -40,14 +40,15 @@ class Simulate:
     simulator: str = "sampled"
     """ode, or a mode of MuJoCo: exact, continuous, sampled."""
     compare: bool = False
-    """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE."""
+    """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE.
+    The scenario must have no imperfections."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     timestep: float = 1e-3
     """Physics step, and spacing of the reported instants [s]."""
     control_period: float | None = None
-    """How long sampled mode holds the force [s], a multiple of the timestep; one step by
-    default."""
+    """How long sampled mode holds the force [s], a multiple of the timestep; by default
+    that of the scenario, else one step."""
     integrator: str | None = None
     """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; by default that of
     the file's [replay], else RK4."""

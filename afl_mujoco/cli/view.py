@@ -31,7 +31,8 @@ class View:
     timestep: float = 1e-3
     """Physics step of MuJoCo [s]."""
     control_period: float | None = None
-    """How long the force is held [s], a multiple of the timestep; one step by default."""
+    """How long the force is held [s], a multiple of the timestep; by default that of the
+    scenario, else one step."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     speed: float = 1.0

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -18,6 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
+from numpy.typing import NDArray
 
 from afl_mujoco.document import blocks
 from afl_mujoco.errors import InvalidValueError
@@ -154,6 +156,13 @@ def colours(controllers: Iterable[str]) -> dict[str, str]:
     golden = (to_hex(hsv_to_rgb(0.618 * i % 1.0, 0.8, 0.6)) for i in count())
     spare = chain(_SPARE, golden)
     return {name: CONTROLLERS.get(name) or next(spare) for name in dict.fromkeys(controllers)}
+
+
+def quietest_on_top(signals: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
+    """Return the layer of each curve, so that one that chatters hides no other."""
+    restless = {name: float(np.nansum(np.abs(np.diff(x)))) for name, x in signals.items()}
+    order = sorted(signals, key=lambda name: -restless[name])
+    return {name: 2.0 + 0.01 * order.index(name) for name in signals}  # 2 is that of lines
 
 
 def in_words(value: float) -> str:

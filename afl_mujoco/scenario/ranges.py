@@ -51,8 +51,8 @@ class Ranges:
     cart_mass_rate, half_length_rate
         Largest abs(dM/dt) [kg/s] and abs(dl/dt) [m/s] of drawn schedules; None lets them jump.
     changes
-        How many times M and l change to another level. None for the paper's shapes: one level,
-        two jumps between three levels or a trapezoid between two.
+        How many times M and l change to another level, 0 for levels that stay. None for the paper's
+        shapes: one level, two jumps between three levels or a trapezoid between two.
     last_change
         Latest time at which M and l begin to change [s]; half the duration if None.
 
@@ -78,12 +78,13 @@ class Ranges:
         changes = self.changes
         if changes is not None and (isinstance(changes, bool) or not isinstance(changes, int)):
             raise InvalidValueError("changes", "must be a whole number", repr(changes))
-        if changes is not None and not 1 <= changes <= MOST_CHANGES:
-            raise InvalidValueError("changes", f"must lie in 1 to {MOST_CHANGES}", changes)
+        if changes is not None and not 0 <= changes <= MOST_CHANGES:
+            raise InvalidValueError("changes", f"must lie in 0 to {MOST_CHANGES}", changes)
         for name in SCHEDULES:
             if getattr(self, f"{name}_rate") is not None and name not in varied:
                 raise InvalidValueError(f"{name}_rate", f"needs a range of {name}")
-        if (changes or self.last_change) is not None and not varied.keys() & SCHEDULES.keys():
+        drawn = (changes, self.last_change) != (None, None)
+        if drawn and not varied.keys() & SCHEDULES.keys():
             thing = "changes" if changes is not None else "last_change"
             raise InvalidValueError(thing, f"needs a range of {' or '.join(SCHEDULES)}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Iterator
 
@@ -40,7 +41,8 @@ def describe(scenario: Scenario) -> list[tuple[str, str]]:
 def departures_text(imperfections: Imperfections) -> str:
     """Return what is not ideal, by the keys of a scenario file."""
     found = departures(imperfections)
-    return "; ".join(f"{name} = {value}" for name, value in found.items()) or "none"
+    shown = {name: json.dumps(value) if value is True else value for name, value in found.items()}
+    return "; ".join(f"{name} = {value}" for name, value in shown.items()) or "none"
 
 
 def schedule_text(schedule: Schedule, unit: str, until: float) -> str:

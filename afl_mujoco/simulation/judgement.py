@@ -300,10 +300,10 @@ def _coarse(scenario: Scenario) -> Iterator[str]:
         ("noise_z", "z", asked.position_band, "m", "mm"),
         ("noise_phi", "φ", asked.angle_band, "rad", "degrees or mrad"),
     ):
-        if (value := getattr(own, name)) > band:
+        if (value := getattr(own, name)) >= band:
             yield (
-                f"{name}, {value:g} {unit}, is wider than the band in which {symbol} is at rest, "
-                f"{band:g} {unit} to either side; it is given in {unit}, not in {others}"
+                f"{name}, {value:g} {unit}, is no less than the {band:g} {unit} to either side "
+                f"within which {symbol} is at rest; it is given in {unit}, not in {others}"
             )
 
 

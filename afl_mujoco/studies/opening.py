@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 
 from afl_mujoco.document.blocks import Block, Column, Figure, Table
 from afl_mujoco.document.numbers import short
-from afl_mujoco.document.style import BLACK, BLUE, GREEN, GREY, ORANGE, TIME, colours, new_figure
+from afl_mujoco.document.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    TIME,
+    colours,
+    new_figure,
+    quietest_on_top,
+)
 from afl_mujoco.scenario.scenario import Scenario
 
 MOST = 6
@@ -109,11 +119,15 @@ def draw_opening(scenario: Scenario, runs: Mapping[str, Shown]) -> Drawing:
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.35))
     _draw_system(figure.add_subplot(grid[:, 0]), scenario)
     colour, first = colours(runs), None
+    order = quietest_on_top({name: run.force for name, run in runs.items()})
     for row, label in enumerate(_PANELS):
         axis = figure.add_subplot(grid[row, 1], sharex=first)
         first = first or axis
         for name, run in runs.items():
-            axis.plot(run.time, run[row + 1], color=colour[name], label=name, linewidth=1.2)
+            axis.plot(
+                run.time, run[row + 1], color=colour[name], label=name, linewidth=1.2,
+                zorder=order[name],
+            )  # fmt: skip
             if run.time[-1] < scenario.duration - 1e-9:
                 axis.plot(run.time[-1], run[row + 1][-1], "x", color=colour[name], markersize=7)
         axis.set_ylabel(label)

@@ -144,8 +144,9 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
         simulate(real, CONTROLLERS["fixed"])
     assert (
         str(caught.value)
-        == "scenario 'mine' has imperfections, which only mode \"sampled\" simulates: run it as "
-        "deployed with compare, or remove [imperfections]"
+        == "scenario 'mine' has imperfections, which only mode \"sampled\" simulates "
+        '(mode="sampled", and the commands simulate and compare): use that, or remove '
+        "[imperfections]"
     )
 
 

@@ -134,7 +134,8 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
         ("delay = [-0.1, 0.0]", "ranges.delay must not be negative, got -0.1"),
         ("cart_mass_rate = 1.0", "ranges.cart_mass_rate needs a range of cart_mass"),
         ("changes = 3", "ranges.changes needs a range of cart_mass or half_length"),
-        ("cart_mass = [1, 2]\nchanges = 0", "ranges.changes must lie in 1 to 100, got 0"),
+        ("cart_mass = [1, 2]\nchanges = -1", "ranges.changes must lie in 0 to 100, got -1"),
+        ("changes = 0", "ranges.changes needs a range of cart_mass or half_length"),
         ("cart_mass = [1, 2]\nchanges = 1.5", "ranges.changes must be a whole number, got 1.5"),
         ("seed = [0, 1]", "ranges.seed is not a known key; known keys: z, phi, "),
     ],
@@ -163,6 +164,22 @@ def test_a_repr_is_short_and_makes_the_same_again(rig: afl.Scenario) -> None:
         assert eval(repr(one), dict(names)) == one
     assert repr(rig.imperfections) == "Imperfections(delay=0.004, mass_error=0.1)"
     assert len(repr(afl.SCENARIOS["step-step"])) < 250
+
+
+def test_without_changes_m_and_l_are_drawn_once_for_the_whole_run() -> None:
+    varied = {"cart_mass": (10.0, 15.0), "half_length": (0.5, 1.0)}
+    space = SampleSpace(afl.Scenario(name="own", ranges=Ranges(varied=varied, changes=0)))
+    assert space.coordinates == ("cart_mass level 1", "half_length level 1")
+    masses = set()
+    for i in range(5):
+        sample = sample_scenario(space, i, 1)
+        assert sample.breakpoints == (0.0, sample.duration) or not sample.cart_mass.breakpoints
+        (mass,) = set(sample.cart_mass.values)
+        (length,) = set(sample.half_length.values)
+        assert 10.0 <= mass <= 15.0 and 0.5 <= length <= 1.0
+        masses.add(mass)
+    assert len(masses) == 5
+    np.testing.assert_allclose(space.scenario_of([0.4, 0.2], 0, 0).cart_mass.values, 12.0)
 
 
 def test_a_range_of_one_number_has_no_axis_and_sets_it() -> None:

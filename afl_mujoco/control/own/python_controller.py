@@ -12,7 +12,7 @@ import threading
 import time as clock
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -181,6 +181,8 @@ class PythonController(Controller):
             if not abs(phi) < 0.5 * np.pi:  # an integrator's stage or sensor noise may lead there
                 return math.nan
             rule = f"raised {type(error).__name__} at t = {time:g} s: {told(error)}"
+            if isinstance(error, AttributeError) and error.obj is belief:
+                rule += f"; belief has {', '.join(one.name for one in fields(belief))}"
             raise ControllerError(f"controller {self.name!r}", rule) from error
         return self._number(value, time)
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from afl_mujoco.document.style import BLACK, GREY, TIME, colours, new_figure
+from afl_mujoco.document.style import BLACK, GREY, TIME, colours, new_figure, quietest_on_top
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.compare.result import Curves
 
@@ -23,9 +23,12 @@ def draw_responses(scenario: Scenario, curves: Mapping[str, Curves]) -> Figure:
     axes = figure.subplots(4, 1, sharex=True, height_ratios=(3, 3, 3, 1.6))
     colour = colours(curves)
     asked = scenario.requirements
+    order = quietest_on_top({name: run.force for name, run in curves.items()})
     for name, run in curves.items():
         for axis, values in zip(axes, (run.state[:, 0], run.state[:, 1], run.force), strict=False):
-            axis.plot(run.time, values, color=colour[name], label=name, linewidth=1.3)
+            axis.plot(
+                run.time, values, color=colour[name], label=name, linewidth=1.3, zorder=order[name]
+            )
         if run.time[-1] < scenario.duration:
             axes[1].plot(run.time[-1], run.state[-1, 1], "x", color=colour[name], markersize=8)
     for axis, label, limit in zip(axes, _PANELS, _LIMITS, strict=False):

@@ -16,6 +16,7 @@ from afl_mujoco.studies.margins.result import Result
 
 COLUMNS = 4
 MARKERS = "osD^vP*Xhd<>"
+DECADE = 10.0
 SHADES = "viridis"
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Ticks of a scale of delays [ms]."""
@@ -110,8 +111,10 @@ def draw_measured(result: Result) -> Figure:
     axes.axhline(0.0, color=BLACK, linewidth=0.8)
     largest = max(abs(difference) for _, _, difference in both)
     axes.set_ylim(-1.15 * largest - 0.5, 1.15 * largest + 0.5)
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter(ScalarFormatter())
+    margins = [margin for _, margin, _ in both]
+    if max(margins) > DECADE * min(margins):
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.set_xlabel("delay margin of the linearised loop [ms]")
     axes.set_ylabel("delay at which a small motion grows in MuJoCo,\nrelative to the margin [%]")
     axes.spines["bottom"].set_color(GREY)

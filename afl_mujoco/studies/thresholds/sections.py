@@ -175,7 +175,9 @@ def _holds(result: Result, ours: str) -> str:
     if far:
         ample = sum(tolerated(*pair) >= AMPLE for pair in far)
         again = "meets them under" if result.required else "survives"
-        text += f" Of the {len(far)} searched to ten times that level, it {again} {ample} there."
+        text += (
+            f" Of the {len(far)} searched to ten times that level, it {again} {ample} even there."
+        )
     return text
 
 
@@ -390,7 +392,8 @@ def _overview(result: Result) -> Table:
     legend = "; ".join(text for status, text in marks.items() if status in present)
     on = listed(result.settings.scenarios, "and")
     return Table(
-        caption=f"Level at which each controller no longer {_passes(result)} on {on}"
+        caption=f"Level at which each controller no longer {_passes(result)} on {on}, found to "
+        f"{percent(result.settings.tolerance, 3)}: what holds is up to that much milder"
         + (f". {legend}" if legend else ""),
         columns=(
             Column("Imperfection"),

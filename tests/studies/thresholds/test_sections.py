@@ -40,7 +40,7 @@ def test_the_findings_say_what_holds_what_breaks_and_at_what() -> None:
     assert said["What holds"] == (
         "Of 4 single imperfections, each at the level of the reference hardware and on a "
         "rail without end stops, the adaptive controller survives 4 and settles under 3. Of the 4 "
-        "searched to ten times that level, it survives 2 there."
+        "searched to ten times that level, it survives 2 even there."
     )
     assert said["What breaks first"] == (
         "The rail: the reference of 1 m to either side is too short; 3.7 m is "
@@ -70,7 +70,7 @@ def test_a_rail_of_one_s_own_counts_and_a_range_that_ends_early_does_not() -> No
     )
     first = next(b.text for b in sections(result)[0].blocks if isinstance(b, Finding))
     assert first.startswith("Of 5 single imperfections, each at the level of the reference")
-    assert "Of the 4 searched to ten times that level, it survives 1 there" in first
+    assert "Of the 4 searched to ten times that level, it survives 1 even there" in first
 
 
 @pytest.mark.parametrize(
