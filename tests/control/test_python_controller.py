@@ -133,6 +133,12 @@ def test_a_controller_that_fails_where_the_pole_lies_has_no_force_there():
     assert math.isnan(controller_of(paper).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
 
 
+def test_an_attribute_that_a_belief_does_not_have_is_answered_with_those_it_has():
+    own = controller_of(lambda time, state, belief: belief.mass)
+    with pytest.raises(ControllerError, match=r"has no attribute 'mass'; belief has cart_mass, "):
+        own.force(np.zeros(4), afl.CartPoleParameters())
+
+
 def forever(time, state, belief):
     while True:
         try:

@@ -6,6 +6,7 @@ import itertools
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -19,6 +20,7 @@ from afl_mujoco.document.style import (
     in_words,
     lay_out,
     new_figure,
+    quietest_on_top,
     save_figure,
     styled,
 )
@@ -162,3 +164,9 @@ def test_long_labels_of_ticks_do_not_touch() -> None:
     boxes = [text.get_window_extent() for text in shown]
     assert 2 <= len(shown) < len(before)
     assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+def test_a_curve_that_chatters_lies_under_the_others() -> None:
+    noisy, calm = np.array([1.0, -1.0, 1.0, np.nan]), np.array([5.0, 4.0, 3.0, 2.0])
+    layer = quietest_on_top({"noisy": noisy, "calm": calm})
+    assert 2.0 <= layer["noisy"] < layer["calm"] < 2.5  # between grid and limits

@@ -214,6 +214,14 @@ HIT = "[[disturbances]]\nshape = "
             "disturbance must end within the duration 20.0 s, got 21.0",
         ),
         ("name = ", "is not valid TOML: "),
+        (
+            "[disturbances]\nshape = 'pulse'",
+            "disturbances must be a list of tables, each of which begins with [[disturbances]], ",
+        ),
+        (
+            "[imperfections]\ndifferentiated = True",
+            "is not valid TOML: Invalid value (at line 2, column 18); values are written true, ",
+        ),
         ("duration = " + 5000 * "1", "must not hold a whole number of so many digits"),
         ("duration = 0x" + 5000 * "f", "must not hold a whole number of so many digits"),
         ('name = "a\\u0000b"', "name must be printable, not empty and without '/'"),

@@ -18,6 +18,7 @@ from afl_mujoco import (
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.imperfections import DRAWS, IDEAL, Imperfections
+from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.studies.cases import Settings
 from afl_mujoco.studies.verification.campaign import require_runnable
 
@@ -152,3 +153,8 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
 
 def test_no_two_fields_are_drawn_on_one_axis() -> None:
     assert [draw.axis for draw in DRAWS.values()] == list(range(len(DRAWS)))
+
+
+def test_a_switch_is_shown_as_a_file_has_it() -> None:
+    shown = departures_text(Imperfections(differentiated=True, delay=0.004))
+    assert shown == "delay = 0.004; differentiated = true"
