@@ -80,14 +80,25 @@ def sweep(unit: Unit) -> Sweep:
         return find_threshold(holds, scan, settings.tolerance, imperfection.snapped, closer=closer)
 
     survives = threshold(lambda level: at(level).survives, settings.scan)
+    settles = threshold(lambda level: at(level).settles)
+    if _outlasts(imperfection, settles, survives):  # a level that is not survived is not settled
+        settles = survives
     return Sweep(
         imperfection=imperfection.name,
         controller=controller.name,
         reference=at(imperfection.reference),
         survives=survives,
-        settles=threshold(lambda level: at(level).settles),
+        settles=settles,
         failure=None if survives.fails_at is None else at(survives.fails_at),
     )
+
+
+def _outlasts(imperfection: Imperfection, settles: Threshold, survives: Threshold) -> bool:
+    """Return whether a threshold of settling is harsher than that of survival, sought closer."""
+    if survives.fails_at is None or settles.fails_at is None:
+        return survives.fails_at is not None
+    ratio = settles.fails_at / survives.fails_at
+    return ratio < 1.0 if imperfection.less_is_worse else ratio > 1.0
 
 
 def run_bare(unit: tuple[Controller, Scenarios, Settings]) -> Verdict:

@@ -18,7 +18,7 @@ from afl_mujoco.studies.bisection import BRACKETED, LOWER, Threshold
 from afl_mujoco.studies.thresholds import sweep as sweep_module
 from afl_mujoco.studies.thresholds.classes import tolerated
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME, find_imperfection
-from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED, Sweep
+from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED, Sweep, Verdict
 from afl_mujoco.studies.thresholds.sections import sections
 from afl_mujoco.studies.thresholds.sweep import (
     Settings,
@@ -85,6 +85,25 @@ def test_the_worst_of_the_scenarios_and_seeds_counts():
     assert combined.failure.scenario == "step-step"
     easy = sweep(("force-limit", LQR, (gentle,), SETTINGS))
     assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
+
+
+@pytest.mark.parametrize("name", ["delay", "force-limit"])
+def test_what_is_not_survived_is_not_settled(name, monkeypatch):
+    edge = BY_NAME[name].benign * 7.0 if name == "delay" else BY_NAME[name].benign / 7.0
+
+    def judged(level, scenarios, controller, settings):
+        times = edge / level if BY_NAME[name].less_is_worse else level / edge
+        fine = times < 1.0 and not 0.92 < times < 0.95  # a gap that a closer look sees
+        return Verdict(
+            level=level, survives=fine, settles=fine, failure="" if fine else "fell",
+            scenario=None, time=None, metrics={},
+        )  # fmt: skip
+
+    monkeypatch.setattr(sweep_module, "judge", judged)
+    found = sweep((name, LQR, CASES, SETTINGS))
+    assert found.settles == found.survives
+    times = found.survives.fails_at / edge
+    assert 0.92 < (1.0 / times if BY_NAME[name].less_is_worse else times) < 0.95
 
 
 @pytest.mark.parametrize("ran", ["sweep", "combined"])
