@@ -162,7 +162,7 @@ def quietest_on_top(signals: Mapping[str, NDArray[np.float64]]) -> dict[str, flo
     """Return the layer of each curve, so that one that chatters hides no other."""
     restless = {name: float(np.nansum(np.abs(np.diff(x)))) for name, x in signals.items()}
     order = sorted(signals, key=lambda name: -restless[name])
-    return {name: 2.0 + 0.01 * order.index(name) for name in signals}  # 2 is that of lines
+    return {name: 2.0 + 0.01 * k for k, name in enumerate(order)}  # 2 is that of lines
 
 
 def in_words(value: float) -> str:

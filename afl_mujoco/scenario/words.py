@@ -41,8 +41,7 @@ def describe(scenario: Scenario) -> list[tuple[str, str]]:
 def departures_text(imperfections: Imperfections) -> str:
     """Return what is not ideal, by the keys of a scenario file."""
     found = departures(imperfections)
-    shown = {name: json.dumps(value) if value is True else value for name, value in found.items()}
-    return "; ".join(f"{name} = {value}" for name, value in shown.items()) or "none"
+    return "; ".join(f"{name} = {json.dumps(value)}" for name, value in found.items()) or "none"
 
 
 def schedule_text(schedule: Schedule, unit: str, until: float) -> str:

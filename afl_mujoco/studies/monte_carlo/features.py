@@ -65,8 +65,7 @@ def features_of(space: SampleSpace, samples: int, seed: int) -> dict[str, NDArra
     same in every sample: it is the simplest.
     """
     scenarios = [sample_scenario(space, i, seed) for i in range(samples)]
-    own = _imperfections(name for name in HARDWARE if name in space.varied)
-    known = {**FEATURES, **own}
+    known = {**FEATURES, **_imperfections(name for name in HARDWARE if name in space.varied)}
     found = {
         label: np.array([feature(scenario) for scenario in scenarios])
         for label, feature in known.items()

@@ -30,6 +30,7 @@ from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.delay_margin import least_margin
+from afl_mujoco.studies.thresholds.classes import times_reference
 from afl_mujoco.studies.thresholds.imperfections import (
     COMBINED,
     added,
@@ -79,26 +80,20 @@ def sweep(unit: Unit) -> Sweep:
         scan = scan_levels(imperfection.benign, imperfection.harsh, settings.scan)
         return find_threshold(holds, scan, settings.tolerance, imperfection.snapped, closer=closer)
 
+    def harshness(found: Threshold) -> float:
+        level = found.fails_at
+        return math.inf if level is None else times_reference(imperfection, level)
+
     survives = threshold(lambda level: at(level).survives, settings.scan)
     settles = threshold(lambda level: at(level).settles)
-    if _outlasts(imperfection, settles, survives):  # a level that is not survived is not settled
-        settles = survives
     return Sweep(
         imperfection=imperfection.name,
         controller=controller.name,
         reference=at(imperfection.reference),
         survives=survives,
-        settles=settles,
+        settles=min(settles, survives, key=harshness),  # what is not survived is not settled
         failure=None if survives.fails_at is None else at(survives.fails_at),
     )
-
-
-def _outlasts(imperfection: Imperfection, settles: Threshold, survives: Threshold) -> bool:
-    """Return whether a threshold of settling is harsher than that of survival, sought closer."""
-    if survives.fails_at is None or settles.fails_at is None:
-        return survives.fails_at is not None
-    ratio = settles.fails_at / survives.fails_at
-    return ratio < 1.0 if imperfection.less_is_worse else ratio > 1.0
 
 
 def run_bare(unit: tuple[Controller, Scenarios, Settings]) -> Verdict:
