@@ -212,7 +212,7 @@ class SampleSpace:
         shape = "steps"
         if ranges.changes is None:
             shape = SHAPES[min(int(len(SHAPES) * at[f"{thing} shape"]), len(SHAPES) - 1)]
-        if shape == "constant" or len(levels) == 1:
+        if shape == "constant":
             drawn = constant(levels[0])
         elif shape == "trapezoid":
             drawn = trapezoid(self._times(shares), low=levels[0], high=levels[1])

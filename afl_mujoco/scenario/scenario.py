@@ -282,7 +282,7 @@ class Scenario:
         """
         if self.imperfections != IDEAL:
             rule = (
-                'has imperfections, which only mode "sampled" simulates (mode="sampled", and '
-                "the commands simulate and compare): use that, or remove [imperfections]"
+                'has imperfections, which only mode "sampled" simulates: use that (the commands '
+                "simulate, without --compare, and compare do), or remove [imperfections]"
             )
             raise InvalidValueError(f"scenario {self.name!r}", rule)

@@ -145,9 +145,8 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
         simulate(real, CONTROLLERS["fixed"])
     assert (
         str(caught.value)
-        == "scenario 'mine' has imperfections, which only mode \"sampled\" simulates "
-        '(mode="sampled", and the commands simulate and compare): use that, or remove '
-        "[imperfections]"
+        == "scenario 'mine' has imperfections, which only mode \"sampled\" simulates: use "
+        "that (the commands simulate, without --compare, and compare do), or remove [imperfections]"
     )
 
 
