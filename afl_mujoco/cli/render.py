@@ -38,8 +38,9 @@ class Render:
     """Width x height in pixels, even, at most 1920x1080."""
     fps: int = 30
     """Frames per second."""
-    timestep: float = 1e-3
-    """Physics step of MuJoCo [s]."""
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
     control_period: float | None = None
     """How long the force is held [s], a multiple of the timestep; by default that of the
     scenario, else one step."""

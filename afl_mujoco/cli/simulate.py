@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,8 +44,9 @@ class Simulate:
     The scenario must have no imperfections."""
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
-    timestep: float = 1e-3
-    """Physics step, and spacing of the reported instants [s]."""
+    timestep: float | None = None
+    """Physics step, and spacing of the reported instants [s]; by default the longest up to 0.001
+    that divides the control period."""
     control_period: float | None = None
     """How long sampled mode holds the force [s], a multiple of the timestep; by default
     that of the scenario, else one step."""
@@ -71,6 +72,7 @@ class Simulate:
 
         name = _first(self.controller, replay.controller, SUBJECT)
         integrator = _first(self.integrator, replay.integrator, "RK4")
+        timestep = replay.timestep if self.timestep is None else self.timestep
         controller = find_controller(name, self.gain_labels)
         if self.log:
             from afl_mujoco.identification.simulated import require_loggable, write_run
@@ -82,6 +84,7 @@ class Simulate:
         from afl_mujoco.document.terminal import print_sections, print_verdict
         from afl_mujoco.files import output_folder
         from afl_mujoco.scenario.requirements import NONE
+        from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.figures import draw_runs
         from afl_mujoco.simulation.judgement import judged, remarks_on
         from afl_mujoco.simulation.metrics import metrics
@@ -90,7 +93,8 @@ class Simulate:
 
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
-        runs = [self._simulate(scenario, controller, kind, integrator) for kind in simulators]
+        own = replace(self, timestep=timestep, integrator=integrator)
+        runs = [own._simulate(scenario, controller, kind) for kind in simulators]
         resolved = self.out / f"{scenario.name}.toml"
         if Path(self.scenario).is_file() and resolved.resolve() == Path(self.scenario).resolve():
             rule = "is the input scenario and would be overwritten: choose another --out"
@@ -98,13 +102,17 @@ class Simulate:
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
-        as_run = None if replay == Replay() else Replay(controller=name, integrator=integrator)
+        as_run = (
+            None
+            if replay == Replay()
+            else Replay(controller=name, integrator=integrator, timestep=timestep)
+        )
         save_scenario(scenario, resolved, replay=as_run)
         others = [f"{scenario.name}.toml"]
         if self.page:
             others.insert(0, f"{stem}.png")
             save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / others[0])
-        scales = nominal_scales(self.timestep)
+        scales = nominal_scales(timestep or LONGEST_STEP)
         figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
         print_sections([_section(f"{scenario.name}, {controller.name}", runs, figures)], folder)
         run = judged(scenario, controller.name, runs[0])
@@ -114,27 +122,26 @@ class Simulate:
         for remark in remarks_on(runs[0], scenario, controller):
             print(f"{controller.name}: {remark}")
         if self.log:
-            others += [f.name for f in write_run(scenario, controller, runs[0], folder, stem)]
+            others += [f.name for f in write_run(scenario, runs[0], folder, stem)]
         print(f"wrote {folder / stem}.npz, {', '.join(others)}")
         print_verdict(Verdict(not run.missed, tally([run])))
         return CHECK_FAILED if run.missed else SUCCESS
 
-    def _simulate(
-        self, scenario: Scenario, controller: Controller, simulator: str, integrator: str
-    ) -> Trajectory:
+    def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
         """Run one simulator."""
+        from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.ode import simulate_ode
 
         if simulator == "ode":
-            return simulate_ode(scenario, controller, sample_period=self.timestep)
+            return simulate_ode(scenario, controller, sample_period=self.timestep or LONGEST_STEP)
         return simulate_mujoco(
             scenario,
             controller,
             simulator,
             timestep=self.timestep,
             control_period=self.control_period,
-            integrator=integrator,
+            integrator=self.integrator or "RK4",
         )
 
 

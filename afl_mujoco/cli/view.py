@@ -28,8 +28,9 @@ class View:
     controller: Annotated[str, tyro.conf.arg(help=f"Controller by name: {KNOWN}")] = SUBJECT
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
-    timestep: float = 1e-3
-    """Physics step of MuJoCo [s]."""
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
     control_period: float | None = None
     """How long the force is held [s], a multiple of the timestep; by default that of the
     scenario, else one step."""

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.imperfections import IDEAL
+from afl_mujoco.scenario.sampling import LONGEST_STEP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 IDEAL_ODE = "ideal ODE"
@@ -25,29 +26,28 @@ class Deployment:
 
     Attributes
     ----------
-    timestep
-        Physics step [s].
-    control_period
-        How long the force is held [s]; one step by default.
+    timestep, control_period
+        Physics step, and how long the force is held [s], as in `simulate_mujoco`.
     integrator
         MuJoCo's integrator.
     """
 
-    timestep: float = 1e-3
+    timestep: float | None = None
     control_period: float | None = None
     integrator: str = "RK4"
 
     def on(self, scenario: Scenario) -> Deployment:
         """Return the same with the control period that applies to a scenario."""
-        period = control_period_of(scenario, self.control_period, self.timestep)
-        return replace(self, control_period=period)
+        ticks = ticks_of(scenario, self.timestep, self.control_period)
+        return replace(self, timestep=ticks.timestep, control_period=ticks.period)
 
     def describe(self) -> str:
         """Describe the deployment in one line."""
-        period = self.timestep if self.control_period is None else self.control_period
+        step = LONGEST_STEP if self.timestep is None else self.timestep
+        period = step if self.control_period is None else self.control_period
         return (
-            f"as deployed: {self.integrator} at {1e3 * self.timestep:g} ms, "
-            f"force held for {1e3 * period:g} ms"
+            f"as deployed: {self.integrator} at {1e3 * step:.3g} ms, "
+            f"force held for {1e3 * period:.3g} ms"
         )
 
 
@@ -133,7 +133,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
         control_period=deployment.control_period,
         integrator=deployment.integrator,
     )
-    h, period = deployment.timestep, deployment.control_period
+    h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
     informed = controller.without_estimator()
     if informed.interpreted:
         ideal = simulate_ode_held(nominal, informed, timestep=h, control_period=period)

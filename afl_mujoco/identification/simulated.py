@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from afl_mujoco.control.compiled_controller import force_from_inputs
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.files import write_text
@@ -22,8 +21,7 @@ from afl_mujoco.identification.description import (
 from afl_mujoco.identification.log import write_log
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
-from afl_mujoco.simulation.sampled.hardware import new_run, sense, within_reach
-from afl_mujoco.simulation.sampled.runs import prepare
+from afl_mujoco.simulation.sampled.hardware import new_run, sense, sensors_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
@@ -39,9 +37,7 @@ def require_loggable(scenario: Scenario, controller: Controller, simulator: str)
         raise InvalidValueError("scenario of a log", "must keep M and l constant", scenario.name)
 
 
-def write_run(
-    scenario: Scenario, controller: Controller, run: Trajectory, folder: Path, stem: str
-) -> list[Path]:
+def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> list[Path]:
     """Write a sampled run as a log and its description; return the two files.
 
     The readings are those that the controller got, with the noise and resolution of its sensors.
@@ -51,32 +47,24 @@ def write_run(
     Parameters
     ----------
     run
-        Run of the scenario under the controller, as `require_loggable` allows.
+        Run of the scenario, as `require_loggable` allows.
     stem
         Beginning of the names of the files.
     """
     settings = run.provenance["settings"]
-    prepared = prepare(
-        scenario, controller,
-        timestep=settings["timestep"], control_period=settings["control_period"],
-    )  # fmt: skip
-    hold = prepared.plan.hold
-    ticks = range((len(run.time) - 1) // hold)
-    model = CartPoleModel(scenario.parameters_at(0.0))
-    memory, own, rows = new_run(), controller.start(), []
-    for tick in ticks:
-        write_state(model.addresses, *run.state[tick * hold].tolist())
-        seen, time = sense(model.addresses, prepared.sensors, memory, tick), run.time[tick * hold]
-        given = prepared.inputs[min(tick, len(prepared.inputs) - 1)]
-        if controller.interpreted:
-            command = own.command(float(time), seen, given)
-        else:
-            command = force_from_inputs(controller.kind, seen, given)
-        rows.append((time, seen[1], seen[0], within_reach(prepared.actuator, command)))
+    period, r = settings["control_period"], scenario.imperfections
+    hold, sensors = round(period / settings["timestep"]), sensors_of(r, period)
+    model, memory, rows = CartPoleModel(scenario.parameters_at(0.0)), new_run(), []
+    for tick, k in enumerate(range(0, len(run.time) - 1, hold)):
+        write_state(model.addresses, *run.state[k].tolist())
+        seen = sense(model.addresses, sensors, memory, tick)
+        rows.append((run.time[k], seen[1], seen[0], run.command[k]))
     columns = np.array(rows).reshape(len(rows), 4).T
+    if r.force_limit is not None:
+        columns[3] = np.clip(columns[3], -r.force_limit, r.force_limit)
     files = [folder / f"{stem}-log.csv", folder / f"{stem}-log.toml"]
     limit = scenario.imperfections.force_limit
-    described = description_of(scenario, prepared.sensors.period, limit or _above(columns[3]))
+    described = description_of(scenario, period, limit or _above(columns[3]))
     write_log(files[0], *columns)
     write_text(files[1], tomli_w.dumps(to_table(described)))
     return files

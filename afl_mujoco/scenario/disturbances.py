@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import require_finite, require_positive
+from afl_mujoco.scenario.parameters import instant, require_finite, require_positive
 
 LARGEST = 1e5
 """Largest force [N] or momentum [N s] of a disturbance that a simulator has to handle."""
@@ -13,7 +13,7 @@ LARGEST = 1e5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForcePulse:
-    """A constant force on the cart over ``start <= t < start + duration``.
+    """A constant force on the cart over ``start <= t < start + duration``, to the picosecond.
 
     Attributes
     ----------
@@ -34,11 +34,14 @@ class ForcePulse:
         object.__setattr__(self, "force", _require_moderate("force", self.force))
         object.__setattr__(self, "start", _require_time("start", self.start))
         object.__setattr__(self, "duration", require_positive("duration", self.duration))
+        if not self.start < self.end:
+            rule = "must be at least a picosecond"
+            raise InvalidValueError("duration", rule, f"{self.duration:g} s")
 
     @property
     def end(self) -> float:
         """When the pulse ends [s]."""
-        return self.start + self.duration
+        return instant(self.start + self.duration)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -92,7 +95,7 @@ def _require_moderate(thing: str, value: object) -> float:
 
 def _require_time(thing: str, value: object) -> float:
     """Return `value` as a float, or raise unless it is finite and not negative."""
-    time = require_finite(thing, value)
+    time = instant(require_finite(thing, value))
     if time < 0.0:
         raise InvalidValueError(thing, "must not be negative", time)
     return time

@@ -107,6 +107,7 @@ class Replay:
 
     controller: str | None = None
     integrator: str | None = None
+    timestep: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,6 +35,15 @@ def require_positive(thing: str, value: object) -> float:
     return number
 
 
+PER_SECOND = 1e12
+"""Instants that a second has: times within a picosecond are one."""
+
+
+def instant(time: float) -> float:
+    """Return a time [s] to the picosecond, so that times that differ by round-off are equal."""
+    return round(time * PER_SECOND) / PER_SECOND if abs(time) < 1e9 else time
+
+
 SMALLEST, LARGEST = 1e-9, 1e9
 """Bounds of a plant's numbers in SI units; beyond them, products overflow."""
 

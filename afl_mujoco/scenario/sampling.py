@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import Impulse
-from afl_mujoco.scenario.parameters import require_positive
+from afl_mujoco.scenario.parameters import PER_SECOND, require_positive
 from afl_mujoco.scenario.scenario import Scenario, Segment
 
 MOST_STEPS = 10_000_000
 """Largest number of steps: more would fill the memory before the run ends."""
 
-SNAP = 1e-9  # share of a step under which a grid point and a breakpoint are the same instant
+SNAP = 1e-6
+"""Share of a step under which a grid point and a breakpoint are one instant."""
+
+TYPED = 1e-5
+"""Relative difference of two periods of which one may have been typed in decimals: 0.0166667 s."""
+
+LONGEST_STEP = 1e-3
+"""MuJoCo's longest step by default [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,24 +123,56 @@ def parameters_in(
     return mass[..., 0] + mass[..., 1] * elapsed, length[..., 0] + length[..., 1] * elapsed
 
 
-def impulses_by_step(scenario: Scenario, starts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the ideal impulse [N s] at the start of each step, shape (N,).
+class Disturbances(NamedTuple):
+    """What disturbs the cart in each step of a grid, shape (N,) each.
 
-    An impulse acts at the first step that starts at its time or after it.
+    Attributes
+    ----------
+    push
+        Mean force along z over the step [N].
+    impulse
+        Jump of the momentum along z at the start of the step [N s].
+    """
+
+    push: NDArray[np.float64]
+    impulse: NDArray[np.float64]
+
+
+def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturbances:
+    """Return what disturbs the cart in each step, wherever the edges of the disturbances lie.
+
+    A pulse acts with its exact mean over each step, so that all of its momentum arrives. So does an
+    impulse that lies inside a step; one at the start of a step is a jump there.
 
     Parameters
     ----------
-    starts
-        Starts of the steps and the horizon [s], shape (N + 1,).
+    times
+        Ends of the steps [s], shape (N + 1,).
     """
-    edges = np.concatenate([[-np.inf], starts[:-1]]) + SNAP * (starts[1] - starts[0])
-    edges[-1] = np.inf  # an impulse after the last start acts at the last start
-    hits = np.zeros(len(starts) - 1)
-    for disturbance in scenario.disturbances:
-        if isinstance(disturbance, Impulse):
-            k = int(np.searchsorted(edges, disturbance.time, side="right")) - 1
-            hits[k] = scenario.impulse_within(float(edges[k]), float(edges[k + 1]))
-    return hits
+    lengths = np.diff(times)
+    push, impulse = np.zeros(len(lengths)), np.zeros(len(lengths))
+    for one in scenario.disturbances:
+        if isinstance(one, Impulse):
+            at = _place(times, one.time)
+            step = min(int(at), len(lengths) - 1)
+            if at == step:
+                impulse[step] += one.momentum
+            elif at < len(lengths):
+                push[step] += one.momentum / lengths[step]
+        else:
+            start, end = _place(times, one.start), _place(times, one.end)
+            steps_ = np.arange(int(start), min(math.ceil(end), len(lengths)))
+            push[steps_] += one.force * (np.minimum(end, steps_ + 1) - np.maximum(start, steps_))
+    return Disturbances(push, impulse)
+
+
+def _place(times: NDArray[np.float64], time: float) -> float:
+    """Return where an instant lies on a grid, in steps; whole at the ends of steps."""
+    count = len(times) - 1
+    k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, count - 1))
+    place = k + float((time - times[k]) / (times[k + 1] - times[k]))
+    nearest = round(place)
+    return min(float(nearest) if abs(place - nearest) <= SNAP else place, float(count))
 
 
 def _require_few(unit: str, length: float, step: float) -> None:
@@ -161,3 +201,72 @@ def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
     if count < 1 or abs(count * step - length) > SNAP * step * max(count, 1):
         raise InvalidValueError(f"{unit} {step:g} s", f"must divide {thing} {length:g} s")
     return count
+
+
+def instants(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return times [s] to the picosecond, as `instant` does: schedules have no finer ones."""
+    return np.where(np.abs(times) < 1e9, np.rint(times * PER_SECOND) / PER_SECOND, times)
+
+
+class Ticks(NamedTuple):
+    """How a control period is cut into physics steps.
+
+    Attributes
+    ----------
+    timestep
+        Physics step [s].
+    hold
+        Physics steps of a control period.
+    """
+
+    timestep: float
+    hold: int
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return self.timestep * self.hold
+
+
+def cut_period(period: float | None, timestep: float | None) -> Ticks:
+    """Return physics steps that divide a control period, or raise.
+
+    Parameters
+    ----------
+    period
+        Control period [s]; None for one step.
+    timestep
+        Physics step [s]; None for the longest up to `LONGEST_STEP` that divides the period. It may
+        differ by `TYPED` from one that does.
+    """
+    longest = LONGEST_STEP if timestep is None else require_positive("timestep", timestep)
+    if period is None:
+        return Ticks(longest, 1)
+    require_positive("control_period", period)
+    ratio = period / longest
+    hold = max(round(ratio), 1)
+    if timestep is None and abs(hold - ratio) > SNAP * hold:
+        hold = math.ceil(ratio)
+    elif abs(hold - ratio) > TYPED * hold:
+        rule = f"must divide control_period {period:g} s"
+        raise InvalidValueError(f"timestep {longest:g} s", rule)
+    exact = abs(hold - ratio) <= SNAP * hold  # as it was given, to the last bit
+    return Ticks(longest if exact else period / hold, hold)
+
+
+def step_times(duration: float, timestep: float) -> NDArray[np.float64]:
+    """Return the ends of equal steps, the last one shortened to end at the horizon, shape (N + 1,).
+
+    Parameters
+    ----------
+    duration
+        Horizon [s].
+    timestep
+        Physics step [s].
+    """
+    _require_few("timestep", duration, timestep)
+    count = max(math.ceil(duration / timestep - SNAP), 1)
+    times: NDArray[np.float64] = np.arange(count + 1, dtype=np.float64) * timestep
+    if abs(times[-1] - duration) > SNAP * timestep:
+        times[-1] = duration
+    return times

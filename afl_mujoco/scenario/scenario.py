@@ -18,6 +18,7 @@ from afl_mujoco.scenario.parameters import (
     NOMINAL,
     CartPoleParameters,
     PlantRange,
+    instant,
     require_finite,
     require_plausible,
     require_positive,
@@ -146,7 +147,7 @@ class Scenario:
                 require_plausible(f"schedule.{thing}", value)
         for thing in ("pole_mass", "gravity"):
             object.__setattr__(self, thing, require_plausible(thing, getattr(self, thing)))
-        object.__setattr__(self, "duration", require_positive("duration", self.duration))
+        object.__setattr__(self, "duration", instant(require_positive("duration", self.duration)))
         require_type("initial_state", self.initial_state, Iterable)
         state = tuple(require_finite("initial_state", x) for x in self.initial_state)
         if len(state) != 4:

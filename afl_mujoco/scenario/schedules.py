@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import require_finite, require_positive, require_type
+from afl_mujoco.scenario.parameters import instant, require_finite, require_positive, require_type
 
 _MANY = 256
 """Number of times above which it pays to check whether they increase."""
@@ -29,7 +29,7 @@ class Schedule:
     Parameters
     ----------
     times
-        Knots [s], increasing; a time given twice is a jump.
+        Knots [s], increasing, kept to the picosecond; a time given twice is a jump.
     values
         The value at each knot.
 
@@ -47,7 +47,7 @@ class Schedule:
         """Validate the knots and derive the slope after each of them."""
         require_type("times", self.times, Iterable)
         require_type("values", self.values, Iterable)
-        times = tuple(require_finite("times", t) for t in self.times)
+        times = tuple(instant(require_finite("times", t)) for t in self.times)
         values = tuple(require_finite("values", v) for v in self.values)
         if not times:
             raise InvalidValueError("times", "must hold at least one time")

@@ -30,7 +30,9 @@ UNITS: Mapping[str, str] = {
     "iae_phi": "rad s",
     "itae_z": "m s^2",
     "itae_phi": "rad s^2",
+    "max_command": "N",
     "max_force": "N",
+    "limited_share": "1",
     "force_squared": "N^2 s",
     "force_variation": "N",
     "saturated_share": "1",
@@ -47,7 +49,9 @@ LABELS: Mapping[str, str] = {
     "iae_phi": "∫|φ| dt",
     "itae_z": "∫t|z| dt",
     "itae_phi": "∫t|φ| dt",
-    "max_force": "max |F|",
+    "max_command": "largest command",
+    "max_force": "max |F| exerted",
+    "limited_share": "share of time at the force limit",
     "force_squared": "∫F² dt",
     "force_variation": "total variation of F",
     "saturated_share": "share of time outside the boundary layer",
@@ -85,10 +89,13 @@ def metrics_of(run: Trajectory) -> Metrics:
         "iae_phi": integral(np.abs(state[:, 1]), time),
         "itae_z": integral(time * np.abs(state[:, 0]), time),
         "itae_phi": integral(time * np.abs(state[:, 1]), time),
+        "max_command": float(np.abs(run.command).max()),
         "max_force": float(np.abs(force).max()),
+        "limited_share": 0.0,
         "force_squared": (integral if run.control_period is None else _staircase)(force**2, time),
         "force_variation": float(np.abs(np.diff(force, prepend=0.0)).sum()),  # at rest before t = 0
         "end_time": run.outcome.time,
+        **run.effort,
     }
     for column, name in enumerate(STATES):
         figures[f"peak_{name}"] = float(np.abs(state[:, column]).max())

@@ -6,6 +6,8 @@ Compiled loops reach MuJoCo's structures through a record of addresses and its l
 
 from __future__ import annotations
 
+import ctypes
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,7 @@ from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive
+from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange, require_positive
 from afl_mujoco.simulation.mujoco_description import (
     AXIAL_SHARE,
     CART_HALF_SIZE,
@@ -71,7 +73,7 @@ ADDRESSES = np.dtype(
         for name in (
             *("model", "data", "scratch"),
             *("cart_mass", "cart_inertia", "pole_mass", "pole_inertia", "pole_com"),
-            *("geom_half_length", "geom_centre", "tip", "gravity", "shape"),
+            *("geom_half_length", "geom_centre", "tip", "timestep", "gravity", "shape"),
             *("z", "phi", "z_dot", "phi_dot", "control", "push", "torque"),
             *("z_ddot", "phi_ddot", "z_ddot_smooth", "phi_ddot_smooth"),
         )
@@ -254,6 +256,31 @@ class CartPoleModel:
         self._shape[:] = imperfections.tip_mass_share, imperfections.pole_radius
         self.set_parameters(parameters)
 
+    def decay_rate(self, plants: PlantRange) -> float:
+        """Return the fastest rate [1/s] at which damping slows a joint, where the step must follow.
+
+        Of MuJoCo's integrators only RK4 is explicit in the damping: its steps must not be longer
+        than the decay. For the others, and without damping, the rate is 0.
+
+        Parameters
+        ----------
+        plants
+            The plants of a run; it is fastest at one of their extremes.
+        """
+        model, data = self.mj_model, self._scratch
+        damping = np.array(model.dof_damping)
+        if model.opt.integrator != INTEGRATORS["RK4"] or not damping.any():
+            return 0.0
+        mass, rates = np.zeros((model.nv, model.nv)), []
+        for cart_mass, half_length in itertools.product(plants.cart_mass, plants.half_length):
+            p = (cart_mass, plants.pole_mass, half_length, plants.gravity)
+            write_parameters(self.addresses, *p)
+            mujoco.mj_resetData(model, data)
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, mass)
+            rates.append(np.abs(np.linalg.eigvals(np.linalg.solve(mass, np.diag(damping)))).max())
+        return float(max(rates))
+
     def compute_only(self, imperfections: Imperfections) -> None:
         """Disable what MuJoCo need not compute: the same bits in up to a third less time.
 
@@ -302,6 +329,7 @@ def _addresses(
         "geom_half_length": element(model.geom_size, geom, 1),
         "geom_centre": element(model.geom_pos, geom, 2),
         "tip": element(model.site_pos, tip, 2),
+        "timestep": _timestep_address(model),
         "gravity": element(model.opt.gravity, 2),
         "z": element(data.qpos, z),
         "phi": element(data.qpos, phi),
@@ -319,3 +347,17 @@ def _addresses(
     for name, address in places.items():
         addresses[name] = address
     return addresses[0]
+
+
+def _timestep_address(model: mujoco.MjModel) -> int:
+    """Return where the timestep is: MuJoCo's options have it at some place before gravity."""
+    gravity, own, mark = model.opt.gravity.ctypes.data, model.opt.timestep, 0.123456789
+    places = range(gravity - 8, model._address - 8, -8)
+    model.opt.timestep = mark
+    found = [place for place in places if ctypes.c_double.from_address(place).value == mark]
+    model.opt.timestep = own
+    if len(found) != 1:
+        raise InvalidValueError(
+            "MuJoCo", "must keep its timestep before gravity", mujoco.__version__
+        )
+    return found[0]

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel, load
 from afl_mujoco.errors import InvalidValueError, MissingPackageError
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.sampling import instants, step_times
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
 from afl_mujoco.simulation.decor import add_forces, add_marks, add_stops, marks_near, show_mass
 from afl_mujoco.simulation.sampled.hardware import (
+    RECORD,
     RUNNING,
     Actuator,
     Sensors,
@@ -84,23 +85,24 @@ def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
     Parameters
     ----------
     timestep
-        Physics step [s], which divides the scenario's duration.
+        Physics step [s].
     hold
         Physics steps of a control period.
     """
     s, r = scenario, scenario.imperfections
-    count = whole_steps("duration", s.duration, "timestep", timestep)
+    count = len(step_times(s.duration, timestep)) - 1
     changing = min(math.ceil(last_change(s) / timestep) + 1, count)
-    profile = input_profile(s, timestep, changing, count)
+    times: NDArray[np.float64] = np.arange(count + 1, dtype=np.float64) * timestep
+    profile = input_profile(s, times[: min(changing + 1, count) + 1])
     until = min(changing + 1 + math.ceil(r.parameter_delay / timestep), count)
-    instants: NDArray[np.float64] = np.arange(until + 1, dtype=np.float64) * timestep
-    now = np.stack([s.cart_mass(instants), s.half_length(instants)], axis=1)
+    at = instants(times[: until + 1])
+    now = np.stack([s.cart_mass(at), s.half_length(at)], axis=1)
     if changing + 1 >= count:  # beyond the horizon the plant keeps what it had there
         profile = np.concatenate([profile, np.zeros(1, PROFILE)])
         profile["cart_mass"][-1], profile["half_length"][-1] = now[-1]
     told = now
     if r.parameter_delay or r.mass_error or r.length_error:
-        told = np.stack(told_parameters(s, instants, timestep), axis=1)
+        told = np.stack(told_parameters(s, at), axis=1)
     return Episode(
         constants=(float(timestep), s.pole_mass, s.gravity),
         profile=profile,
@@ -122,6 +124,7 @@ def _plan(constants, hold):
         steps=_FOREVER,
         hold=hold,
         timestep=timestep,
+        last=timestep,
         pole_mass=pole_mass,
         gravity=gravity,
         rail=np.inf,
@@ -150,7 +153,7 @@ def advance_held(at, constants, profile, now, actuator, run, pending, instant, h
     run.step, run.status, run.written_mass = instant, RUNNING, np.nan
     write_plant(at, plan, profile, run, instant)
     force = load(at.control)
-    advance(at, plan, actuator, profile, run, pending, np.empty((0, 5)), force)
+    advance(at, plan, actuator, profile, run, pending, np.empty((0, len(RECORD))), force)
     if not within_limits(mm.read_state(at)):
         return run.step + 1
     i = min(instant + hold, len(now) - 1)

@@ -14,12 +14,12 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
-from afl_mujoco.scenario.sampling import steps, time_grid, whole_steps
+from afl_mujoco.scenario.sampling import steps, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import ATOL, RTOL, integrate
 from afl_mujoco.simulation.mujoco_dynamics import integrate_segment_rk4, solver, transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.sampled.runs import control_period_of, simulate_sampled
+from afl_mujoco.simulation.sampled.runs import simulate_sampled, ticks_of
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     OUTCOMES,
@@ -35,9 +35,9 @@ MODES = ("exact", "continuous", "sampled")
 def simulate_mujoco(
     scenario: Scenario | str | Path,
     controller: Any,
-    mode: str = "exact",
+    mode: str = "sampled",
     *,
-    timestep: float = 1e-3,
+    timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
     dynamics: str = QUASI_STATIC,
@@ -54,13 +54,15 @@ def simulate_mujoco(
         The controller: a name, ``module:attribute``, a function, a class or factory, or a
         `Controller`.
     mode
-        ``"exact"``: MuJoCo's forward dynamics with the integrator of `simulate_ode`;
+        ``"sampled"``: as deployed, `mj_step` with the control held for `control_period`, the
+        parameters of the middle of each step, and the scenario's imperfections, which no other mode
+        supports; ``"exact"``: MuJoCo's forward dynamics with the integrator of `simulate_ode`;
         ``"continuous"``: RK4 around MuJoCo's forward dynamics, controller and parameters in every
-        stage, steps that end on every breakpoint; ``"sampled"``: as deployed, `mj_step` with the
-        control held for `control_period`, the parameters of the middle of each step, and the
-        scenario's imperfections, which no other mode supports.
+        stage, steps that end on every breakpoint.
     timestep
-        Physics step [s]; in exact mode the spacing of the reported instants.
+        Physics step [s], in exact mode the spacing of the reported instants; by default the longest
+        up to 1 ms that divides the control period. Where the damping of a joint is too fast for
+        RK4, sampled mode takes a finer one, which the provenance and a remark say.
     control_period
         How long sampled mode holds the force [s], a multiple of `timestep` (default: that of the
         scenario's imperfections, else one step).
@@ -89,25 +91,29 @@ def simulate_mujoco(
     if mode != "sampled":
         scenario.require_ideal()
         require_stateless(controller, f"{mode} mode")
+    ticks = ticks_of(scenario, timestep, control_period)
     model = CartPoleModel(
         scenario.parameters_at(0.0),
-        timestep=timestep,
+        timestep=ticks.timestep,
         integrator=integrator,
         edit=edit,
         imperfections=scenario.imperfections,
     )
     if edit is None:  # an edit may have added what would be left out
         model.compute_only(scenario.imperfections)
-    period = control_period_of(scenario, control_period, timestep)
-    whole_steps("control_period", period, "timestep", timestep)
-    settings: dict[str, Any] = {"timestep": timestep}
     change = ParameterChange(dynamics=dynamics, jumps=jumps)
     if mode == "sampled":
         if not change.is_the_papers:
             raise InvalidValueError("dynamics and jumps", "must be the paper's in sampled mode")
-        settings |= {"control_period": period, "integrator": integrator}
-        return simulate_sampled(scenario, controller, **settings, model=model)
-    settings |= change.describe()
+        return simulate_sampled(
+            scenario,
+            controller,
+            timestep=timestep,
+            control_period=control_period,
+            integrator=integrator,
+            model=model,
+        )
+    settings = {"timestep": ticks.timestep, **change.describe()}
     if mode == "continuous":
         return _continuous(model, scenario, controller, change, settings)
     return _exact(model, scenario, controller, change, settings)

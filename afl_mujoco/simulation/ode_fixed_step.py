@@ -21,7 +21,14 @@ from afl_mujoco.control.compiled_controller import force_from_inputs
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.sampling import Steps, parameters_in, steps, whole_steps
+from afl_mujoco.scenario.sampling import (
+    Steps,
+    cut_period,
+    held_disturbances,
+    parameters_in,
+    step_times,
+    steps,
+)
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.python_controller_rk4 import integrate_python_controller
 from afl_mujoco.simulation.trajectory import (
@@ -55,7 +62,7 @@ class Holds:
     schedule
         Whether M and l keep, over each timestep, their values at its middle.
     disturbance
-        Whether the push does so too, and an impulse waits for the start of a step.
+        Whether the push has its mean over each timestep, an impulse inside one included.
     """
 
     control_period: float | None = None
@@ -140,10 +147,9 @@ def simulate_ode_held(
     if holds.control_period is None:
         require_stateless(controller, "a force that is not held")
     else:
-        hold = whole_steps("control_period", holds.control_period, "timestep", timestep)
-    count = whole_steps("duration", scenario.duration, "timestep", timestep)
+        timestep, hold = cut_period(holds.control_period, timestep)
     fine = steps(scenario, timestep / substeps)
-    times = np.asarray(np.arange(count + 1) * timestep, dtype=np.float64)
+    times = step_times(scenario.duration, timestep)
     start_of = np.searchsorted(fine.times, times - 1e-9 * timestep)
     update = np.zeros(len(fine.push) if hold else 0, dtype=np.bool_)
     if hold:
@@ -177,7 +183,8 @@ def _held_inputs(
     mass, length, push, impulse = fine.cart_mass, fine.half_length, fine.push, fine.impulse
     step_of = np.searchsorted(start_of, np.arange(len(push)), side="right") - 1
     step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint may round to the horizon
-    middles = (np.arange(len(start_of) - 1) + 0.5) * timestep
+    edges = step_times(scenario.duration, timestep)
+    middles = 0.5 * (edges[:-1] + edges[1:])
     segments = scenario.segments
     inside = np.searchsorted([s.start for s in segments], middles, side="right") - 1
     if holds.schedule:
@@ -186,13 +193,9 @@ def _held_inputs(
             for frozen in parameters_in(segments, inside, middles)
         )
     if holds.disturbance:
-        push = np.array([segments[i].push for i in inside])[step_of]
-        impulses = np.zeros(len(start_of) - 1)
-        for segment in segments:  # at the first step that starts at its time or after it
-            step = int(np.ceil(segment.start / timestep - 1e-9))
-            impulses[min(step, len(impulses) - 1)] += segment.impulse
-        impulse = np.zeros_like(push)
-        impulse[start_of[:-1]] = impulses
+        held = held_disturbances(scenario, fine.times[start_of])
+        push, impulse = held.push[step_of], np.zeros(len(push))
+        impulse[start_of[:-1]] = held.impulse
     return mass, length, push, impulse
 
 

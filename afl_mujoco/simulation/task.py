@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.laboratory import with_ranges
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite, require_positive
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
-from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.sampled.runs import fine_enough, ticks_of
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 choose_backend()
@@ -43,6 +44,10 @@ _MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
 
 OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
 """Whether the observation has M and l."""
+
+DAMPING = ("rail_damping", "hinge_damping")
+LIGHTER = ("rail_armature", "hinge_armature", "tip_mass_share", "pole_radius")
+"""Imperfections that slow a joint the faster the larger, and the smaller, they are."""
 
 SAMPLES = 2**31 - 1
 """Number of samples from which episodes are drawn."""
@@ -200,7 +205,7 @@ def _random_state(random: Any) -> np.random.RandomState:
 def load(
     scenario: str | Path | Scenario = "nominal",
     *,
-    timestep: float = 1e-3,
+    timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
     force_limit: float = 1000.0,
@@ -217,7 +222,7 @@ def load(
     scenario
         A name of the catalogue, a TOML file or a `Scenario`, with its imperfections.
     timestep
-        Physics step [s]; the plant changes at each step.
+        Physics step [s], as in `simulate_mujoco`; the plant changes at each step.
     control_period
         How long an action is held [s], a multiple of `timestep` (default: that of the scenario's
         imperfections, else one step).
@@ -243,9 +248,9 @@ def load(
         If a setting breaks its rule.
     """
     scenario = as_scenario(scenario)
-    period = control_period_of(scenario, control_period, timestep)
-    hold = whole_steps("control_period", period, "timestep", timestep)
     space = SampleSpace(with_ranges(scenario, start=True)) if randomize else None
+    asked = ticks_of(scenario, timestep, control_period)
+    ticks = fine_enough(asked, _decay_rate(scenario, space, integrator))
     task = Balance(
         force_limit=force_limit,
         initial_noise=initial_noise,
@@ -260,14 +265,31 @@ def load(
             "initial_noise", "must not let the pole start fallen", initial_noise
         )
     # Half a step early, so that round-off in the division by the period cannot add a period.
-    settings = {"time_limit": scenario.duration - 0.5 * timestep, **(environment_kwargs or {})}
+    settings = {
+        "time_limit": scenario.duration - 0.5 * ticks.timestep,
+        **(environment_kwargs or {}),
+    }
     for key in settings:
         if key not in ENVIRONMENT_KEYS:
             raise UnknownNameError.among("environment_kwargs", key, ENVIRONMENT_KEYS)
     if settings["time_limit"] != math.inf:
         require_positive("time_limit", settings["time_limit"])
-    physics = Physics(scenario, timestep=timestep, integrator=integrator, hold=hold)
-    return control.Environment(physics, task, n_sub_steps=hold, legacy_step=False, **settings)
+    physics = Physics(scenario, timestep=ticks.timestep, integrator=integrator, hold=ticks.hold)
+    return control.Environment(physics, task, n_sub_steps=ticks.hold, legacy_step=False, **settings)
+
+
+def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) -> float:
+    """Return the fastest `CartPoleModel.decay_rate` of the scenarios of any episode [1/s]."""
+    hardware, plants = scenario.imperfections, scenario.plants
+    if space is not None:
+        passive = {n: space.varied[n] for n in (*DAMPING, *LIGHTER) if n in space.varied}
+        ends: dict[str, Any] = {n: bounds[n in DAMPING] for n, bounds in passive.items()}
+        hardware = replace(hardware, **ends)
+        masses, lengths = space.bounds("cart_mass"), space.bounds("half_length")
+        plants = plants._replace(cart_mass=masses, half_length=lengths)
+    parameters = scenario.parameters_at(0.0)
+    model = CartPoleModel(parameters, integrator=integrator, imperfections=hardware)
+    return model.decay_rate(plants)
 
 
 def controller_policy(

@@ -23,6 +23,7 @@ from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.files import atomic_file
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import LARGEST_STATE
+from afl_mujoco.scenario.sampling import instants
 from afl_mujoco.scenario.scenario import Scenario
 
 FALL_ANGLE = 0.5 * math.pi - 1e-3
@@ -39,7 +40,7 @@ OUTCOMES = (COMPLETED, FELL, DIVERGED)
 """The ways a run can end, by the status code of the compiled loops."""
 
 _PACKAGES = ("afl_mujoco", "mujoco", "numpy", "scipy", "numba")
-_ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
+_ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +74,19 @@ class Trajectory:
     state
         (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (N, 4).
     force
-        Force of the controller [N], shape (N,), acting from each instant on.
+        Force that is exerted on the cart from each instant on [N], shape (N,): the command, after
+        limit, delay, slew limit and lag of the drive.
+    command
+        Force that the controller asks for [N], shape (N,); equal to `force` by default.
     cart_mass, half_length
         True M [kg] and l [m], shape (N,), after the jump where there is one.
     outcome
         How the run ended; one that fell or diverged stops before the horizon.
     provenance
         Scenario, controller, simulator, settings and versions, as plain data.
+    effort
+        Metrics of command and force that the arrays do not show, because the force changes within a
+        step; none where it does not.
     """
 
     time: NDArray[np.float64]
@@ -89,10 +96,15 @@ class Trajectory:
     half_length: NDArray[np.float64]
     outcome: Outcome
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    command: NDArray[np.float64] = None  # type: ignore[assignment]
+    effort: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the shapes and freeze the arrays."""
         count = len(self.time)
+        if self.command is None:
+            object.__setattr__(self, "command", self.force)
+        object.__setattr__(self, "effort", MappingProxyType(dict(self.effort)))
         for name in _ARRAYS:
             array = np.array(getattr(self, name), dtype=np.float64)
             shape = (count, 4) if name == "state" else (count,)
@@ -130,7 +142,7 @@ class Trajectory:
         return draw_runs([self], self._title)
 
     def to_pandas(self) -> Any:
-        """Return time, states, force, M and l as a pandas DataFrame, its index the time [s].
+        """Return states, force, command, M and l as a pandas DataFrame, its index the time [s].
 
         Raises
         ------
@@ -142,7 +154,7 @@ class Trajectory:
         except ImportError:
             raise InvalidValueError("pandas", "must be installed: pip install pandas") from None
         columns = dict(zip(("z", "phi", "z_dot", "phi_dot"), self.state.T, strict=True))
-        columns |= {name: getattr(self, name) for name in ("force", "cart_mass", "half_length")}
+        columns |= {name: getattr(self, name) for name in _ARRAYS[2:]}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
     @property
@@ -185,6 +197,7 @@ class Trajectory:
         meta = {
             "outcome": [self.outcome.kind, self.outcome.time],
             "provenance": dict(self.provenance),
+            "effort": dict(self.effort),
         }
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         with atomic_file(Path(path)) as temporary, temporary.open("wb") as stream:
@@ -209,7 +222,8 @@ class Trajectory:
                 meta = json.loads(str(file["meta"]))
                 kind, time = meta["outcome"]
                 arrays = {name: file[name] for name in _ARRAYS}
-            return cls(**arrays, outcome=Outcome(kind, float(time)), provenance=meta["provenance"])
+            known = {name: meta[name] for name in ("provenance", "effort")}
+            return cls(**arrays, outcome=Outcome(kind, float(time)), **known)
 
 
 @kernel
@@ -238,8 +252,8 @@ def controller_inputs(
         Instants [s], shape (N,).
     """
     return controller.inputs_along_run(
-        scenario.cart_mass(times),
-        scenario.half_length(times),
+        scenario.cart_mass(instants(times)),
+        scenario.half_length(instants(times)),
         scenario.pole_mass,
         scenario.gravity,
     )
@@ -260,6 +274,7 @@ def assemble(
     states: NDArray[np.float64],
     outcome: Outcome,
     forces: NDArray[np.float64] | None = None,
+    **deployed: Any,
 ) -> Trajectory:
     """Put a simulator's result together.
 
@@ -271,6 +286,8 @@ def assemble(
         The states reached, shape (K, 4), K <= N.
     forces
         Forces [N], shape (K,); by default the controller's at each state.
+    deployed
+        Command and effort of a `Trajectory`.
     """
     reached = times[: len(states)]
     if forces is None:
@@ -281,9 +298,10 @@ def assemble(
         time=reached,
         state=states,
         force=forces,
-        cart_mass=scenario.cart_mass(reached),
-        half_length=scenario.half_length(reached),
+        cart_mass=scenario.cart_mass(instants(reached)),
+        half_length=scenario.half_length(instants(reached)),
         outcome=outcome,
+        **deployed,
         provenance={
             "simulator": simulator,
             "settings": dict(settings),

@@ -13,13 +13,12 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_distinct
-from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
 
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
@@ -121,11 +120,9 @@ def require_runnable(
     require_distinct("scenario", [s.name for s in scenarios])
     require_distinct("controller", [c.name for c in controllers])
     require_no_estimator(controllers)
-    whole_steps("control_period", settings.control_period, "timestep", settings.timestep)
     for scenario in scenarios:
         scenario.require_ideal()
-        control_period_of(scenario, settings.control_period, settings.timestep)
-        whole_steps("duration", scenario.duration, "timestep", settings.timestep)
+        ticks_of(scenario, settings.timestep, settings.control_period)
         if abs(tilt := scenario.initial_state[1]) >= 0.5 * math.pi:
             rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"
             raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")

@@ -31,7 +31,7 @@ class Lead:
 
 def logged(folder: Path, scenario: Scenario, controller):
     run = simulate_mujoco(scenario, controller, "sampled")
-    files = write_run(scenario, controller, run, folder, "rig")
+    files = write_run(scenario, run, folder, "rig")
     description = load_description(files[1])
     return run, read_log(files[0], description), description
 

@@ -331,7 +331,11 @@ def test_without_a_render_mode_there_is_no_picture(monkeypatch: pytest.MonkeyPat
     ("settings", "options", "message"),
     [
         ({"scenario": "nowhere"}, None, "scenario must be one of nominal"),
-        ({"control_period": 0.0015}, None, "timestep 0.001 s must divide control_period 0.0015 s"),
+        (
+            {"control_period": 0.0015, "timestep": 1e-3},
+            None,
+            "timestep 0.001 s must divide control_period 0.0015 s",
+        ),
         ({"parameters": "seen"}, None, "parameters must be one of observed, hidden, privileged"),
         ({"force_limit": -1.0}, None, "force_limit must be positive, got -1"),
         ({"render_mode": "human"}, None, "render_mode must be one of None, rgb_array, got 'human'"),

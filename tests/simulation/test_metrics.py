@@ -159,7 +159,7 @@ def test_a_run_knows_its_figures_and_says_what_it_is() -> None:
     assert repr(run) == "<Trajectory: <short>, lqr, mujoco sampled: completed, 1001 instants>"
     page = run._repr_html_()
     assert "&lt;short&gt;, lqr" in page
-    assert f"<td>max |F|</td><td>{run.metrics['max_force']:.5g}</td><td>N</td>" in page
+    assert f"<td>max |F| exerted</td><td>{run.metrics['max_force']:.5g}</td><td>N</td>" in page
     assert [line.get_xdata()[-1] for line in run.plot().axes[0].lines] == [1.0]
 
 
@@ -173,7 +173,7 @@ def test_a_run_goes_to_pandas_or_says_what_is_missing(monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "pandas", pandas)
     run.to_pandas()
     assert list(made) == [
-        "z", "phi", "z_dot", "phi_dot", "force", "cart_mass", "half_length", "index"
+        "z", "phi", "z_dot", "phi_dot", "force", "command", "cart_mass", "half_length", "index"
     ]  # fmt: skip
     np.testing.assert_array_equal(made["phi"], run.state[:, 1])
     assert made["index"] == ("time", run.time.tolist())

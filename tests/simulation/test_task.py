@@ -382,7 +382,6 @@ def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
     [
         ({"scenario": "nowhere"}, "scenario must be one of nominal"),
         ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
-        ({"timestep": 3e-3}, "timestep 0.003 s must divide duration 20 s"),
         ({"timestep": -1.0}, "timestep must be positive, got -1"),
         ({"timestep": math.nan}, "timestep must be finite, got nan"),
         ({"control_period": 0.0}, "control_period must be positive, got 0"),

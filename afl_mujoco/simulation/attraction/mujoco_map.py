@@ -23,6 +23,7 @@ from afl_mujoco.simulation.attraction.grid import (
 )
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.hardware import (
+    RECORD,
     RUNNING,
     actuator_of,
     new_run,
@@ -70,6 +71,7 @@ def map_in_mujoco(
         steps=whole_steps("horizon", settling.horizon, "timestep", timestep),
         hold=1,
         timestep=timestep,
+        last=timestep,
         pole_mass=grid.pole_mass,
         gravity=grid.gravity,
         criterion=Criterion(
@@ -120,10 +122,10 @@ def _run_points(at, plan, run, pending, sensors, actuator, kind, starts, inputs,
     found
         Takes the results that `FOUND` names, shape (N, 4).
     """
-    nothing = np.empty((0, 5))
+    nothing = np.empty((0, len(RECORD)))
     for i in range(len(starts)):
         run.written_mass, run.status, run.unsettled, run.at_stop = np.nan, RUNNING, 0, -1
-        run.peak_z, run.max_force = 0.0, 0.0
+        run.peak_z, run.force, run.max_force = 0.0, 0.0, 0.0
         run_to_end(
             at, plan, profiles[i], run, pending, nothing, starts[i], sensors, actuator, kind,
             inputs[i : i + 1],

@@ -100,7 +100,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         parameters: str = OBSERVED,
         randomize: bool = False,
         scaled: bool = True,
-        timestep: float = 1e-3,
+        timestep: float | None = None,
         integrator: str = "RK4",
         initial_noise: float = 0.0,
         width: int = 480,

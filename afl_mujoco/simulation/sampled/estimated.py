@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.sampled.runs import control_period_of, simulate_sampled
+from afl_mujoco.simulation.sampled.runs import simulate_sampled, ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
@@ -37,12 +37,12 @@ def simulate_estimated(
     scenario: Scenario,
     controller: EstimatedController,
     *,
-    timestep: float = 1e-3,
+    timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
 ) -> EstimatedRun:
     """Simulate a scenario as `simulate_mujoco` does in sampled mode, and keep the estimates."""
-    period = control_period_of(scenario, control_period, timestep)
+    period = ticks_of(scenario, timestep, control_period).period
     estimates = np.full((int(scenario.duration / period) + 2, 2), np.nan)
     run = simulate_sampled(
         scenario,

@@ -18,7 +18,9 @@ RUN = np.dtype(
     [
         *(("written_mass", np.float64), ("written_length", np.float64)),
         *((f"seen_{name}", np.float64) for name in ("z", "phi", "z_dot", "phi_dot")),
-        *((name, np.float64) for name in ("demand", "force", "command", "mean_force")),
+        *((name, np.float64) for name in ("demand", "force", "onset", "asked", "command")),
+        *((name, np.float64) for name in ("mean_force", "max_command", "limited")),
+        *((name, np.float64) for name in ("force_squared", "force_variation")),
         *(("status", np.int64), ("step", np.int64)),
         *((name, np.float64) for name in ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")),
         *(("unsettled", np.int64), ("at_stop", np.int64)),
@@ -28,15 +30,22 @@ RUN = np.dtype(
 
 ``written_mass``, ``written_length``: M [kg] and l [m] in the model. ``seen_...``: the last
 measurement. ``demand``, ``force``: the force that the drive aims at and the force that it exerts
-[N]. ``command``, ``mean_force``: the command over the last control period and the mean force
-exerted in it [N]. ``status``: `RUNNING`, `SETTLED` or an index into `OUTCOMES`. ``step``: the step
-that the run has reached. Peaks and integrals: up to that step. ``unsettled``: the first step from
-which the state has stayed within the bands. ``at_stop``: the step at which the cart reached an end
-stop, -1 if it never did.
+[N]. ``onset``: the force that it exerted at the start of the last step [N]. ``asked``,
+``command``, ``mean_force``: what the controller asked for at the last tick, the same within the
+drive's limit, and the mean force exerted since then [N]. ``max_command``: the largest of what was
+asked for [N]. ``limited``: how long it was at the limit or beyond [step]. ``force_squared``,
+``force_variation``: of the exerted force, the integral of its square [N^2 step] and its total
+variation [N], exact for its course within the steps. ``status``: `RUNNING`, `SETTLED` or an index
+into `OUTCOMES`. ``step``: the step that the run has reached. Peaks and integrals: up to that step.
+``unsettled``: the first step from which the state has stayed within the bands. ``at_stop``: the
+step at which the cart reached an end stop, -1 if it never did.
 """
 
 RUNNING = -1
 """The status of a run that has not ended."""
+
+RECORD = ("z", "phi", "z_dot", "phi_dot", "force", "command")
+"""Columns of a record: the state at an instant, the force from then on, and the command [N]."""
 
 
 class Sensors(NamedTuple):
@@ -202,16 +211,43 @@ def within_reach(actuator, command):
 
 
 @borrowing_kernel
+def _reach(run, force):
+    """Let the exerted force change to a value, with none beyond the two in between."""
+    run.force_variation += abs(force - run.force)
+    run.max_force = max(run.max_force, abs(force))
+    run.force = force
+
+
+@borrowing_kernel
 def _follow(run, start, rate, length, lag):
     """Return the integral of the force, lagging a demand that changes at a constant rate.
 
-    In steps and newtons: the demand goes from `start` at `rate` for `length`.
+    In steps and newtons: the demand goes from `start` at `rate` for `length`. With an excess E of
+    the force over the demand, delayed by the lag T, the force is
+    ``start + rate (t - T) + E exp(-t / T)``, from which the integral of its square follows too.
     """
+    if length <= 0.0:
+        return 0.0
     if lag == 0.0:
+        end = start + rate * length
+        _reach(run, start)
+        _reach(run, end)
+        run.force_squared += length * (start * start + start * end + end * end) / 3.0
         return (start + 0.5 * rate * length) * length
     excess = run.force - start + rate * lag
     lost = -math.expm1(-length / lag)
-    run.force = start + rate * (length - lag) + excess * (1.0 - lost)
+    kept = 1.0 - lost
+    if excess * rate > 0.0 and abs(rate) * lag < abs(excess):
+        turn = -lag * math.log(rate * lag / excess)  # where force and demand meet, at rest
+        if turn < length:
+            _reach(run, start + rate * turn)
+    _reach(run, start + rate * (length - lag) + excess * kept)
+    base = start - rate * lag
+    run.force_squared += (
+        length * (base * base + rate * length * (base + rate * length / 3.0))
+        + 2.0 * excess * lag * (base * lost + rate * (lag * lost - length * kept))
+        + 0.5 * excess * excess * lag * lost * (1.0 + kept)
+    )
     return (start + rate * (0.5 * length - lag)) * length + excess * lag * lost
 
 
@@ -225,18 +261,18 @@ def _obey(actuator, run, command, length):
         rate = math.copysign(actuator.slew, command - demand)
         ramp = min((command - demand) / rate, length)
         integral = _follow(run, demand, rate, ramp, actuator.lag)
-        if ramp == length:
+        if ramp == length:  # the ramp goes on in the next step
             run.demand = demand + rate * length
     return integral + _follow(run, command, 0.0, length - ramp, actuator.lag)
 
 
 @borrowing_kernel
-def actuate(actuator, run, pending, command, k):
+def actuate(actuator, run, pending, command, k, length):
     """Return the mean force on the cart over a physics step.
 
     Delay, slew limit and lag act continuously in time, one after the other, on a command that is
     held; a step gets the exact mean over the step, so that it delivers the right momentum with any
-    of MuJoCo's integrators.
+    of MuJoCo's integrators. The run notes the force itself, which the mean would understate.
 
     Parameters
     ----------
@@ -246,14 +282,22 @@ def actuate(actuator, run, pending, command, k):
         The command now, from `within_reach` [N].
     k
         Number of the step; the function is called once for each step, in order.
+    length
+        Length of the step [step], at most 1.
     """
-    before, share = command, actuator.later_share
+    before, share = command, min(actuator.later_share, length)
     if actuator.late > 0 or share > 0.0:
         size = len(pending)
         pending[k % size] = command
         command = pending[(k - actuator.late) % size]
         before = pending[(k - actuator.late - 1) % size]
     if actuator.lag == 0.0 and actuator.slew == np.inf:
-        return command if share == 0.0 else command + share * (before - command)
+        run.onset = before if share > 0.0 else command
+        _follow(run, before, 0.0, share, 0.0)
+        _follow(run, command, 0.0, length - share, 0.0)
+        return command if share == 0.0 else command + share / length * (before - command)
+    run.onset = run.force
     integral = _obey(actuator, run, before, share) if share > 0.0 else 0.0
-    return integral + _obey(actuator, run, command, 1.0 - share)
+    if share < length:
+        integral += _obey(actuator, run, command, length - share)
+    return integral / length

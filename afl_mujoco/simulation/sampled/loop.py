@@ -82,6 +82,8 @@ class Plan(NamedTuple):
         Physics steps of a control period.
     timestep
         Physics step [s].
+    last
+        Length of the last step [s], at most a physics step: it ends at the horizon.
     pole_mass, gravity
         m [kg] and g [m/s^2].
     rail
@@ -93,6 +95,7 @@ class Plan(NamedTuple):
     steps: int
     hold: int
     timestep: float
+    last: float
     pole_mass: float
     gravity: float
     rail: float = math.inf
@@ -133,8 +136,8 @@ def _settled(criterion, state):
 
 
 @borrowing_kernel
-def _enter(at, plan, profile, run, record, k, force):
-    """Reach instant k: end the run there or continue it; record state and force."""
+def _enter(at, plan, profile, run, record, k):
+    """Reach instant k: end the run there or continue it; record state, force and command."""
     state, criterion = read_state(at), plan.criterion
     z, phi = abs(state[0]), abs(state[1])
     run.step = k
@@ -155,7 +158,7 @@ def _enter(at, plan, profile, run, record, k, force):
     if len(record) > 0:
         row = record[k]
         row[0], row[1], row[2], row[3] = read_state(at)
-        row[4] = force
+        row[4], row[5] = run.force, run.asked
 
 
 @borrowing_kernel
@@ -171,15 +174,15 @@ def start(at, plan, profile, run, record, initial_state):
     profile
         What happens to the plant in each step, with the fields of `PROFILE`.
     record
-        Takes the state at each instant and the force from then on, shape (N + 1, 5), or (0, 5) for
-        no record.
+        Takes the columns of `RECORD` at each instant, shape (N + 1, 6), or (0, 6) for no record.
     initial_state
         (z, phi, z_dot, phi_dot), shape (4,).
     """
     x = initial_state
     mj_reset_data(at.model, at.data)
+    store(at.timestep, plan.timestep)
     write_state(at, x[0], x[1], x[2], x[3])
-    _enter(at, plan, profile, run, record, 0, 0.0)
+    _enter(at, plan, profile, run, record, 0)
 
 
 @borrowing_kernel
@@ -194,19 +197,28 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
         Force that the controller commands [N]; NaN ends the run, and so does a force beyond
         `STATE_LIMIT` that no limit of the drive cuts off.
     """
-    first, half = run.step, 0.5 * plan.timestep
+    first = run.step
+    run.asked, run.max_command = command, max(run.max_command, abs(command))
+    beyond = abs(command) >= actuator.limit
     command = within_reach(actuator, command)
     before = read_state(at)
     if not abs(command) < STATE_LIMIT:
         run.status = ending_of(before)
         if len(record) > 0:
-            record[first, 4] = command
+            record[first, 5] = command
         return
     run.command, run.mean_force = command, 0.0
     for k in range(first, min(first + plan.hold, plan.steps)):
-        force = actuate(actuator, run, pending, command, k)
+        length = 1.0
+        if k == plan.steps - 1 and plan.last < plan.timestep:
+            length = plan.last / plan.timestep
+            store(at.timestep, plan.last)
+        half = 0.5 * plan.timestep * length
+        force = actuate(actuator, run, pending, command, k, length)
+        if beyond:
+            run.limited += length
         if len(record) > 0:
-            record[k, 4] = force
+            record[k, 4], record[k, 5] = run.onset, run.asked
         before = read_state(at)
         store(at.control, force)
         store(at.push, profile[min(k, len(profile) - 1)].push)
@@ -216,10 +228,9 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
             run.status = ending_of(before)
             return
         run.mean_force += force / plan.hold
-        run.max_force = max(run.max_force, abs(force))
         run.iae_z += half * (abs(before[0]) + abs(after[0]))
         run.iae_phi += half * (abs(before[1]) + abs(after[1]))
-        _enter(at, plan, profile, run, record, k + 1, force)
+        _enter(at, plan, profile, run, record, k + 1)
         if run.status != RUNNING:
             return
 

@@ -20,7 +20,7 @@ from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import Judgement, judge
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.sampled.runs import perform, prepare, recorded
+from afl_mujoco.simulation.sampled.runs import Timing, perform, prepare, recorded, timing_of
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
 
 DWELL = 1.0
@@ -84,7 +84,7 @@ def run_rollouts(
     scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
     controller: Any,
     *,
-    timestep: float = 1e-3,
+    timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
     threads: int = 1,
@@ -129,14 +129,15 @@ def run_rollouts(
         scenario = found[i]
         model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
         model.compute_only(scenario.imperfections)
-        prepared = prepare(scenario, controller, **settings)
+        timing = timing_of(scenario, model, **settings)
+        prepared = prepare(scenario, controller, timing)
         asked = scenario.requirements != NONE
         done, rows = perform(model, prepared, controller, record=asked)
         if asked:
-            whole = recorded(scenario, controller, prepared, done, rows, integrator)
+            whole = recorded(scenario, controller, timing, done, rows, integrator)
             judged[i] = judge(scenario, whole)
         status[i] = done["status"]
-        for name, value in _figures(done, timestep).items():
+        for name, value in _figures(done, timing).items():
             figures[name][i] = value
 
     def task_on(model: CartPoleModel) -> Task:
@@ -148,21 +149,21 @@ def run_rollouts(
 
     alone = controller.interpreted  # threads do not speed it up; here it can be stopped
     models = [
-        CartPoleModel(NOMINAL, timestep=timestep, integrator=integrator)
+        CartPoleModel(NOMINAL, integrator=integrator)
         for _ in range(1 if alone else min(threads, max(count, 1)))
     ]
     share(count, [task_on(model) for model in models], part=1)
     return Rollouts(status=status, requirements=tuple(judged), **figures)
 
 
-def _figures(run: Any, timestep: float) -> dict[str, float]:
+def _figures(run: Any, timing: Timing) -> dict[str, float]:
     """Return the figures of a run."""
-    steps, settled = int(run["step"]), int(run["unsettled"])
-    dwelled = (steps - settled) * timestep >= DWELL - SNAP * timestep
+    times, steps, settled = timing.times, int(run["step"]), int(run["unsettled"])
+    dwelled = settled <= steps and times[steps] - times[settled] >= DWELL - SNAP * timing.timestep
     completed = OUTCOMES[int(run["status"])] == COMPLETED
     return {
-        "end_time": steps * timestep,
+        "end_time": float(times[steps]),
         **{name: float(run[name]) for name in _SUMMED},
-        "settling_time": settled * timestep if completed and dwelled else math.nan,
-        "stop_time": run["at_stop"] * timestep if run["at_stop"] >= 0 else math.nan,
+        "settling_time": float(times[settled]) if completed and dwelled else math.nan,
+        "stop_time": float(times[run["at_stop"]]) if run["at_stop"] >= 0 else math.nan,
     }

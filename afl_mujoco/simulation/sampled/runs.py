@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,20 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.estimation.estimator import new_filter
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.sampling import SNAP, impulses_by_step, whole_steps
+from afl_mujoco.scenario.sampling import (
+    SNAP,
+    TYPED,
+    Ticks,
+    cut_period,
+    held_disturbances,
+    instants,
+    step_times,
+)
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import (
+    RECORD,
     RUNNING,
     Actuator,
     Sensors,
@@ -27,6 +36,12 @@ from afl_mujoco.simulation.sampled.hardware import (
     sensors_of,
 )
 from afl_mujoco.simulation.trajectory import OUTCOMES, Outcome, Trajectory, assemble
+
+LONG_AGO = 1e9
+"""Before that nothing was known of the plant [s]; a longer delay is the same."""
+
+MOST_FINER = 1000
+"""Largest factor by which a run makes its step finer for the damping of the joints."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,65 +69,137 @@ class PreparedRun:
     estimator: Estimator | None
 
 
-def control_period_of(scenario: Scenario, given: float | None, timestep: float) -> float:
-    """Return the control period [s]: the scenario's, else the one given, else the timestep.
+class Timing(NamedTuple):
+    """The instants of a run.
 
-    Parameters
+    Attributes
     ----------
-    given, timestep
-        The simulator's settings [s].
+    timestep
+        Physics step [s].
+    hold
+        Physics steps of a control period.
+    period
+        Control period [s].
+    times
+        Ends of the steps [s], shape (N + 1,); the last step may be shorter.
+    asked
+        Physics step before it was made finer [s].
     """
-    own = scenario.imperfections.control_period
-    period = given if own is None else own
-    if period is not None and period > scenario.duration:
-        rule = f"must be within the duration {scenario.duration:g} s (in seconds, not Hz)"
-        raise InvalidValueError("control_period", rule, period)
-    if own is None:
-        return timestep if given is None else given
-    if given is not None and given != own:
-        raise InvalidValueError(
-            "control_period", f"must be that of scenario {scenario.name!r}, {own:g} s", given
-        )
-    return own
+
+    timestep: float
+    hold: int
+    period: float
+    times: NDArray[np.float64]
+    asked: float
+
+    @property
+    def last(self) -> float:
+        """Length of the last step [s]; the timestep itself unless it is shorter."""
+        length = float(self.times[-1]) - (len(self.times) - 2) * self.timestep
+        return length if length < (1.0 - SNAP) * self.timestep else self.timestep
 
 
-def prepare(
-    scenario: Scenario,
-    controller: Controller,
-    *,
-    timestep: float,
-    control_period: float | None = None,
-) -> PreparedRun:
-    """Sample all inputs of a scenario on the steps and ticks of a run.
+def ticks_of(
+    scenario: Scenario, timestep: float | None = None, control_period: float | None = None
+) -> Ticks:
+    """Return how the control period of a scenario is cut into physics steps, or raise.
 
     Parameters
     ----------
     timestep
-        Physics step [s].
+        Physics step [s]; None for the longest up to 1 ms that divides the control period.
     control_period
-        Control period for a scenario that does not set it [s] (default: one step).
+        Control period for a scenario that does not set it [s]; None for one step.
+    """
+    own = scenario.imperfections.control_period
+    period = control_period if own is None else own
+    if period is not None and period > scenario.duration:
+        rule = f"must be within the duration {scenario.duration:g} s (in seconds, not Hz)"
+        raise InvalidValueError("control_period", rule, period)
+    if control_period is not None and own is not None:
+        if abs(control_period - own) > TYPED * own:
+            rule = f"must be that of scenario {scenario.name!r}, {own:g} s"
+            raise InvalidValueError("control_period", rule, control_period)
+    if timestep is not None and timestep > scenario.duration:
+        rule = f"must be within the duration {scenario.duration:g} s"
+        raise InvalidValueError("timestep", rule, timestep)
+    ticks = cut_period(period, timestep)
+    step_times(scenario.duration, ticks.timestep)  # raises if there are too many
+    return ticks
+
+
+def timing_of(
+    scenario: Scenario,
+    model: CartPoleModel,
+    *,
+    timestep: float | None = None,
+    control_period: float | None = None,
+) -> Timing:
+    """Return the instants of a run, its step fine enough for the damping in the model.
+
+    Parameters
+    ----------
+    model
+        The model, with the passive physics of the scenario.
+    timestep, control_period
+        As in `ticks_of`.
+    """
+    asked = ticks_of(scenario, timestep, control_period)
+    ticks = fine_enough(asked, model.decay_rate(scenario.plants))
+    return Timing(
+        timestep=ticks.timestep,
+        hold=ticks.hold,
+        period=asked.period,
+        times=step_times(scenario.duration, ticks.timestep),
+        asked=asked.timestep,
+    )
+
+
+def fine_enough(ticks: Ticks, rate: float) -> Ticks:
+    """Return ticks whose physics steps are no longer than the fastest decay, or raise.
+
+    Parameters
+    ----------
+    rate
+        `CartPoleModel.decay_rate` [1/s].
+    """
+    finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
+    step = ticks.timestep / finer
+    if finer > MOST_FINER:
+        rule = f"must be at most {step:.2g} s with this damping under RK4 (or another integrator)"
+        raise InvalidValueError("timestep", rule, ticks.timestep)
+    return Ticks(step, finer * ticks.hold) if finer > 1 else ticks
+
+
+def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> PreparedRun:
+    """Sample all inputs of a scenario on the steps and ticks of a run.
+
+    Parameters
+    ----------
+    timing
+        The instants of the run, from `timing_of`.
     """
     s, r = scenario, scenario.imperfections
-    period = control_period_of(s, control_period, timestep)
-    hold = whole_steps("control_period", period, "timestep", timestep)
-    count = whole_steps("duration", s.duration, "timestep", timestep)
+    times, hold, period = timing.times, timing.hold, timing.period
+    count = len(times) - 1
     last = min(last_change(s), s.duration)
-    changing = min(math.ceil(last / timestep) + 1, count)
+    changing = min(math.ceil(last / timing.timestep) + 1, count)
     known_until = min(last + r.parameter_delay, s.duration)
     ticks = _grid(min(math.ceil(known_until / period) + 2, -(-count // hold)))
-    masses, lengths = told_parameters(s, ticks * hold * timestep, timestep, controller.estimates)
+    masses, lengths = told_parameters(s, ticks * hold * timing.timestep, controller.estimates)
     return PreparedRun(
         plan=loop.Plan(
             steps=count,
             hold=hold,
-            timestep=timestep,
+            timestep=timing.timestep,
+            last=timing.last,
             pole_mass=s.pole_mass,
             gravity=s.gravity,
             rail=math.inf if r.rail_half_length is None else r.rail_half_length,
         ),
         sensors=sensors_of(r, period),
-        actuator=actuator_of(r, timestep, count),
-        profile=input_profile(s, timestep, changing, count),
+        actuator=actuator_of(r, timing.timestep, count),
+        profile=input_profile(s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
         estimator=controller.estimator_for(s.plants),
         inputs=controller.inputs_along_run(
@@ -131,7 +218,7 @@ def last_change(scenario: Scenario) -> float:
 
 
 def told_parameters(
-    scenario: Scenario, times: NDArray[np.float64], timestep: float, estimates: bool = False
+    scenario: Scenario, times: NDArray[np.float64], estimates: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return M [kg] and l [m] as a controller assumes them at some times, late and with an error.
 
@@ -139,33 +226,29 @@ def told_parameters(
     ----------
     times
         Times of its control ticks [s].
-    timestep
-        Physics step [s].
     estimates
         Whether it uses estimates instead, to which the errors do not apply.
     """
     s, r = scenario, scenario.imperfections
-    known_at = times - (r.parameter_delay - SNAP * timestep if r.parameter_delay else 0.0)
+    known_at = instants(np.maximum(times - r.parameter_delay, -LONG_AGO))
     mass_error, length_error = (0.0, 0.0) if estimates else (r.mass_error, r.length_error)
     masses, lengths = s.cart_mass(known_at), s.half_length(known_at)
     return masses * (1.0 + mass_error), lengths * (1.0 + length_error)
 
 
-def input_profile(scenario: Scenario, timestep: float, changing: int, count: int) -> NDArray[Any]:
-    """Return what happens to the plant in each step until nothing changes any more.
+def input_profile(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[Any]:
+    """Return what happens to the plant in each step of a grid.
 
     Parameters
     ----------
-    timestep
-        Physics step [s].
+    times
+        Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
     """
-    starts = _grid(min(changing + 1, count) + 1) * timestep
-    middles = (_grid(len(starts) - 1) + 0.5) * timestep
+    middles = 0.5 * (times[:-1] + times[1:])
     profile = np.empty(len(middles), loop.PROFILE)
     profile["cart_mass"] = scenario.cart_mass(middles)
     profile["half_length"] = scenario.half_length(middles)
-    profile["push"] = scenario.pushes(middles)
-    profile["impulse"] = impulses_by_step(scenario, starts)
+    profile["push"], profile["impulse"] = held_disturbances(scenario, times)
     return profile
 
 
@@ -196,12 +279,12 @@ def perform(
     run
         How the run ended and its figures, a record with the fields of `hardware.RUN`.
     record
-        States and forces, shape (N + 1, 5), or (0, 5) if they are not kept; a run that ends early
-        fills only the first rows.
+        Columns of `RECORD`, shape (N + 1, 6), or (0, 6) if they are not kept; a run that ends
+        early fills only the first rows.
     """
     at, plan, actuator = model.addresses, prepared.plan, prepared.actuator
     run, pending = new_run(), no_commands(actuator)
-    rows = np.empty((plan.steps + 1 if record else 0, 5))
+    rows = np.empty((plan.steps + 1 if record else 0, len(RECORD)))
     plant = (at, plan, prepared.profile, run)
     devices = (prepared.initial_state, prepared.sensors, actuator)
     if (estimator := prepared.estimator) is not None:
@@ -227,7 +310,7 @@ def simulate_sampled(
     scenario: Scenario,
     controller: Controller,
     *,
-    timestep: float = 1e-3,
+    timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
     model: CartPoleModel | None = None,
@@ -238,44 +321,59 @@ def simulate_sampled(
     Parameters
     ----------
     model
-        The model to use instead of a fresh one, with the same timestep and integrator.
+        The model to use instead of a fresh one, with the same integrator.
     """
-    prepared = prepare(scenario, controller, timestep=timestep, control_period=control_period)
     if model is None:
         model = CartPoleModel(
             scenario.parameters_at(0.0),
-            timestep=timestep,
             integrator=integrator,
             imperfections=scenario.imperfections,
         )
         model.compute_only(scenario.imperfections)
+    timing = timing_of(scenario, model, timestep=timestep, control_period=control_period)
+    prepared = prepare(scenario, controller, timing)
     run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
-    return recorded(scenario, controller, prepared, run, rows, integrator)
+    return recorded(scenario, controller, timing, run, rows, integrator)
 
 
 def recorded(
     scenario: Scenario,
     controller: Controller,
-    prepared: PreparedRun,
+    timing: Timing,
     run: Any,
     rows: NDArray[np.float64],
     integrator: str,
 ) -> Trajectory:
     """Return the trajectory of a recorded run from what `perform` returned."""
-    count, timestep = int(run["step"]), prepared.plan.timestep
-    times = _grid(prepared.plan.steps + 1) * timestep
+    count = int(run["step"])
     settings = {
-        "timestep": timestep,
-        "control_period": prepared.sensors.period,
+        "timestep": timing.timestep,
+        "control_period": timing.period,
         "integrator": integrator,
     }
+    if timing.asked != timing.timestep:
+        settings["asked_timestep"] = timing.asked
     return assemble(
         scenario,
         controller,
         "mujoco sampled",
         settings,
-        times,
+        timing.times,
         rows[: count + 1, :4],
-        Outcome(OUTCOMES[int(run["status"])], float(times[count])),
+        Outcome(OUTCOMES[int(run["status"])], float(timing.times[count])),
         rows[: count + 1, 4],
+        command=rows[: count + 1, 5],
+        effort=effort_of(run, timing),
     )
+
+
+def effort_of(run: Any, timing: Timing) -> dict[str, float]:
+    """Return the figures of command and exerted force, exact for their course within the steps."""
+    ended = float(timing.times[int(run["step"])])
+    return {
+        "max_command": float(run["max_command"]),
+        "max_force": float(run["max_force"]),
+        "force_squared": float(run["force_squared"]) * timing.timestep,
+        "force_variation": float(run["force_variation"]),
+        "limited_share": float(run["limited"]) * timing.timestep / ended if ended else 0.0,
+    }

@@ -43,7 +43,7 @@ class StartMap:
     own_outcome
         How the run from there ends, as in `outcome`.
     timestep, integrator
-        MuJoCo's step [s] and integrator.
+        MuJoCo's step [s], None for the default, and integrator.
     shares
         Shares of the grid points by how they end, as in `WORDS` [1].
     angles, rates
@@ -57,7 +57,7 @@ class StartMap:
     judged: bool
     own: tuple[float, float]
     own_outcome: int
-    timestep: float
+    timestep: float | None
     integrator: str
     shares: dict[str, float]
     angles: Array
@@ -71,7 +71,7 @@ def map_starts(
     angles: NDArray[np.float64],
     rates: NDArray[np.float64],
     *,
-    timestep: float,
+    timestep: float | None,
     integrator: str,
     threads: int,
     progress: Callable[[int], None],

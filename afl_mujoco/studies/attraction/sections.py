@@ -71,10 +71,10 @@ def _of_a_scenario(maps: Sequence[StartMap]) -> list[Block]:
             name="attraction-starts",
             title=f"From which starts each controller {words} on {first.scenario}",
             caption=(
-                f"One run in MuJoCo for each point, as deployed, with steps of "
-                f"{1e3 * first.timestep:g} ms ({first.integrator}), schedules, disturbances and "
-                "imperfections. The cross marks the start of the scenario itself, in the colour of "
-                "how its run ends; it need not be one of the points."
+                f"One run in MuJoCo ({first.integrator}) for each point, as deployed, with "
+                "schedules, disturbances and imperfections. The cross marks the start of the "
+                "scenario itself, in the colour of how its run ends; it need not be one of the "
+                "points."
             ),
             alt=text,
             draw=partial(draw_starts, maps),

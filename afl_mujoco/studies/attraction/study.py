@@ -22,8 +22,8 @@ GRID, QUICK_GRID = 101, 21
 STARTS, QUICK_STARTS = 41, 11
 """Number of grid points along each axis of the map of a scenario, one run each."""
 
-TIMESTEP, WITH_A_SCENARIO = 2e-3, 1e-3
-"""Default step of MuJoCo [s]."""
+TIMESTEP = 2e-3
+"""Default step of MuJoCo without a scenario [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +72,8 @@ class Attraction:
     horizon: float = 20.0
     """Time at which a rollout that has neither settled nor fallen ends as undecided [s]."""
     timestep: float | None = None
-    """MuJoCo's physics step [s]; by default 0.001 with a scenario, else 0.002, over which the
-    control is held."""
+    """MuJoCo's physics step [s]; by default that of simulate for a scenario, else 0.002, over which
+    the control is held."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     gain_labels: str = "table2"
@@ -96,7 +96,7 @@ class Request(NamedTuple):
     controllers: list[Controller]
     maps: list[Grid]
     settling: Settling
-    timestep: float
+    timestep: float | None
     scenario: Scenario | None
 
 
@@ -141,10 +141,9 @@ def _scenario_request(configuration: Attraction, name: str) -> Request:
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.errors import InvalidValueError
     from afl_mujoco.scenario.files import find_scenario
-    from afl_mujoco.scenario.sampling import whole_steps
     from afl_mujoco.simulation.attraction.grid import Settling
     from afl_mujoco.simulation.mujoco_model import require_integrator
-    from afl_mujoco.simulation.sampled.runs import control_period_of
+    from afl_mujoco.simulation.sampled.runs import ticks_of
 
     c, scenario = configuration, find_scenario(name)
     defaults = {field.name: field.default for field in fields(c)}
@@ -152,14 +151,11 @@ def _scenario_request(configuration: Attraction, name: str) -> Request:
         if (value := getattr(c, option)) != defaults[option]:
             rule = f"is that of scenario {scenario.name!r}: leave it out"
             raise InvalidValueError(option, rule, value)
-    timestep = WITH_A_SCENARIO if c.timestep is None else c.timestep
-    whole_steps("duration", scenario.duration, "timestep", timestep)
-    period = control_period_of(scenario, None, timestep)
-    whole_steps("control_period", period, "timestep", timestep)
+    ticks_of(scenario, c.timestep)
     require_integrator(c.integrator)
     starts_of(c)
     controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
-    return Request(controllers, [], Settling(), timestep, scenario)
+    return Request(controllers, [], Settling(), c.timestep, scenario)
 
 
 def starts_of(configuration: Attraction) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -13,13 +13,12 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import require_distinct
-from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import judge, judge_failure, remarks_on
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
 from afl_mujoco.studies.compare.result import ComparedRun, Curves, Result
 
@@ -28,7 +27,7 @@ def compare(
     scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
     controllers: Any,
     *,
-    timestep: float = 1e-3,
+    timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
     advance: Callable[[object], None] | None = None,
@@ -86,7 +85,7 @@ def require_comparable(
     scenarios: Sequence[Scenario],
     controllers: Sequence[Controller],
     *,
-    timestep: float,
+    timestep: float | None,
     control_period: float | None,
     integrator: str,
 ) -> None:
@@ -97,9 +96,7 @@ def require_comparable(
     require_distinct("controller", [controller.name for controller in controllers], hint)
     require_integrator(integrator)
     for scenario in scenarios:
-        period = control_period_of(scenario, control_period, timestep)
-        whole_steps("control_period", period, "timestep", timestep)
-        whole_steps("duration", scenario.duration, "timestep", timestep)
+        ticks_of(scenario, timestep, control_period)
         for controller in controllers:  # raises if a gain is not positive
             controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))
 

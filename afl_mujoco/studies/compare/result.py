@@ -66,7 +66,7 @@ class Result:
     scenarios: tuple[Scenario, ...]
     runs: tuple[ComparedRun, ...]
     curves: Mapping[str, Curves] = field(default_factory=dict)
-    timestep: float
+    timestep: float | None
     control_period: float | None
     integrator: str
     film: FilmRequest | None = None

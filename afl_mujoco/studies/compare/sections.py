@@ -24,7 +24,7 @@ from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import departures_text, describe
 from afl_mujoco.simulation.metrics import LABELS, unit_of
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.compare.figures import draw_responses
 from afl_mujoco.studies.compare.result import ComparedRun, Result
@@ -87,15 +87,15 @@ def opening(result: Result) -> list[Block]:
 
 def _deployment(result: Result, scenario: Scenario) -> str:
     """Say how the controllers were run on a scenario."""
-    period = control_period_of(scenario, result.control_period, result.timestep)
+    ticks = ticks_of(scenario, result.timestep, result.control_period)
     ideal = scenario.imperfections == IDEAL
     hardware = "ideal" if ideal else f"with {departures_text(scenario.imperfections)}"
     seed = scenario.imperfections.seed
     noise = f" One draw of the noise, seed {seed}." if scenario.imperfections.noisy else ""
     return (
         f"As deployed in MuJoCo, {hardware}: "
-        f"force held for {short(1e3 * period)} ms, physics steps of "
-        f"{short(1e3 * result.timestep)} ms ({result.integrator}).{noise}"
+        f"force held for {short(1e3 * ticks.period)} ms, physics steps of "
+        f"{short(1e3 * ticks.timestep)} ms ({result.integrator}).{noise}"
     )
 
 

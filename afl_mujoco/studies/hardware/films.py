@@ -9,7 +9,6 @@ import numpy as np
 
 from afl_mujoco.identification.export import with_values
 from afl_mujoco.identification.rig import physical
-from afl_mujoco.identification.windows import STEP
 from afl_mujoco.studies.hardware.result import Result
 
 if TYPE_CHECKING:
@@ -62,10 +61,7 @@ def films(result: Result, command: str) -> list[Film]:
             name=f"hardware-{r.name.lower()}",
             title=f"{r.name} as MuJoCo predicts it, half a second at a time, and as measured",
             runs=((scenario, find_controller("lqr")),),
-            deployment=Deployment(
-                timestep=round(one.period / max(1, round(one.period / STEP)), 5),
-                control_period=round(one.period, 5),
-            ),
+            deployment=Deployment(control_period=round(one.period, 5)),
             fps=FPS,
             command=command,
             replay=replay,

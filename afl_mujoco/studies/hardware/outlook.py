@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -76,7 +75,7 @@ def outlook(
     found = []
     for name in CONTROLLERS:
         controller = find_controller(name)
-        runs = _run(drawn, controller, workers)
+        runs = run_rollouts(drawn, controller, threads=workers)
         found.append(
             Survival(
                 controller=name,
@@ -98,22 +97,13 @@ def _largest_angle(scenario: Scenario, controller: Controller, workers: int) -> 
         for angle in ANGLES
         for sign in (-1.0, 1.0)
     ]
-    runs = _run(starts, controller, workers)
+    runs = run_rollouts(starts, controller, threads=workers)
     largest = 0
     for i, angle in enumerate(ANGLES):
         if not (_survives(runs, 2 * i) and _survives(runs, 2 * i + 1)):
             break
         largest = angle
     return math.radians(largest)
-
-
-def _run(scenarios: Sequence[Scenario], controller: Controller, workers: int) -> Rollouts:
-    """Run a controller as deployed on scenarios of one control period, if there are any."""
-    if not scenarios:
-        return run_rollouts([], controller)
-    period = scenarios[0].imperfections.control_period or TIMESTEP
-    step = period / math.ceil(period / TIMESTEP - 1e-9)
-    return run_rollouts(scenarios, controller, timestep=step, threads=workers)
 
 
 def _survives(runs: Rollouts, index: int) -> bool:

@@ -195,7 +195,6 @@ def motion_decays(
     imperfections
         As from `linear_part`.
     """
-    steps = math.ceil(period / TIMESTEP - 1e-9)  # of a period
     scenario = Scenario(
         name="small motion",
         duration=max(1, round(DURATION / period)) * period,
@@ -208,7 +207,7 @@ def motion_decays(
             imperfections, delay=imperfections.delay + delay, control_period=None
         ),
     )
-    run = simulate_sampled(scenario, controller, timestep=period / steps, control_period=period)
+    run = simulate_sampled(scenario, controller, control_period=period)
     if run.outcome.kind != COMPLETED:
         return False
     peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])

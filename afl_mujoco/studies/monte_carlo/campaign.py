@@ -15,9 +15,8 @@ from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.execution.executors import Executor, compute_all
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
-from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.simulation.mujoco_model import require_integrator
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.studies.monte_carlo.rates import Pairing, Rate, pair
 from afl_mujoco.studies.monte_carlo.trial import Settings, Trial, run_trials
 
@@ -162,9 +161,7 @@ def require_campaign(
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
     require_integrator(settings.integrator)
     scenario = space.scenario
-    period = control_period_of(scenario, None, settings.timestep)
-    for thing, length in (("control_period", period), ("duration", scenario.duration)):
-        whole_steps(thing, length, "timestep", settings.timestep)
+    ticks_of(scenario, settings.timestep)
     masses, lengths = (_told(space, name, error) for name, error in ERRORS.items())
     plants = np.meshgrid(masses, lengths)
     for controller in controllers:

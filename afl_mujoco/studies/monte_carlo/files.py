@@ -44,7 +44,9 @@ def write(result: Result, folder: Path) -> list[Path]:
     }
     scenarios |= {one.file: result.scenario_of(one) for one in result.worst_cases}
     replays = {
-        rates.controller: Replay(controller=rates.asked, integrator=result.integrator)
+        rates.controller: Replay(
+            controller=rates.asked, integrator=result.integrator, timestep=result.timestep
+        )
         for rates in result.controllers
     }
     _replace(folder, replays, scenarios)

@@ -165,7 +165,7 @@ class Result:
     seed, samples
         Seed of the campaign, and its number of samples.
     integrator, timestep
-        MuJoCo's integrator, and its step [s].
+        MuJoCo's integrator, and its step [s], None for the default.
     confidence
         Confidence level of the intervals [1].
     space
@@ -181,7 +181,7 @@ class Result:
     seed: int
     samples: int
     integrator: str
-    timestep: float
+    timestep: float | None
     confidence: float
     space: SampleSpace
     controllers: tuple[ControllerRates, ...]

@@ -26,7 +26,7 @@ from afl_mujoco.scenario.ranges import SCHEDULES, unit_of
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.sample_space import acting
 from afl_mujoco.simulation.judgement import unit_remarks
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.monte_carlo.figures import (
     BINS,
@@ -123,8 +123,7 @@ def _assumed(result: Result) -> Iterator[Text]:
 def _units(result: Result) -> Iterator[Text]:
     """Say what in the harshest sample one may have meant in another unit."""
     corner = result.space.scenario_of(np.ones(result.space.dimension), 0, 0)
-    period = control_period_of(corner, None, result.timestep)
-    for remark in unit_remarks(corner, period):
+    for remark in unit_remarks(corner, ticks_of(corner, result.timestep).period):
         yield Text(f"Where everything that varies is at its largest, {remark}.")
 
 

@@ -56,6 +56,9 @@ class MonteCarlo:
     """Number of generations of each search, 16 runs each; 30 by default."""
     quick: bool = False
     """100 samples and 5 generations, unless other numbers are given."""
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, the default of `simulate`, Euler, implicit, implicitfast."""
     keep: int | None = None
@@ -107,7 +110,7 @@ def request_of(configuration: MonteCarlo) -> Request:
         assumed=asked.ranges == FIXED,
         controllers=[find_controller(name) for name in c.controllers],
         samples=samples if c.samples is None else c.samples,
-        settings=Settings(integrator=c.integrator),
+        settings=Settings(integrator=c.integrator, timestep=c.timestep),
         budget=Budget(generations=generations if c.generations is None else c.generations),
     )
     require_campaign(

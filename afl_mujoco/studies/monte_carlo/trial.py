@@ -116,11 +116,11 @@ class Settings(NamedTuple):
     integrator
         MuJoCo's integrator, as in `simulate_mujoco`.
     timestep
-        Physics step [s].
+        Physics step [s], None for the default of `simulate_mujoco`.
     """
 
     integrator: str = "RK4"
-    timestep: float = 1e-3
+    timestep: float | None = None
 
 
 def run_trials(

@@ -9,7 +9,6 @@ from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.bisection import Threshold
 from afl_mujoco.studies.delay_margin import LeastMargin
-from afl_mujoco.studies.thresholds.imperfections import TIMESTEP
 
 END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "no force"
 """Ways to fail besides the outcomes of a run."""
@@ -94,7 +93,7 @@ class Settings:
     tolerance
         Relative width to which bisection narrows a threshold [1].
     integrator, timestep
-        MuJoCo's integrator, and its step [s] unless the imperfection sets it.
+        MuJoCo's integrator, and its step [s], None for the default of each control period.
     """
 
     scenarios: tuple[str, ...] = ()
@@ -102,7 +101,7 @@ class Settings:
     scan: int = 13
     tolerance: float = 0.02
     integrator: str = "RK4"
-    timestep: float = TIMESTEP
+    timestep: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

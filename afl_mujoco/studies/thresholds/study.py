@@ -58,6 +58,9 @@ class Thresholds:
     """Relative width to which bisection narrows a threshold; 0.02 by default."""
     quick: bool = False
     """2 seeds, 7 levels and a tolerance of 0.2, unless given otherwise."""
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
     gain_labels: str = "table2"

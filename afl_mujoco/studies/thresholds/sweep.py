@@ -21,11 +21,10 @@ from afl_mujoco.scenario.imperfections import (
     Imperfections,
 )
 from afl_mujoco.scenario.parameters import departures, require_distinct
-from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
-from afl_mujoco.simulation.sampled.runs import control_period_of
+from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, counted, silent
@@ -73,8 +72,7 @@ def sweep(unit: Unit) -> Sweep:
         chance = seeds(imperfection.seeded, scenarios, settings)
         hardware = [imperfections_at(imperfection, level, seed) for seed in chance]
         runs = on_hardware(scenarios, hardware)
-        own = replace(settings, timestep=imperfection.quantum or settings.timestep)
-        return judge(level, runs, controller, own)
+        return judge(level, runs, controller, settings)
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
         scan = scan_levels(imperfection.benign, imperfection.harsh, settings.scan)
@@ -246,6 +244,7 @@ def request_of(configuration: Thresholds) -> Request:
         scan=scan if c.scan is None else c.scan,
         tolerance=tolerance if c.tolerance is None else c.tolerance,
         integrator=c.integrator,
+        timestep=c.timestep,
     )
     scenarios = tuple(find_scenario(name) for name in c.scenarios or (SCENARIO,))
     controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
@@ -270,9 +269,7 @@ def require(
         raise InvalidValueError("tolerance", "must lie in 1e-4 to 1", settings.tolerance)
     require_integrator(settings.integrator)
     for scenario in scenarios:
-        whole_steps("duration", scenario.duration, "timestep", settings.timestep)
-        period = control_period_of(scenario, None, settings.timestep)
-        whole_steps("control_period", period, "timestep", settings.timestep)
+        ticks_of(scenario, settings.timestep)
     return names
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.sampling import whole_steps
+from afl_mujoco.scenario.sampling import step_times
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.arrays import Array
@@ -118,8 +118,7 @@ def select_curves(
     timestep
         Spacing of the instants of which some are kept [s].
     """
-    count = whole_steps("duration", scenario.duration, "timestep", timestep)
-    grid = np.asarray(np.arange(count + 1) * timestep, dtype=np.float64)
+    grid = step_times(scenario.duration, timestep)
     rows = {name: _rows(run, grid) for name, run in runs.items()}
     states = {name: run.state[rows[name]] for name, run in runs.items()}
     forces = {name: run.force[rows[name]] for name, run in runs.items()}

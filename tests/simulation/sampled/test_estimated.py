@@ -19,7 +19,7 @@ from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.estimated import simulate_estimated
 from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
 from afl_mujoco.simulation.sampled.rollouts import run_rollouts
-from afl_mujoco.simulation.sampled.runs import prepare
+from afl_mujoco.simulation.sampled.runs import prepare, timing_of
 
 REAL = Imperfections(
     noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004,
@@ -38,9 +38,9 @@ def by_hand(scenario, controller):
 
     Returns states and forces, and the last estimates.
     """
-    run = prepare(scenario, controller, timestep=1e-3)
     model = CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
-    pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 5))
+    run = prepare(scenario, controller, timing_of(scenario, model, timestep=1e-3))
+    pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 6))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
     filtering, settings = estimator.new_filter(), controller.settings.on(scenario.plants)[0]
     loop.start(*plant, rows, run.initial_state)
@@ -50,10 +50,9 @@ def by_hand(scenario, controller):
         if tick == 0:
             mass, length = estimator.start(filtering, settings, z, phi)
         else:
-            k = int(memory["step"])
             force = max(min(command, 8.0), -8.0)
             if controller.settings.force_sensed:
-                force = float(rows[k - 1, 4] / 2 + rows[k - 2, 4] / 2)
+                force = float(memory["mean_force"])
             mass, length = estimator.update(filtering, settings, z, phi, force, 0.002)
         assumed_parameters = (
             mass,
@@ -122,9 +121,10 @@ def test_errors_of_the_assumed_parameters_do_not_reach_it(odd_scenario, estimati
 
 def test_it_runs_nowhere_else(odd_scenario, estimating):
     rule = r'^controller .estimating. .*only mode "sampled"'
-    for simulate in (simulate_ode, simulate_mujoco):
-        with pytest.raises(InvalidValueError, match=rule):
-            simulate(odd_scenario, estimating)
+    with pytest.raises(InvalidValueError, match=rule):
+        simulate_ode(odd_scenario, estimating)
+    with pytest.raises(InvalidValueError, match=rule):
+        simulate_mujoco(odd_scenario, estimating, "exact")
 
 
 def test_estimates_along_a_run_can_be_kept_and_changes_nothing(odd_scenario, estimating):

@@ -44,7 +44,7 @@ def forces(imperfections, commands, h=H):
     run, pending = new_run(), no_commands(actuator)
     return np.array(
         [
-            actuate(actuator, run, pending, within_reach(actuator, c), k)
+            actuate(actuator, run, pending, within_reach(actuator, c), k, 1.0)
             for k, c in enumerate(commands)
         ]
     )
@@ -197,10 +197,8 @@ CHAINS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CHAINS)
-def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(name, rng):
-    real, fine, count = CHAINS[name], 2000, 40
-    commands = 6.0 * rng.normal(size=count)
+def fine_chain(real, commands, fine):
+    """The force in `fine` parts of every step, by a simulation with that many steps."""
     limit = math.inf if real.force_limit is None else real.force_limit
     slew = math.inf if real.slew_rate is None else real.slew_rate * H / fine
     held = np.repeat(np.clip(commands, -limit, limit), fine)
@@ -214,8 +212,41 @@ def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(n
         else:
             force = demand
         found[i] = force
-    expected = found.reshape(count, fine).mean(axis=1)
-    np.testing.assert_allclose(forces(real, commands), expected, rtol=0, atol=5e-3)
+    return found
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(name, rng):
+    commands = 6.0 * rng.normal(size=40)
+    expected = fine_chain(CHAINS[name], commands, 2000).reshape(40, 2000).mean(axis=1)
+    np.testing.assert_allclose(forces(CHAINS[name], commands), expected, rtol=0, atol=5e-3)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_peak_square_and_variation_are_those_of_the_force_within_the_steps(name, rng):
+    commands, real = 6.0 * rng.normal(size=40), CHAINS[name]
+    fine = fine_chain(real, commands, 2000)
+    actuator = actuator_of(real, H, len(commands))
+    run, pending = new_run(), no_commands(actuator)
+    for k, command in enumerate(commands):
+        actuate(actuator, run, pending, within_reach(actuator, command), k, 1.0)
+    assert run["max_force"] == pytest.approx(np.abs(fine).max(), rel=1e-3)
+    assert run["force_squared"] == pytest.approx((fine**2).mean() * 40, rel=2e-3)
+    assert run["force_variation"] == pytest.approx(
+        np.abs(np.diff(fine, prepend=0.0)).sum(), rel=3e-3
+    )
+
+
+def test_a_run_of_equal_commands_squares_and_varies_as_the_closed_form():
+    lag, n = 0.004, 50
+    actuator = actuator_of(Imperfections(actuator_lag=lag), H, n)
+    run, pending = new_run(), no_commands(actuator)
+    for k in range(n):
+        actuate(actuator, run, pending, 7.0, k, 1.0)
+    end, gone = n * H, math.exp(-n * H / lag)
+    squared = 49.0 * (end - 2.0 * lag * (1.0 - gone) + 0.5 * lag * (1.0 - gone**2))
+    assert run["force_squared"] * H == pytest.approx(squared, rel=1e-12)
+    assert run["force_variation"] == pytest.approx(7.0 * (1.0 - gone), rel=1e-12)
 
 
 def test_delay_and_lag_in_a_chain_deliver_the_delayed_lagged_step():

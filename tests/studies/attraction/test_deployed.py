@@ -104,7 +104,6 @@ def test_a_python_controller_can_be_mapped_on_a_scenario(files, monkeypatch, tmp
         ({"half_length": 1.0}, "half_length is that of scenario 'rig': leave it out, got 1.0"),
         ({"planes": ("plants",)}, "planes is that of scenario 'rig': leave it out"),
         ({"max_angle": 1.6}, "max_angle must be below 1.5698 rad, where a pole has fallen"),
-        ({"timestep": 3e-3}, "timestep 0.003 s must divide duration 5 s"),
         ({"grid": 1}, "grid must be at least 2, got 1"),
         ({"controllers": ("lqr", "lqr")}, "controller names must differ, got 'lqr' twice"),
     ],

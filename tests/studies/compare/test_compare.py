@@ -259,7 +259,10 @@ def test_the_library_takes_functions_classes_and_names(rig: Path) -> None:
         (("nominal", "nominal"), "scenario names must differ, got 'nominal' twice"),
         (("--controllers", "lqr", "lqr"), "controller names must differ, got 'lqr' twice"),
         (("--integrator", "RK5"), "integrator must be one of RK4, Euler"),
-        (("--control-period", "0.0015"), "timestep 0.001 s must divide control_period 0.0015 s"),
+        (
+            ("--control-period", "0.0015", "--timestep", "0.001"),
+            "timestep 0.001 s must divide control_period 0.0015 s",
+        ),
     ],
 )
 def test_bad_input_is_one_line(rig: Path, command_line, arguments, message: str) -> None:

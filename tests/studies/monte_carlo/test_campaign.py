@@ -231,7 +231,7 @@ def test_severity_is_what_its_words_say() -> None:
         ({"seed": -1}, "seed must lie in 0 to 2**63 - 1, got -1"),
         ({"controllers": []}, "controllers must be at least one, got 0"),
         ({"controllers": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
-        ({"space": near_laboratory(control_period=1.5e-3)},
+        ({"space": near_laboratory(control_period=1.5e-3), "settings": Settings(timestep=1e-3)},
          "timestep 0.001 s must divide control_period 0.0015 s"),
         ({"controllers": [ADAPTIVE], "space": near_laboratory(half_length=(1e-3, 1.0))},
          "switching of the gain function at M = 0.1 kg, l = 0.001 m must be positive, got -"),

@@ -189,7 +189,10 @@ def test_the_numbers_do_not_depend_on_the_workers():
         ({"scenarios": (CASE, CASE)}, (), "scenario names must differ, got 'step-step' twice"),
         ({}, ("delay", "delay"), "imperfection names must differ, got 'delay' twice"),
         (
-            {"scenarios": (replace(CASE, imperfections=Imperfections(control_period=0.0015)),)},
+            {
+                "scenarios": (replace(CASE, imperfections=Imperfections(control_period=0.0015)),),
+                "timestep": 1e-3,
+            },
             (),
             "timestep 0.001 s must divide control_period 0.0015 s",
         ),

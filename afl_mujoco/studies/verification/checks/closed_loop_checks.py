@@ -9,6 +9,7 @@ import numpy as np
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.disturbances import Impulse
+from afl_mujoco.scenario.sampling import held_disturbances
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.ode_fixed_step import rk4_step
 from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
@@ -75,11 +76,11 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
         A run of sampled mode with MuJoCo's RK4.
     """
     timestep = _timestep(run)
-    middles = np.asarray((np.arange(len(run.time) - 1) + 0.5) * timestep, dtype=np.float64)
+    middles = 0.5 * (run.time[:-1] + run.time[1:])
     plants = np.empty((len(middles), 3, 4))
     plants[..., 0], plants[..., 1] = scenario.cart_mass(middles)[:, None], scenario.pole_mass
     plants[..., 2], plants[..., 3] = scenario.half_length(middles)[:, None], scenario.gravity
-    forces = run.force[:-1] + scenario.pushes(middles)
+    forces = run.force[:-1] + held_disturbances(scenario, run.time).push
     jumped = np.zeros(len(forces), dtype=np.bool_)
     for disturbance in scenario.disturbances:
         if isinstance(disturbance, Impulse):
