@@ -14,8 +14,10 @@ from afl_mujoco.scenario.parameters import require_positive, require_type, short
 UNITS = MappingProxyType(
     {
         "completes": "s",
+        "end_stops": "m",
         "max_position": "m",
         "max_angle": "rad",
+        "max_command": "N",
         "max_force": "N",
         "settling_time": "s",
         "recover_within": "s",
@@ -25,6 +27,9 @@ UNITS = MappingProxyType(
 
 BANDS = MappingProxyType({"position_band": "m", "angle_band": "rad"})
 """The bands within which a run is at rest, and their units."""
+
+SWITCHES = ("completes", "end_stops_allowed")
+"""Requirements that are true or false."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +44,10 @@ class Requirements:
         Largest abs(z) at any time [m].
     max_angle
         Largest abs(phi) at any time [rad].
+    max_command
+        Largest abs(F) that the controller asks for [N].
     max_force
-        Largest abs(F) that is exerted [N].
+        Largest abs(F) that the drive exerts [N].
     settling_time
         Time by which z and phi have to be within their bands, and stay there until the first
         disturbance or the end [s].
@@ -50,6 +57,8 @@ class Requirements:
         Half-width of the band around z = 0 in which a run is at rest [m].
     angle_band
         Half-width of the band around phi = 0 in which a run is at rest [rad].
+    end_stops_allowed
+        Whether the cart may reach an end stop of its rail; otherwise a run that does fails.
 
     Raises
     ------
@@ -60,16 +69,21 @@ class Requirements:
     completes: bool = True
     max_position: float | None = None
     max_angle: float | None = None
+    max_command: float | None = None
     max_force: float | None = None
     settling_time: float | None = None
     recover_within: float | None = None
     position_band: float = 0.05
     angle_band: float = 0.02
+    end_stops_allowed: bool = False
 
     def __post_init__(self) -> None:
         """Validate every field and store its numbers as floats."""
-        require_type("completes", self.completes, bool)
-        for field in fields(self)[1:]:
+        for name in SWITCHES:
+            require_type(name, getattr(self, name), bool)
+        for field in fields(self):
+            if field.name in SWITCHES:
+                continue
             value = getattr(self, field.name)
             if value is not None or field.default is not None:
                 object.__setattr__(self, field.name, require_positive(field.name, value))

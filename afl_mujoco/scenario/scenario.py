@@ -27,7 +27,7 @@ from afl_mujoco.scenario.parameters import (
     short_repr,
 )
 from afl_mujoco.scenario.ranges import FIXED, Ranges
-from afl_mujoco.scenario.requirements import NONE, Requirements
+from afl_mujoco.scenario.requirements import NONE, UNITS, Requirements
 from afl_mujoco.scenario.schedules import Schedule, constant
 
 
@@ -176,6 +176,15 @@ class Scenario:
         require_type("ranges", self.ranges, Ranges)
 
     __repr__ = short_repr
+
+    @property
+    def required(self) -> dict[str, float]:
+        """The limit of each requirement, in the order of `UNITS`; empty if no run can fail."""
+        asked, rail = self.requirements, self.imperfections.rail_half_length
+        limits = {name: getattr(asked, name, None) for name in UNITS}
+        limits["completes"] = self.duration if asked.completes else None
+        limits["end_stops"] = None if asked.end_stops_allowed else rail
+        return {name: limit for name, limit in limits.items() if limit is not None}
 
     @property
     def plants(self) -> PlantRange:

@@ -18,7 +18,7 @@ _STATE_PANELS = (
     ("pole angle φ [rad]", 1),
     ("pole rate φ′ [rad/s]", 3),
 )
-_INPUT_LABELS = ("force F [N]", MASS, LENGTH)
+_INPUT_LABELS = ("force F [N] (thin: command)", MASS, LENGTH)
 _STYLES: tuple[dict[str, Any], ...] = (
     {"color": SKY, "linewidth": 2.6},
     {"color": BLACK, "linewidth": 0.9, "linestyle": (0.0, (4.0, 3.0))},
@@ -41,6 +41,8 @@ def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
         curves += [run.force, run.cart_mass, run.half_length]
         for axis, curve in zip(axes, curves, strict=False):
             axis.plot(run.time, curve, label=run.simulator, **style)
+        if not np.array_equal(run.command, run.force):
+            axes[4].plot(run.time, run.command, **style | {"linewidth": 0.6, "alpha": 0.5})
     labels = [label for label, _ in _STATE_PANELS] + list(_INPUT_LABELS)
     for axis, label in zip(axes, labels, strict=False):
         axis.set_ylabel(label)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,12 @@ from afl_mujoco.simulation.trajectory import (
     DIVERGED,
     FALL_ANGLE,
     STATE_LIMIT,
+    Outcome,
     Trajectory,
 )
+
+DWELL = 1.0
+"""How long a run must stay settled, up to its end, to count as settled [s]."""
 
 LONGEST = 50.0
 """Half-length that nobody means [m]."""
@@ -40,14 +45,21 @@ class Judgement:
         What was reached; None if the run ended too early to decide, or never settled.
     left
         Robustness as in signal temporal logic: by how much the limit exceeds the value, negative
-        if the requirement is not met, in the requirement's unit. A run that never settles counts
-        as settling at the last instant that it could. None if the run ended too early to decide.
+        if the requirement is not met, in the requirement's unit. None if the run ended too early to
+        decide, or never settles.
+    graded
+        For a search, as a share of the limit: the robustness of a run that never settles, had it
+        settled at the last instant.
+    limited
+        Of the exerted force: the share of the time at which the drive is at its limit.
     """
 
     requirement: str
     limit: float
     value: float | None
     left: float | None
+    graded: float | None = None
+    limited: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise unless there is such a requirement."""
@@ -61,13 +73,49 @@ class Judgement:
 
     @property
     def relative(self) -> float | None:
-        """Robustness as a share of the limit."""
+        """Robustness as a share of the limit, the margin."""
         return None if self.left is None else self.left / self.limit
 
     @property
     def unit(self) -> str:
         """Unit of limit, value and robustness."""
         return UNITS[self.requirement]
+
+
+CONTROLLER_FAILED = "controller failed"
+"""Ending of a run whose controller raises, takes too long or does not return a force."""
+
+
+def failure_of(ending: str, requirements: Sequence[Judgement]) -> str:
+    """Return how a run failed, the one definition of it; empty if it meets every requirement.
+
+    A run that ended early is named by how it ended, any other by the requirement with the least
+    margin, of which it has none where it never settles.
+
+    Parameters
+    ----------
+    ending
+        Kind of the run's outcome, or `CONTROLLER_FAILED`.
+    requirements
+        How it meets each requirement of its scenario, from `judge`.
+    """
+    missed = [one for one in requirements if not one.met]
+    if ending == CONTROLLER_FAILED or (missed and ending != COMPLETED):
+        return ending
+    if not missed:
+        return ""
+    return min(missed, key=_margin).requirement
+
+
+def least_margin(requirements: Iterable[Judgement]) -> float | None:
+    """Return the least margin of a run over what is measured; None where one has none."""
+    margins = [one.relative for one in requirements if one.requirement != "completes"]
+    return min((x for x in margins if x is not None), default=None) if None not in margins else None
+
+
+def _margin(one: Judgement) -> float:
+    """Return a margin to compare with others."""
+    return -math.inf if one.relative is None else one.relative
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,12 +130,18 @@ class JudgedRun:
         How the run ended, in words.
     requirements
         How it meets each requirement.
+    failure
+        How it failed, from `failure_of`.
+    settled
+        Whether z and phi stayed within their bands for the last second at least, required or not.
     """
 
     scenario: str
     controller: str
     outcome: str
     requirements: tuple[Judgement, ...]
+    failure: str
+    settled: bool
 
     @property
     def missed(self) -> list[Judgement]:
@@ -97,17 +151,49 @@ class JudgedRun:
 
 def judged(scenario: Scenario, controller: str, run: Trajectory) -> JudgedRun:
     """Return how a controller's run meets the requirements of the scenario."""
+    requirements = judge(scenario, run)
     return JudgedRun(
         scenario=scenario.name,
         controller=controller,
         outcome=str(run.outcome),
-        requirements=judge(scenario, run),
+        requirements=requirements,
+        failure=failure_of(run.outcome.kind, requirements),
+        settled=_settled(scenario, run),
     )
 
 
 def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
     """Judge a run by the requirements of its scenario, in the order of `UNITS`."""
-    return tuple(_judgements(scenario, run))
+    peak = float(np.abs(run.state[:, 0]).max())
+    return (*judge_ending(scenario, run.outcome, peak), *_judgements(scenario, run))
+
+
+def judge_ending(scenario: Scenario, outcome: Outcome, peak: float) -> tuple[Judgement, ...]:
+    """Judge a run by what needs no record of it: whether it completes and spares the end stops.
+
+    Parameters
+    ----------
+    outcome
+        How it ended.
+    peak
+        Its largest abs(z) [m].
+    """
+    required, completed = scenario.required, outcome.kind == COMPLETED
+    found = []
+    if "completes" in required:
+        reached = scenario.duration if completed else outcome.time
+        left = reached - scenario.duration
+        found.append(
+            Judgement(
+                requirement="completes",
+                limit=scenario.duration,
+                value=reached,
+                left=left if completed or left < 0.0 else None,  # it may fall at the very end
+            )
+        )
+    if "end_stops" in required:
+        found.append(_peak("end_stops", required["end_stops"], peak, completed))
+    return tuple(found)
 
 
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
@@ -115,37 +201,28 @@ def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
 
     Completing the run counts as one of them even if the scenario does not require it.
     """
-    limits = {name: getattr(scenario.requirements, name) for name in UNITS}
-    limits["completes"] = scenario.duration
+    limits = {"completes": scenario.duration, **scenario.required}
     return tuple(
         Judgement(requirement=name, limit=limit, value=None, left=None)
         for name, limit in limits.items()
-        if limit is not None
     )
 
 
 def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
-    """Yield one judgement for each requirement."""
+    """Yield one judgement for each requirement that needs the whole run."""
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
-    if asked.completes:
-        reached = scenario.duration if completed else run.outcome.time
-        left = reached - scenario.duration
-        yield Judgement(
-            requirement="completes",
-            limit=scenario.duration,
-            value=reached,
-            left=left if completed or left < 0.0 else None,  # it may fall at the very end
-        )
+    metrics = run.metrics
     peaks = {
-        "max_position": run.state[:, 0],
-        "max_angle": run.state[:, 1],
-        "max_force": run.force,
+        "max_position": metrics["peak_z"],
+        "max_angle": metrics["peak_phi"],
+        "max_command": metrics["max_command"],
+        "max_force": metrics["max_force"],
     }
-    for name, signal in peaks.items():
+    for name, value in peaks.items():
         if (limit := getattr(asked, name)) is not None:
-            yield _peak(name, limit, signal, completed)
-    z, phi = np.abs(run.state[:, :2]).T
-    outside = (z > asked.position_band) | (phi > asked.angle_band)
+            share = (metrics["limited_share"] or 0.0) if name == "max_force" else 0.0
+            yield replace(_peak(name, limit, value, completed), limited=share)
+    outside = _outside(scenario, run)
     if asked.settling_time is not None:
         first = [(0.0, calm(scenario.duration, scenario.disturbances))]
         yield _rest("settling_time", asked.settling_time, run, outside, first)
@@ -154,10 +231,23 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
         yield _rest("recover_within", asked.recover_within, run, outside, after)
 
 
-def _peak(name: str, limit: float, signal: NDArray[np.float64], completed: bool) -> Judgement:
+def _outside(scenario: Scenario, run: Trajectory) -> NDArray[np.bool_]:
+    """Return where a run is outside the bands of rest."""
+    z, phi = np.abs(run.state[:, :2]).T
+    bands = scenario.requirements
+    outside: NDArray[np.bool_] = (z > bands.position_band) | (phi > bands.angle_band)
+    return outside
+
+
+def _settled(scenario: Scenario, run: Trajectory) -> bool:
+    """Return whether a run completed within the bands of rest, and had been so for `DWELL`."""
+    late = run.time > run.time[-1] - DWELL - 1e-9
+    completed = run.outcome.kind == COMPLETED and run.time[-1] >= DWELL - 1e-9
+    return completed and not bool(_outside(scenario, run)[late].any())
+
+
+def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judgement:
     """Judge the largest absolute value of a signal; a run cut short can only break the limit."""
-    known = np.abs(signal[np.isfinite(signal)])
-    value = float(known.max()) if len(known) else None
     if value is None or (not completed and value <= limit):
         return Judgement(requirement=name, limit=limit, value=value, left=None)
     return Judgement(requirement=name, limit=limit, value=value, left=limit - value)
@@ -184,7 +274,8 @@ def _rest(
         requirement=name,
         limit=limit,
         value=slowest if ever else None,
-        left=limit - slowest,
+        left=limit - slowest if ever else None,
+        graded=None if ever else (limit - slowest) / limit,
     )
 
 
@@ -197,7 +288,9 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *unit_remarks(scenario, run.control_period),
         *_ended(run),
         *_stopped(scenario, run),
-        *_clipped(scenario, run),
+        *_limited(scenario, run),
+        *_refined(run),
+        *_nothing_required(scenario),
         *_idle(run),
     ]
 
@@ -232,22 +325,39 @@ def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
     return [f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s{short}"]
 
 
-def _clipped(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a force that is clipped, so that it cannot exceed what is required of it."""
-    limit, most = scenario.imperfections.force_limit, scenario.requirements.max_force
-    if limit is None or most is None or limit > most:
+def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on a drive that cuts the command off."""
+    limit, figures = scenario.imperfections.force_limit, run.metrics
+    share, most = figures["limited_share"], figures["max_command"]
+    if limit is None or not share or most is None:
         return []
-    if np.abs(run.force[np.isfinite(run.force)]).max(initial=0.0) < limit:
+    asked = f"asks for up to {most:.3g} N" if most > limit else f"asks for all of {limit:g} N"
+    return [
+        f"the drive is at its limit for {100.0 * share:.2g} % of the run: the controller {asked}"
+    ]
+
+
+def _refined(run: Trajectory) -> list[str]:
+    """Remark on a step that was made finer for the damping."""
+    settings = run.provenance.get("settings", {})
+    if (asked := settings.get("asked_timestep")) is None:
         return []
     return [
-        f"the force is clipped at force_limit, {limit:g} N: it cannot exceed max_force, "
-        f"{most:g} N, however much the controller asks for"
+        f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 is "
+        "unstable or inaccurate with this damping"
     ]
+
+
+def _nothing_required(scenario: Scenario) -> list[str]:
+    """Remark on a scenario that no run can fail."""
+    if not scenario.required:
+        return ["completes = false and nothing else is required: no run of this scenario can fail"]
+    return []
 
 
 def _idle(run: Trajectory) -> list[str]:
     """Remark on a controller that does nothing, which can meet requirements all the same."""
-    if len(run.time) == 1 or run.force.any():
+    if len(run.time) == 1 or run.command.any():
         return []
     if run.state[:, 1].any():
         return ["the force is 0 N throughout"]
@@ -256,7 +366,7 @@ def _idle(run: Trajectory) -> list[str]:
 
 def _ended(run: Trajectory) -> list[str]:
     """Remark on an end that the outcome alone does not explain."""
-    phi, force = np.degrees(run.state[0, 1]), run.force[-1]
+    phi, force = np.degrees(run.state[0, 1]), run.command[-1]
     if abs(run.state[0, 1]) >= FALL_ANGLE:
         return [f"the pole lies at the start, φ = {phi:.4g}°; every run ends as fallen at 90°"]
     if run.outcome.kind == DIVERGED and not abs(force) < STATE_LIMIT:

@@ -14,7 +14,7 @@ from matplotlib.patches import Arc, Circle, Rectangle
 from numpy.typing import NDArray
 
 from afl_mujoco.document.blocks import Block, Column, Figure, Table
-from afl_mujoco.document.numbers import short
+from afl_mujoco.document.numbers import percent, short
 from afl_mujoco.document.style import (
     BLACK,
     BLUE,
@@ -34,6 +34,9 @@ MOST = 6
 _PANELS = ("z [m]", "φ [rad]", "F [N]")
 
 
+_NEEDED = ("peak_z", "max_command", "max_force")
+
+
 class Shown(NamedTuple):
     """A run as it is drawn: instants [s], z [m], phi [rad] and the force [N], each shape (N,)."""
 
@@ -44,12 +47,11 @@ class Shown(NamedTuple):
 
 
 class Need(NamedTuple):
-    """What a run needed: the largest abs(z) [m] and abs(F) [N], and how it ended."""
+    """What a run needed: its metrics, as in `simulation.metrics`, and how it ended."""
 
     scenario: str
     controller: str
-    travel: float | None
-    force: float | None
+    metrics: Mapping[str, float | None]
     outcome: str
 
 
@@ -95,15 +97,17 @@ def opening_blocks(
                 *([Column("Scenario")] if several else []),
                 Column("Controller"),
                 Column("Largest |z|", "m", number=True),
-                Column("Largest |F|", "N", number=True),
+                Column("Largest command", "N", number=True),
+                Column("Largest |F| exerted", "N", number=True),
+                Column("Time at the force limit", "%", number=True),
                 Column("Outcome"),
             ),
             rows=[
                 (
                     *([need.scenario] if several else []),
                     need.controller,
-                    short(need.travel, 3),
-                    short(need.force, 3),
+                    *(short(need.metrics.get(key), 3) for key in _NEEDED),
+                    percent(need.metrics.get("limited_share")),
                     need.outcome,
                 )
                 for need in needs

@@ -8,16 +8,17 @@ from afl_mujoco.document.blocks import Cell, Column, Table, good_or_bad
 from afl_mujoco.document.numbers import MISSING, listed, percent, short
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.judgement import JudgedRun, Judgement
+from afl_mujoco.simulation.judgement import DWELL, JudgedRun, Judgement
 from afl_mujoco.simulation.sampled.loop import BAND_PHI, BAND_Z
-from afl_mujoco.simulation.sampled.rollouts import DWELL
 from afl_mujoco.simulation.trajectory import COMPLETED
 
 IN_WORDS = {
     "completes": "runs to the end",
+    "end_stops": "keeps off the end stops at",
     "max_position": "|z| at most",
     "max_angle": "|φ| at most",
-    "max_force": "|F| at most",
+    "max_command": "command at most",
+    "max_force": "|F| exerted at most",
     "settling_time": "settles within",
     "recover_within": "recovers within",
 }
@@ -29,18 +30,19 @@ SETTLES = (
 )
 """What it means to settle where a scenario requires nothing."""
 
+NEVER = "never"
+"""Value of a requirement to settle that a run never meets."""
+
 MOST = 3
 """Largest number of runs that a verdict names as missing a requirement."""
 
 
 def in_words(scenario: Scenario) -> list[str]:
     """Return what a scenario requires besides completion, each in a few words."""
-    asked = scenario.requirements
-    limits = {name: getattr(asked, name) for name in UNITS if name != "completes"}
     return [
         f"{IN_WORDS[name]} {short(limit)} {UNITS[name]}"
-        for name, limit in limits.items()
-        if limit is not None
+        for name, limit in scenario.required.items()
+        if name != "completes"
     ]
 
 
@@ -91,7 +93,7 @@ def finding(runs: Sequence[JudgedRun]) -> str:
 
 def _miss(one: Judgement) -> str:
     """Say how a run that completed misses a requirement."""
-    if one.value is None and one.left is not None:
+    if one.value is None and one.graded is not None:
         return f"“{_asked(one)}” (it never does)"
     return f"“{_asked(one)}” with {_with_unit(one.value, one.unit)}"
 
@@ -120,10 +122,13 @@ def _rows_of(run: JudgedRun) -> Iterator[tuple[Cell | str, ...]]:
         ended = completes and run.outcome != COMPLETED
         share = "" if one.relative is None else f" ({percent(one.relative)})"
         margin = f"{_with_unit(one.left, one.unit)}{share}"
+        value = NEVER if one.graded is not None else _with_unit(one.value, one.unit)
+        if one.limited:  # the margin is the drive's, not the controller's
+            value += f" (drive at its limit {percent(one.limited, 2)} of the time)"
         yield (
             run.controller,
             _asked(one),
-            run.outcome.replace(" at t = ", " at ") if ended else _with_unit(one.value, one.unit),
+            run.outcome.replace(" at t = ", " at ") if ended else value,
             Cell(MISSING if completes and one.met else margin, good_or_bad(one.met)),
         )
 

@@ -18,15 +18,12 @@ from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.judgement import Judgement, judge
+from afl_mujoco.simulation.judgement import DWELL, Judgement, failure_of, judge, judge_ending
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import Timing, perform, prepare, recorded, timing_of
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
 
-DWELL = 1.0
-"""How long a run must stay settled, up to its end, to count as settled [s]."""
-
-_SUMMED = ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
+_SUMMED = ("peak_z", "peak_phi", "max_command", "max_force", "iae_z", "iae_phi")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,23 +38,24 @@ class Rollouts:
         When it ended [s].
     peak_z, peak_phi
         Largest abs(z) [m] and abs(phi) [rad] up to then.
-    max_force
-        Largest abs(force) of the actuator on the cart [N].
+    max_command, max_force
+        Largest abs(force) that the controller asked for, and that the drive exerted [N].
     iae_z, iae_phi
         Integrals of abs(z) [m s] and abs(phi) [rad s] up to then.
     settling_time
-        Time from which abs(z) and abs(phi) stayed within the default bands of `Requirements` [s];
-        NaN if it is less than a second before the end, or the run did not complete.
+        Time from which abs(z) and abs(phi) stayed within the bands of the requirements [s]; NaN if
+        it is less than a second before the end, or the run did not complete.
     stop_time
         When the cart first reached an end stop [s]; NaN if it never did.
     requirements
-        How each run meets the requirements of its scenario; empty if the only one is to complete.
+        How each run meets the requirements of its scenario.
     """
 
     status: NDArray[np.int64]
     end_time: NDArray[np.float64]
     peak_z: NDArray[np.float64]
     peak_phi: NDArray[np.float64]
+    max_command: NDArray[np.float64]
     max_force: NDArray[np.float64]
     iae_z: NDArray[np.float64]
     iae_phi: NDArray[np.float64]
@@ -78,6 +76,26 @@ class Rollouts:
             Its index.
         """
         return Outcome(OUTCOMES[int(self.status[index])], float(self.end_time[index]))
+
+    def failure(self, index: int) -> str:
+        """Return how one run failed, from `failure_of`; empty if it met every requirement.
+
+        Parameters
+        ----------
+        index
+            Its index.
+        """
+        return failure_of(OUTCOMES[int(self.status[index])], self.requirements[index])
+
+    def settled(self, index: int) -> bool:
+        """Return whether one run settled, required or not.
+
+        Parameters
+        ----------
+        index
+            Its index.
+        """
+        return bool(np.isfinite(self.settling_time[index]))
 
 
 def run_rollouts(
@@ -136,6 +154,9 @@ def run_rollouts(
         if asked:
             whole = recorded(scenario, controller, timing, done, rows, integrator)
             judged[i] = judge(scenario, whole)
+        else:
+            ended = Outcome(OUTCOMES[int(done["status"])], float(timing.times[int(done["step"])]))
+            judged[i] = judge_ending(scenario, ended, float(done["peak_z"]))
         status[i] = done["status"]
         for name, value in _figures(done, timing).items():
             figures[name][i] = value

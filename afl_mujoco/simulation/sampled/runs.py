@@ -196,6 +196,7 @@ def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> Prepa
             pole_mass=s.pole_mass,
             gravity=s.gravity,
             rail=math.inf if r.rail_half_length is None else r.rail_half_length,
+            criterion=loop.Criterion(z=s.requirements.position_band, phi=s.requirements.angle_band),
         ),
         sensors=sensors_of(r, period),
         actuator=actuator_of(r, timing.timestep, count),

@@ -15,12 +15,12 @@ from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.attraction.grid import FALLEN, SETTLED, UNDECIDED
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
-from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.simulation.trajectory import DIVERGED, FELL
 from afl_mujoco.studies.arrays import Array
 
 WORDS = {
     True: ("meets all", "falls", "misses a requirement", "controller fails"),
-    False: ("settles", "falls", "does not settle", "controller fails"),
+    False: ("settles", "falls", "does not settle or hits a stop", "controller fails"),
 }
 """How a run ends, by its code; with requirements, and without."""
 
@@ -133,9 +133,7 @@ def _alone(start: Scenario, controller: Controller, judged: bool, settings: Any)
 
 def _outcome(runs: Rollouts, index: int, judged: bool) -> int:
     """Return how a run ended."""
-    asked, completed = runs.requirements[index], runs.outcome(index).kind == COMPLETED
-    if judged and (all(one.met for one in asked) if asked else completed):
-        return SETTLED
-    if not completed:
+    failure = runs.failure(index)
+    if failure in (FELL, DIVERGED):
         return FALLEN
-    return SETTLED if not judged and np.isfinite(runs.settling_time[index]) else UNDECIDED
+    return UNDECIDED if failure or not (judged or runs.settled(index)) else SETTLED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,12 @@ from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.judgement import judge, judge_failure, remarks_on
+from afl_mujoco.simulation.judgement import (
+    CONTROLLER_FAILED,
+    judge_failure,
+    judged,
+    remarks_on,
+)
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -73,7 +79,9 @@ def compare(
             if isinstance(found, Trajectory):
                 runs.append(_compared(scenario, controller, found))
                 key = f"{scenario.name}/{controller.name}"
-                curves[key] = Curves(time=found.time, state=found.state, force=found.force)
+                curves[key] = Curves(
+                    **{one.name: getattr(found, one.name) for one in fields(Curves)}
+                )
             else:
                 runs.append(_failed(scenario, controller, found))
             if advance is not None:
@@ -113,12 +121,10 @@ def _run(
 
 def _compared(scenario: Scenario, controller: Controller, run: Trajectory) -> ComparedRun:
     """Return what is kept of a run."""
+    found = judged(scenario, controller.name, run)
     return ComparedRun(
-        scenario=scenario.name,
-        controller=controller.name,
-        outcome=str(run.outcome),
+        **{one.name: getattr(found, one.name) for one in fields(found)},
         metrics=metrics(scenario, controller, run),
-        requirements=judge(scenario, run),
         remarks=tuple(remarks_on(run, scenario, controller)),
     )
 
@@ -132,4 +138,6 @@ def _failed(scenario: Scenario, controller: Controller, error: AflMujocoError) -
         outcome=f"failed: {reason.removeprefix(': ')}",
         metrics={},
         requirements=judge_failure(scenario),
+        failure=CONTROLLER_FAILED,
+        settled=False,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,7 @@ from afl_mujoco.document.style import BLACK, GREY, TIME, colours, new_figure, qu
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.compare.result import Curves
 
-_PANELS = ("cart position z [m]", "pole angle φ [rad]", "force F [N]")
+_PANELS = ("cart position z [m]", "pole angle φ [rad]", "force F [N]\n(pale: command)")
 _LIMITS = ("max_position", "max_angle", "max_force")
 _DASHED = (0.0, (6.0, 3.0))
 
@@ -25,10 +25,7 @@ def draw_responses(scenario: Scenario, curves: Mapping[str, Curves]) -> Figure:
     asked = scenario.requirements
     order = quietest_on_top({name: run.force for name, run in curves.items()})
     for name, run in curves.items():
-        for axis, values in zip(axes, (run.state[:, 0], run.state[:, 1], run.force), strict=False):
-            axis.plot(
-                run.time, values, color=colour[name], label=name, linewidth=1.3, zorder=order[name]
-            )
+        _draw_run(axes, run, name, colour[name], order[name])
         if run.time[-1] < scenario.duration:
             axes[1].plot(run.time[-1], run.state[-1, 1], "x", color=colour[name], markersize=8)
     for axis, label, limit in zip(axes, _PANELS, _LIMITS, strict=False):
@@ -48,6 +45,15 @@ def draw_responses(scenario: Scenario, curves: Mapping[str, Curves]) -> Figure:
     axes[3].set_xlabel(TIME)
     axes[3].set_xlim(0.0, scenario.duration)
     return figure
+
+
+def _draw_run(axes: Sequence[Axes], run: Curves, name: str, colour: str, order: float) -> None:
+    """Draw z, phi, the exerted force and, where the drive changes it, the command."""
+    line = {"color": colour, "label": name, "linewidth": 1.3, "zorder": order}
+    for axis, values in zip(axes, (run.state[:, 0], run.state[:, 1], run.force), strict=False):
+        axis.plot(run.time, values, **line)
+    if not np.array_equal(run.command, run.force):
+        axes[2].plot(run.time, run.command, color=colour, linewidth=0.6, alpha=0.4, zorder=1.0)
 
 
 def _draw_limits(axis: Axes, value: float) -> None:

@@ -30,11 +30,12 @@ class ComparedRun(JudgedRun):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curves:
-    """A run over time: instants [s], shape (N,), states, shape (N, 4), and forces [N]."""
+    """A run over time: instants [s], states, shape (N, 4), exerted forces and commands [N]."""
 
     time: Array
     state: Array
     force: Array
+    command: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

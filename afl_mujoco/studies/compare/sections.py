@@ -32,8 +32,8 @@ from afl_mujoco.studies.opening import Need, Shown, opening_blocks
 from afl_mujoco.studies.requirements_table import finding, requirements_table, tally
 
 MAIN = (
-    "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi", "force_squared", "force_variation",
-    "settling_2pc_z", "settling_2pc_phi",
+    "peak_z", "peak_phi", "max_command", "max_force", "limited_share", "iae_z", "iae_phi",
+    "force_squared", "force_variation", "settling_2pc_z", "settling_2pc_phi",
 )  # fmt: skip
 """Metrics that are shown; the file has all of them."""
 
@@ -75,13 +75,7 @@ def opening(result: Result) -> list[Block]:
         name: Shown(run.time, run.state[:, 0], run.state[:, 1], run.force)
         for name, run in result.curves_on(scenario).items()
     }
-    needs = [
-        Need(
-            run.scenario, run.controller, run.metrics.get("peak_z"), run.metrics.get("max_force"),
-            run.outcome,
-        )
-        for run in result.runs
-    ]  # fmt: skip
+    needs = [Need(run.scenario, run.controller, run.metrics, run.outcome) for run in result.runs]
     return opening_blocks("compare-opening", scenario, shown, needs)
 
 

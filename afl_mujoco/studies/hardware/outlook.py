@@ -14,7 +14,6 @@ from afl_mujoco.identification.identify import Identified
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
-from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.hardware.result import Survival
 
 CONTROLLERS = ("adaptive", "adaptive-retuned", "lqr")
@@ -108,7 +107,7 @@ def _largest_angle(scenario: Scenario, controller: Controller, workers: int) -> 
 
 def _survives(runs: Rollouts, index: int) -> bool:
     """Return whether a run ends upright and the cart never reaches the end of its rail."""
-    return runs.outcome(index).kind == COMPLETED and math.isnan(float(runs.stop_time[index]))
+    return not runs.failure(index)
 
 
 def _with(scenario: Scenario, **changed: Any) -> Scenario:

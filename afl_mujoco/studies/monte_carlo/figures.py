@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from afl_mujoco.document.style import colours, new_figure
+from afl_mujoco.document.style import BLACK, colours, new_figure
 from afl_mujoco.studies.monte_carlo.features import features_of, most_separating
 from afl_mujoco.studies.monte_carlo.rates import Rate
-from afl_mujoco.studies.monte_carlo.result import Result
+from afl_mujoco.studies.monte_carlo.result import QUANTILES, Result
 
 PANELS, COLUMNS, BINS = 6, 3, 5
 
@@ -20,7 +20,7 @@ _MARKERS = "osD^vP"
 
 
 def draw_rates(result: Result) -> Figure:
-    """Draw how often each controller passes and, without requirements, settles; with intervals."""
+    """Draw how often each controller passes and settles, with intervals."""
     passes = "meets all" if result.judged else "survives"
     names = [rates.controller for rates in result.controllers]
     found = colours(names)
@@ -28,9 +28,8 @@ def draw_rates(result: Result) -> Figure:
     axis = figure.subplots()
     for row, rates in enumerate(result.controllers):
         colour = found[rates.controller]
-        shown = [(rates.success, True)] + [(rates.settling, False)] * (not result.judged)
-        for rate, up in shown:
-            place = row if result.judged else row + (-0.14 if up else 0.14)
+        for rate, up in ((rates.success, True), (rates.settling, False)):
+            place = row + (-0.14 if up else 0.14)
             low, high = (100.0 * x for x in rate.interval)
             axis.plot([low, high], [place, place], color=colour, linewidth=2.2)
             axis.plot(
@@ -48,6 +47,27 @@ def draw_rates(result: Result) -> Figure:
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.set_xlim(-1.0, 101.0)
     axis.set_xlabel("share of the samples [%]")
+    axis.grid(visible=False, axis="y")
+    return figure
+
+
+def draw_margins(result: Result) -> Figure:
+    """Draw quantiles of the least margin of each controller's runs."""
+    names = [rates.controller for rates in result.controllers]
+    found = colours(names)
+    figure = new_figure(7.5, 1.2 + 0.45 * len(names))
+    axis = figure.subplots()
+    axis.axvline(0.0, color=BLACK, linewidth=0.9)
+    for row, rates in enumerate(result.controllers):
+        if rates.margins:
+            at = dict(zip(QUANTILES, (100.0 * x for x in rates.margins), strict=True))
+            colour = found[rates.controller]
+            axis.plot([at[0.05], at[0.95]], [row, row], color=colour, linewidth=1.2)
+            axis.plot([at[0.25], at[0.75]], [row, row], color=colour, linewidth=5.0)
+            axis.plot(at[0.5], row, "o", color=colour, markersize=8.0, markeredgecolor="white")
+    axis.set_yticks(range(len(names)), names)
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.set_xlabel("least margin [% of the limit]; larger is better")
     axis.grid(visible=False, axis="y")
     return figure
 

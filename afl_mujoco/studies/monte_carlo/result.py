@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from afl_mujoco.scenario.requirements import NONE
+import numpy as np
+
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.rates import CONFIDENCE, Rate
-from afl_mujoco.studies.monte_carlo.trial import ENDINGS, Trial
+from afl_mujoco.studies.monte_carlo.trial import Trial
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST, Found, worst_scenario
 
 FOLDER = "montecarlo"
@@ -22,6 +23,9 @@ NAMES = {HARDEST: "hardest.toml", NEAREST: "nearest-failure.toml"}
 """Names of the scenario files of what a search found."""
 
 Interval = tuple[float, float]
+
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95)
+"""Quantiles of the least margin that are kept."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,8 +40,12 @@ class Failure:
         How the run ended, and when [s]; no time if the controller failed.
     message
         How the controller failed, if it did.
+    failure
+        How the run failed, from `failure_of`.
     missed
         The requirements that were not met.
+    margin
+        Its least margin; None if it ended early or has none.
     file
         Its scenario file beside the result; None if it was not kept.
     """
@@ -46,7 +54,9 @@ class Failure:
     outcome: str
     end_time: float | None
     message: str | None
+    failure: str
     missed: tuple[str, ...]
+    margin: float | None
     file: str | None
 
 
@@ -65,8 +75,12 @@ class ControllerRates:
         Shares of these runs [1], with exact intervals.
     median_displacement, largest_displacement
         Median and largest peak abs(z) of the runs that passed [m]; None if none did.
-    failures_by_outcome
-        Number of runs by the way in which they ended early.
+    failures_by_kind
+        Number of failures by `Failure.failure`.
+    margins
+        Quantiles `QUANTILES` of the least margin of the runs that have one; empty if none has.
+    unmargined
+        Number of runs that have none: they ended early, or never settle.
     missed
         Number of runs that did not meet each requirement.
     failures
@@ -84,7 +98,9 @@ class ControllerRates:
     settled_interval: Interval
     median_displacement: float | None
     largest_displacement: float | None
-    failures_by_outcome: dict[str, int]
+    failures_by_kind: dict[str, int]
+    margins: tuple[float, ...]
+    unmargined: int
     missed: dict[str, int]
     failures: tuple[Failure, ...]
 
@@ -123,10 +139,10 @@ class WorstCase:
     ----------
     controller, question
         Its name, and what was searched: `HARDEST` or `NEAREST`.
-    failed, outcome, end_time, message, missed
+    failed, outcome, end_time, message, failure, missed, margin
         How the run ended, as in `Failure`.
-    severity, robustness
-        As in `Trial`; no robustness without requirements, or if the run ended early.
+    severity
+        As in `Trial`.
     distance
         Distance from the scenario itself in the cube, as a share of the cube's diagonal.
     runs
@@ -145,9 +161,10 @@ class WorstCase:
     outcome: str
     end_time: float | None
     message: str | None
+    failure: str
     missed: tuple[str, ...]
+    margin: float | None
     severity: float
-    robustness: float | None
     distance: float
     runs: int
     changes: dict[str, float]
@@ -196,8 +213,10 @@ class Result:
 
     @property
     def judged(self) -> bool:
-        """Whether requirements decide what passes."""
-        return self.space.scenario.requirements != NONE
+        """Whether more than completion decides what passes."""
+        scenario = self.space.scenario
+        rail = "rail_half_length" in self.space.varied
+        return rail or bool(scenario.required.keys() - {"completes"})
 
 
 def result_of(
@@ -243,7 +262,8 @@ def _rates(campaign: Campaign, name: str, asked: str, keep: int | None) -> Contr
     """Return one controller's rates and failures."""
     passed, settled = campaign.success(name), campaign.settling(name)
     median, largest = campaign.peak_displacement(name) or (None, None)
-    endings = [trial.outcome for trial in campaign.trials[name]]
+    kinds = [trial.failure for trial in campaign.trials[name]]
+    margins = [trial.margin for trial in campaign.trials[name] if trial.margin is not None]
     missed = [requirement for trial in campaign.trials[name] for requirement in trial.missed]
     failures = campaign.failures(name)
     kept = set(failures[:keep])
@@ -259,7 +279,9 @@ def _rates(campaign: Campaign, name: str, asked: str, keep: int | None) -> Contr
         settled_interval=settled.interval,
         median_displacement=median,
         largest_displacement=largest,
-        failures_by_outcome={ending: endings.count(ending) for ending in ENDINGS[1:]},
+        failures_by_kind={kind: kinds.count(kind) for kind in sorted(set(kinds) - {""})},
+        margins=tuple(np.quantile(margins, QUANTILES).tolist()) if margins else (),
+        unmargined=campaign.samples - len(margins),
         missed={requirement: missed.count(requirement) for requirement in sorted(set(missed))},
         failures=tuple(
             Failure(
@@ -279,7 +301,6 @@ def _worst(campaign: Campaign, found: Found) -> WorstCase:
         question=found.question,
         failed=not found.trial.passed,
         severity=found.trial.severity(campaign.space.scenario.duration),
-        robustness=found.trial.robustness,
         distance=found.distance,
         runs=found.runs,
         changes=found.changes,
@@ -294,4 +315,4 @@ def _ending(trial: Trial) -> dict[str, Any]:
     """Return how a trial ended, with a missing time as None."""
     time = None if math.isnan(trial.end_time) else trial.end_time
     ending = {"outcome": trial.outcome, "end_time": time, "message": trial.message}
-    return {**ending, "missed": trial.missed}
+    return {**ending, "failure": trial.failure, "missed": trial.missed, "margin": trial.margin}

@@ -25,18 +25,23 @@ from afl_mujoco.document.numbers import MISSING, fixed, interval, listed, percen
 from afl_mujoco.scenario.ranges import SCHEDULES, unit_of
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.sample_space import acting
-from afl_mujoco.simulation.judgement import unit_remarks
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, unit_remarks
 from afl_mujoco.simulation.sampled.runs import ticks_of
-from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.simulation.trajectory import OUTCOMES
 from afl_mujoco.studies.monte_carlo.figures import (
     BINS,
     draw_failures,
+    draw_margins,
     draw_rates,
     separating_features,
 )
 from afl_mujoco.studies.monte_carlo.rates import Rate
-from afl_mujoco.studies.monte_carlo.result import ControllerRates, Result, WorstCase
-from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, ENDINGS
+from afl_mujoco.studies.monte_carlo.result import (
+    QUANTILES,
+    ControllerRates,
+    Result,
+    WorstCase,
+)
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, NEAREST
 from afl_mujoco.studies.requirements_table import IN_WORDS, SETTLES
 
@@ -52,9 +57,8 @@ DEFAULT_INTEGRATOR = "RK4"
 def sections(result: Result) -> list[Section]:
     """Return what a report says about a campaign."""
     blocks: list[Block] = [*_findings(result), *_assumed(result), *_units(result)]
-    if not result.judged:
-        blocks.append(Text(SETTLES))
-    blocks += [_rates_figure(result), _rates(result)]
+    blocks.append(Text(SETTLES))
+    blocks += [_rates_figure(result), _rates(result), *_margins(result)]
     if result.comparisons:
         blocks.append(_comparisons(result))
     blocks += [Text(said) for said in _messages(result)]
@@ -70,27 +74,18 @@ def _findings(result: Result) -> Iterator[Finding]:
     """Return the sentences of the summary."""
     by_name = {rates.controller: rates for rates in result.controllers}
     ours = by_name[subject_of([*by_name])]
-    hardest = [
-        one.failed
-        for one in result.worst_cases
-        if (one.controller, one.question) == (ours.controller, HARDEST)
-    ]
-    search = ""
-    if hardest:
-        which = "one" if hardest[0] else "none"
-        search = f"; a search for the worst sample found {which} that fails"
     level = percent(result.confidence, 3)
-    settles = ""
-    if not result.judged:
-        known = f"({interval(ours.settled_interval)} %)"
-        settles = f" and settles on {percent(ours.settled_rate, 3)} {known}"
     rail = result.space.scenario.imperfections.rail_half_length
     endless = rail is None and "rail_half_length" not in result.space.varied
+    said = "; ".join(
+        f"{one.controller} {_passes(result)} {percent(one.rate, 3)} ({interval(one.interval)} %) "
+        f"and settles on {percent(one.settled_rate, 3)}"
+        for one in sorted(result.controllers, key=lambda one: one is not ours)
+    )
     yield Finding(
         "On random hardware",
-        f"On {ours.samples} random samples{' on a rail without end stops' if endless else ''} the "
-        f"{ours.controller} controller {_passes(result)} {percent(ours.rate, 3)} (exact {level} "
-        f"interval {interval(ours.interval)} %){settles}{search}.",
+        f"On {ours.samples} random samples{' on a rail without end stops' if endless else ''}, "
+        f"with exact {level} intervals: {said}.",
     )
     for pair in result.comparisons:
         if {pair.first, pair.second} == {ours.controller, REFERENCE}:
@@ -133,24 +128,21 @@ def _passes(result: Result) -> str:
 
 
 def _rates(result: Result) -> Table:
-    """Return how often each controller passed, and how the other runs ended."""
+    """Return how often each controller passed and settled, and how the other runs failed."""
     level = Column(f"{100.0 * result.confidence:g} % interval", "%", number=True)
-    missed = [name for name in UNITS if any(name in one.missed for one in result.controllers)]
-    ways = ENDINGS[1:]
-    what = [Column("Meets all" if result.judged else "Survives", number=True), level]
-    if result.judged:
-        what += [Column(f"Misses “{_limit(result, name)}”", number=True) for name in missed]
-    else:
-        what += [Column("Settles", number=True), level]
+    found = {kind for one in result.controllers for kind in one.failures_by_kind}
+    kinds = [kind for kind in (*OUTCOMES, CONTROLLER_FAILED, *UNITS) if kind in found]
     return Table(
         caption=(
             f"{result.samples} random samples of {result.space.scenario.name} (seed "
-            f"{result.seed}), the same for every controller, with exact intervals"
+            f"{result.seed}), the same for every controller, with exact intervals; failures by how "
+            "the run ended or, if it did not end early, by the requirement with the least margin"
         ),
         columns=(
             Column("Controller"),
-            *what,
-            *(Column(ending.capitalize(), number=True) for ending in ways),
+            *(Column("Meets all" if result.judged else "Survives", number=True), level),
+            *(Column("Settles", number=True), level),
+            *(Column(_kind(result, kind), number=True) for kind in kinds),
             Column("Median peak |z| of passing runs", "m", number=True),
         ),
         rows=[
@@ -158,12 +150,9 @@ def _rates(result: Result) -> Table:
                 rates.controller,
                 percent(rates.rate, 3),
                 interval(rates.interval),
-                *(
-                    [str(rates.missed.get(name, 0)) for name in missed]
-                    if result.judged
-                    else [percent(rates.settled_rate, 3), interval(rates.settled_interval)]
-                ),
-                *(str(rates.failures_by_outcome[ending]) for ending in ways),
+                percent(rates.settled_rate, 3),
+                interval(rates.settled_interval),
+                *(str(rates.failures_by_kind.get(kind, 0)) for kind in kinds),
                 fixed(rates.median_displacement, 2),
             )
             for rates in result.controllers
@@ -171,12 +160,57 @@ def _rates(result: Result) -> Table:
     )
 
 
+def _margins(result: Result) -> list[Block]:
+    """Return by how much requirements are met, if they are measured."""
+    if not any(one.margins for one in result.controllers):
+        return []
+    shares = ["Least", *(f"{100.0 * share:g} %" for share in QUANTILES[1:])]
+    medians = "; ".join(
+        f"{one.controller} {percent(one.margins[QUANTILES.index(0.5)])}"
+        for one in result.controllers
+        if one.margins
+    )
+    return [
+        Figure(
+            name="montecarlo-margins",
+            title="By how much the requirements are met",
+            caption=(
+                "Quantiles of the least margin of each run, as a share of its limit: dot, median; "
+                "thick, a quarter to three quarters; thin, 5 to 95 %. Left of 0 a requirement is "
+                "missed. Runs that end early or never settle have no margin."
+            ),
+            alt=f"Median least margin: {medians}.",
+            draw=partial(draw_margins, result),
+        ),
+        Table(
+            caption="Quantiles of the least margin over the runs that have one [%]",
+            columns=(
+                Column("Controller"),
+                *(Column(share, number=True) for share in shares),
+                Column("Runs without a margin", number=True),
+            ),
+            rows=[
+                (
+                    one.controller,
+                    *(percent(x) for x in one.margins or (None,) * len(QUANTILES)),
+                    str(one.unmargined),
+                )
+                for one in result.controllers
+            ],
+        ),
+    ]
+
+
+def _kind(result: Result, kind: str) -> str:
+    """Return a way to fail in words."""
+    return f"Misses “{_limit(result, kind)}”" if kind in IN_WORDS else kind.capitalize()
+
+
 def _limit(result: Result, name: str) -> str:
     """Return a requirement in words."""
-    if name == "completes":
+    if name == "completes" or "rail_half_length" in result.space.varied:
         return IN_WORDS[name]
-    limit = getattr(result.space.scenario.requirements, name)
-    return f"{IN_WORDS[name]} {short(limit)} {UNITS[name]}"
+    return f"{IN_WORDS[name]} {short(result.space.scenario.required[name])} {UNITS[name]}"
 
 
 def _comparisons(result: Result) -> Table:
@@ -243,7 +277,7 @@ def _worst_cases(result: Result) -> Table:
                 QUESTIONS[one.question],
                 Cell(_how(result, one), "bad" if one.failed else "good"),
                 *(
-                    [MISSING if one.robustness is None else percent(one.robustness)]
+                    [MISSING if one.margin is None else percent(one.margin)]
                     if result.judged
                     else []
                 ),
@@ -267,9 +301,9 @@ def _how(result: Result, one: WorstCase) -> str:
     """Say how the run of a worst case ended."""
     if not one.failed:
         return "passes"
-    if one.missed and one.outcome == COMPLETED:
+    if one.failure in IN_WORDS:
         others = len(one.missed) - 1
-        missed = f"misses “{_limit(result, one.missed[0])}”"
+        missed = f"misses “{_limit(result, one.failure)}”"
         return missed + (f" and {others} more" if others else "")
     return one.outcome + ("" if one.end_time is None else f" at {fixed(one.end_time, 2)} s")
 
@@ -310,20 +344,17 @@ def _replays(result: Result) -> Iterator[Command]:
 def _rates_figure(result: Result) -> Figure:
     """Return the figure of the rates."""
     said = "; ".join(
-        f"{rates.controller} {_passes(result)} {_words(rates.success)}"
-        + ("" if result.judged else f" and settles on {_words(rates.settling)}")
+        f"{rates.controller} {_passes(result)} {_words(rates.success)} and settles on "
+        f"{_words(rates.settling)}"
         for rates in result.controllers
     )
-    survives = (
-        f"Filled: the pole survives {result.space.scenario.duration:g} s; hollow: z and φ also "
-        "settle."
-    )
+    filled = "all requirements are met" if result.judged else "the pole survives"
     return Figure(
         name="montecarlo-rates",
         title="How often each controller " + ("meets all" if result.judged else "survives"),
         caption=(
             f"{result.samples} samples drawn at random, the same for every controller. "
-            f"{'' if result.judged else survives + ' '}Bars are exact (Clopper-Pearson) "
+            f"Filled: {filled}; hollow: z and φ settle. Bars are exact (Clopper-Pearson) "
             f"{100.0 * result.confidence:g} % intervals."
         ),
         alt=f"Shares with intervals: {said}.",

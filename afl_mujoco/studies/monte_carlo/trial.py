@@ -10,17 +10,18 @@ from typing import Any, NamedTuple
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.judgement import Judgement
+from afl_mujoco.simulation.judgement import (
+    CONTROLLER_FAILED,
+    Judgement,
+    failure_of,
+    least_margin,
+)
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
-from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, OUTCOMES
+from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE
 
-CONTROLLER_FAILED = "controller failed"
-"""Ending of a run whose controller raises, takes too long or does not return a force."""
-
-ENDINGS = (*OUTCOMES, CONTROLLER_FAILED)
-"""The ways a trial can end; all but the first are failures."""
-
-FIGURES = ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi", "settling_time")
+FIGURES = (
+    "peak_z", "peak_phi", "max_command", "max_force", "iae_z", "iae_phi", "settling_time",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,22 +31,22 @@ class Trial:
     Attributes
     ----------
     outcome
-        One of `ENDINGS`.
+        How it ended: one of `OUTCOMES`, or `CONTROLLER_FAILED`.
     end_time
         When it ended [s]; NaN if the controller failed.
-    peak_z, peak_phi, max_force, iae_z, iae_phi, settling_time
+    peak_z, peak_phi, max_command, max_force, iae_z, iae_phi, settling_time
         As in `Rollouts`.
     message
         How the controller failed, if it did.
     requirements
-        Judgements of the run by the requirements of its scenario; empty if completion is the only
-        one, or the controller failed.
+        Judgements of the run by the requirements of its scenario; empty if the controller failed.
     """
 
     outcome: str
     end_time: float = math.nan
     peak_z: float = math.nan
     peak_phi: float = math.nan
+    max_command: float = math.nan
     max_force: float = math.nan
     iae_z: float = math.nan
     iae_phi: float = math.nan
@@ -64,9 +65,19 @@ class Trial:
         return tuple(one.requirement for one in self.requirements if not one.met)
 
     @property
+    def failure(self) -> str:
+        """How the run failed, from `failure_of`; empty if it met every requirement."""
+        return failure_of(self.outcome, self.requirements)
+
+    @property
     def passed(self) -> bool:
-        """Whether the run met its requirements or, if it has none, whether it completed."""
-        return not self.missed if self.requirements else self.completed
+        """Whether the run met every requirement of its scenario."""
+        return not self.failure
+
+    @property
+    def margin(self) -> float | None:
+        """The least margin of a run that completed; None if it has none."""
+        return least_margin(self.requirements) if self.completed else None
 
     @property
     def settled(self) -> bool:
@@ -76,12 +87,12 @@ class Trial:
     def severity(self, duration: float) -> float:
         """Return how bad the run was: up to 1 if it passed, from 1 on if it did not.
 
-        The severity of a run that completed without requirements is the mean of its largest and
-        its average abs(phi), as shares of the angle at which it would have fallen. With
+        The severity of a run that completed where only that is required is the mean of its largest
+        and its average abs(phi), as shares of the angle at which it would have fallen. With
         requirements it is the share of the tightest limit that is used up, or 1 + x / (1 + x) if
-        the run exceeds that limit by a share x. The severity of a run that ended early is 1 plus
-        the share of it that is missing; with requirements 2 plus that share, so that it is worse
-        than any run that completed. A controller that failed is the worst.
+        the run exceeds that limit by a share x. The severity of a run that failed by ending early
+        is 2 plus the share of it that is missing, so that it is worse than any run that completed.
+        A controller that failed is the worst.
 
         Parameters
         ----------
@@ -91,8 +102,7 @@ class Trial:
         if self.outcome == CONTROLLER_FAILED:
             return 3.0
         if not (self.passed or self.completed):
-            missing = 1.0 - self.end_time / duration
-            return missing + (2.0 if self.requirements else 1.0)
+            return 3.0 - self.end_time / duration
         tightest = self.robustness
         if tightest is None:
             return 0.5 * (self.peak_phi + self.iae_phi / duration) / FALL_ANGLE
@@ -100,12 +110,15 @@ class Trial:
 
     @property
     def robustness(self) -> float | None:
-        """Least relative robustness of a completed run over its requirements except completion."""
+        """The same for a search: a requirement that is never met has a graded one there."""
         if not self.completed:
             return None
-        found = [one.relative for one in self.requirements if one.requirement != "completes"]
-        known = [one for one in found if one is not None]
-        return min(known) if known else None
+        found = [
+            one.graded if one.relative is None else one.relative
+            for one in self.requirements
+            if one.requirement != "completes"
+        ]
+        return min((x for x in found if x is not None), default=None)
 
 
 class Settings(NamedTuple):

@@ -10,12 +10,6 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.bisection import Threshold
 from afl_mujoco.studies.delay_margin import LeastMargin
 
-END_STOP, UNSETTLED, REFUSED = "reached the end stop", "does not settle", "no force"
-"""Ways to fail besides the outcomes of a run."""
-
-MISSES = "misses "
-"""Before the requirement that a run misses."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
@@ -26,17 +20,14 @@ class Verdict:
     level
         The level.
     survives
-        Whether no pole fell, no run diverged and no cart reached an end stop; where the scenario
-        has requirements, whether they were met.
+        Whether every run met the requirements of its scenario.
     settles
-        Whether every run survived and ended within the bands of `sampled.loop`; where the scenario
-        has requirements, the same as survival.
+        Whether every run survived and, where the scenario has no requirements, settled.
     failure
-        How the first failed run failed: the first that did not survive, else the first that did not
-        settle; empty if none failed.
+        How the first failed run failed, from `failure_of`; empty if none failed.
     scenario, time
-        Scenario of that run, and when it ended or reached the end stop [s]; None if none failed.
-        The time is also None if the run completed but misses a requirement.
+        Scenario of that run, or else of the first that did not settle, and when it fell, diverged
+        or reached the end stop [s]; None if there is none.
     metrics
         The largest of each of `sweep.METRICS` over the runs; None where a run has none.
     message

@@ -21,6 +21,7 @@ from afl_mujoco.document.numbers import ceil_to, fixed, listed, percent, sentenc
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.words import departures_text
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.requirements_table import IN_WORDS, SETTLES, in_words
 from afl_mujoco.studies.thresholds.classes import (
@@ -36,14 +37,7 @@ from afl_mujoco.studies.thresholds.classes import (
 )
 from afl_mujoco.studies.thresholds.figures import added_titles, draw_combined, draw_thresholds
 from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL
-from afl_mujoco.studies.thresholds.result import (
-    END_STOP,
-    MISSES,
-    REFUSED,
-    Result,
-    Sweep,
-    Verdict,
-)
+from afl_mujoco.studies.thresholds.result import Result, Sweep, Verdict
 
 DELAY = "delay"
 
@@ -57,8 +51,8 @@ _ASKED = {
 _HOW = {
     "fell": "the pole falls",
     "diverged": "the run diverges",
-    END_STOP: "the cart reaches the end stop",
-    REFUSED: "the controller computes no force",
+    "end_stops": "the cart reaches the end stop",
+    CONTROLLER_FAILED: "the controller computes no force",
 }
 
 AMPLE = 10.0
@@ -483,14 +477,16 @@ def _in_words(result: Result, verdict: Verdict | None) -> str:
     """Return how a controller failed, a requirement in words and with its limit."""
     if verdict is None:
         return ""
-    missed = verdict.failure.removeprefix(MISSES)
+    missed = verdict.failure
+    if missed == "end_stops":
+        return "reached the end stop"
     if missed not in IN_WORDS:
-        return verdict.failure
-    asked = [s.requirements for s in result.scenarios if verdict.scenario in (None, s.name)]
-    limits = {getattr(one, missed) for one in asked}
+        return missed or "does not settle" * (not verdict.settles)
+    asked = [s.required for s in result.scenarios if verdict.scenario in (None, s.name)]
+    limits = {one.get(missed) for one in asked}
     known = len(limits) == 1 and missed != "completes"  # which has no limit of its own
     limit = f" {short(limits.pop())} {UNITS[missed]}" if known else ""
-    return f"{MISSES}“{IN_WORDS[missed]}{limit}”"
+    return f"misses “{IN_WORDS[missed]}{limit}”"
 
 
 def _delays(result: Result) -> Section:

@@ -21,11 +21,13 @@ from afl_mujoco.scenario.imperfections import (
     Imperfections,
 )
 from afl_mujoco.scenario.parameters import departures, require_distinct
+from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.mujoco_model import require_integrator
-from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
+from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 from afl_mujoco.simulation.sampled.runs import ticks_of
-from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.simulation.trajectory import DIVERGED, FELL
 from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.delay_margin import least_margin
@@ -38,10 +40,6 @@ from afl_mujoco.studies.thresholds.imperfections import (
     imperfections_at,
 )
 from afl_mujoco.studies.thresholds.result import (
-    END_STOP,
-    MISSES,
-    REFUSED,
-    UNSETTLED,
     Result,
     Settings,
     Sweep,
@@ -51,9 +49,13 @@ from afl_mujoco.studies.thresholds.study import DEFAULT, QUICK, Thresholds
 
 SCENARIO, DELAY = "step-step", "delay"
 
-METRICS = ("settling_time", "peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")
+METRICS = (
+    "settling_time", "peak_z", "peak_phi", "max_command", "max_force", "iae_z", "iae_phi",
+)  # fmt: skip
 """Metrics of a run, in SI units, as in `Rollouts`."""
 
+TIMED = (FELL, DIVERGED, "end_stops")
+"""Failures that have an instant."""
 
 LESS_IS_WORSE = {name for one in IMPERFECTIONS if one.less_is_worse for name in one.fields}
 """Imperfections whose smaller levels are the harsher ones."""
@@ -166,18 +168,18 @@ def judge(
         runs = run_rollouts(scenarios, controller, timestep=timestep, integrator=integrator)
     except (ControllerError, GainError) as error:
         return _refused(level, str(error))
-    failures = [_failure(runs, i) for i in range(len(runs))]
-    fatal = [failure not in ("", UNSETTLED) for failure in failures]
-    worst = min(range(len(runs)), key=lambda i: (not fatal[i], not failures[i]))
-    stopped = failures[worst] == END_STOP
-    ended = float((runs.stop_time if stopped else runs.end_time)[worst])
+    failures = [runs.failure(i) for i in range(len(runs))]
+    settled = [runs.settled(i) or one.requirements != NONE for i, one in enumerate(scenarios)]
+    worst = min(range(len(runs)), key=lambda i: (not failures[i], settled[i]))
+    failure = failures[worst]
+    ended = runs.stop_time if failure == "end_stops" else runs.end_time
     return Verdict(
         level=level,
-        survives=not any(fatal),
-        settles=not any(failures),
-        failure=failures[worst],
-        scenario=scenarios[worst].name if failures[worst] else None,
-        time=ended if failures[worst] and not failures[worst].startswith(MISSES) else None,
+        survives=not any(failures),
+        settles=not any(failures) and all(settled),
+        failure=failure,
+        scenario=None if not failure and settled[worst] else scenarios[worst].name,
+        time=float(ended[worst]) if failure in TIMED else None,
         metrics={name: _largest(getattr(runs, name).tolist()) for name in METRICS},
     )
 
@@ -186,28 +188,9 @@ def _refused(level: float, message: str) -> Verdict:
     """Return the verdict on a controller that computes no force."""
     nothing: dict[str, float | None] = dict.fromkeys(METRICS)
     return Verdict(
-        level=level, survives=False, settles=False, failure=REFUSED, scenario=None, time=None,
-        metrics=nothing, message=message,
+        level=level, survives=False, settles=False, failure=CONTROLLER_FAILED, scenario=None,
+        time=None, metrics=nothing, message=message,
     )  # fmt: skip
-
-
-def _failure(runs: Rollouts, index: int) -> str:
-    """Return how a run failed; empty if it did not.
-
-    If its scenario has requirements, a run that completed fails by the one it misses by the most.
-    """
-    outcome = runs.outcome(index)
-    if judged := runs.requirements[index]:
-        missed = [one for one in judged if not one.met]
-        if not missed:
-            return ""
-        worst = min(missed, key=lambda one: -math.inf if one.relative is None else one.relative)
-        return MISSES + worst.requirement if outcome.kind == COMPLETED else outcome.kind
-    if math.isfinite(runs.stop_time[index]):
-        return END_STOP
-    if outcome.kind != COMPLETED:
-        return outcome.kind
-    return "" if math.isfinite(runs.settling_time[index]) else UNSETTLED
 
 
 def _largest(values: Sequence[float]) -> float | None:

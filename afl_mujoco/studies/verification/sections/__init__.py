@@ -67,8 +67,7 @@ def opening(result: Result) -> list[Block]:
         shown[one.controller] = Shown(one.time[: len(state)], state[:, 0], state[:, 1], force)
     needs = [
         Need(
-            run.scenario, run.controller, run.metrics["peak_z"], run.metrics["max_force"],
-            run.outcome,
+            run.scenario, run.controller, run.metrics, run.outcome
         )
         for run in result.runs
         if run.simulator == DEPLOYED
