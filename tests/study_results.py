@@ -40,7 +40,7 @@ from afl_mujoco.studies.record import Record, load_records, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.thresholds import result as thresholds_result
 from afl_mujoco.studies.thresholds.imperfections import find_imperfection
-from afl_mujoco.studies.thresholds.result import END_STOP, UNSETTLED, Sweep, Verdict
+from afl_mujoco.studies.thresholds.result import Sweep, Verdict
 from afl_mujoco.studies.thresholds.sweep import added
 from tests.verification_result import NASTY, OWN, make_result
 
@@ -75,21 +75,20 @@ SWEEPS: dict[str, dict[str, tuple[Any, ...]]] = {
 }
 
 _METRICS = {
-    "settling_time": 6.6, "peak_z": 4.05, "peak_phi": 1.05, "max_force": 59.0,
-    "iae_z": 9.1, "iae_phi": 0.8,
+    "settling_time": 6.6, "peak_z": 4.05, "peak_phi": 1.05, "max_command": 60.0,
+    "max_force": 59.0, "iae_z": 9.1, "iae_phi": 0.8,
 }  # fmt: skip
 
 
 def verdict(survives: bool, settles: bool, name: str = "", level: float = 1.0) -> Verdict:
     """Return the outcome of a controller at a level."""
-    fatal = END_STOP if name == "rail" else "fell"
-    failure = "" if settles else UNSETTLED if survives else fatal
+    failure = "" if survives else "end_stops" if name == "rail" else "fell"
     return Verdict(
         level=level,
         survives=survives,
         settles=settles,
         failure=failure,
-        scenario="step-step" if failure else None,
+        scenario=None if settles else "step-step",
         time=1.25 if failure else None,
         metrics=_METRICS | ({} if settles else {"settling_time": None}),
     )
@@ -163,11 +162,12 @@ def monte_carlo() -> monte_carlo_result.Result:
                 interval=(0.8608, 0.9896), settled=18, settled_rate=0.3,
                 settled_interval=(0.1884, 0.4321), median_displacement=1.234,
                 largest_displacement=5.6,
-                failures_by_outcome={"fell": 60 - survived, "diverged": 0, "controller failed": 0},
+                failures_by_kind={"fell": 60 - survived}, margins=(), unmargined=60,
                 missed={},
                 failures=tuple(
                     monte_carlo_result.Failure(
-                        index=i, outcome="fell", end_time=2.5, message=None, missed=(),
+                        index=i, outcome="fell", end_time=2.5, message=None, missed=("completes",),
+                        failure="fell", margin=None,
                         file=f"montecarlo/{name}/failure-0007.toml" if i == 7 else None,
                     )
                     for i in range(7, 67 - survived)
@@ -184,7 +184,8 @@ def monte_carlo() -> monte_carlo_result.Result:
         worst_cases=tuple(
             monte_carlo_result.WorstCase(
                 controller=name, question="hardest", failed=failed, outcome="fell", end_time=9.9,
-                message=None, missed=(), severity=1.5, robustness=None, distance=0.43, runs=33,
+                message=None, failure="fell" if failed else "", missed=(), margin=None,
+                severity=1.5, distance=0.43, runs=33,
                 changes={"rail_friction": 0.99, "delay": 0.5},
                 point=tuple(space.reference.tolist()), noise=3,
                 file=f"montecarlo/{name}/hardest.toml",
@@ -359,6 +360,7 @@ def compare() -> compare_result.Result:
             time=time[:reached],
             state=np.outer(np.cos(3.0 * time[:reached]), (0.4, 0.2, 1.0, 1.0)),
             force=20.0 * np.exp(-time[:reached]),
+            command=21.0 * np.exp(-time[:reached]),
         )
         compared = compare_result.ComparedRun(
             scenario=NASTY,
@@ -369,6 +371,8 @@ def compare() -> compare_result.Result:
                 Judgement(requirement=name, limit=limit, value=value, left=left)
                 for name, (limit, value, left) in judged.items()
             ),
+            failure="" if outcome == "completed" else "fell",
+            settled=outcome == "completed",
             remarks=("Its gains are extrapolated.",),
         )
         return compared, curves

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
-from afl_mujoco.studies.thresholds.result import REFUSED
 from tests.program import run as start
 
 pytestmark = pytest.mark.slow
@@ -157,7 +157,7 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(tmp_path: Pat
     broken = found.failing["broken.raises"]
     assert mine.survives.holds_at > 50.0  # it needs more than the reference hardware has
     assert mine.failure.failure == "fell"
-    assert broken.failure == REFUSED
+    assert broken.failure == CONTROLLER_FAILED
     assert broken.message.startswith(SAID["raises"])
 
 

@@ -243,7 +243,7 @@ def _settled(scenario: Scenario, run: Trajectory) -> bool:
     """Return whether a run completed within the bands of rest, and had been so for `DWELL`."""
     late = run.time > run.time[-1] - DWELL - 1e-9
     completed = run.outcome.kind == COMPLETED and run.time[-1] >= DWELL - 1e-9
-    return completed and not bool(_outside(scenario, run)[late].any())
+    return bool(completed and not _outside(scenario, run)[late].any())
 
 
 def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judgement:

@@ -142,8 +142,8 @@ BAD_ARGUMENTS = {
     ),
     "unknown option": (["validate", "--fast"], "--fast is not an option of validate"),
     "unknown option without a value": (
-        ["thresholds", "--timestep"],
-        "--timestep is not an option of thresholds",
+        ["thresholds", "--control-period"],
+        "--control-period is not an option of thresholds",
     ),
     "unknown option with a value": (
         ["compare", "--gain=1"],

@@ -10,7 +10,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.files import save_scenario
-from afl_mujoco.scenario.requirements import NONE, UNITS, Requirements, recoveries
+from afl_mujoco.scenario.requirements import NONE, Requirements, recoveries
 
 PUSHES = (
     afl.ForcePulse(force=5.0, start=2.0, duration=0.5),
@@ -55,7 +55,7 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
 def test_to_complete_is_what_every_scenario_requires() -> None:
     assert all(scenario.requirements == NONE for scenario in afl.SCENARIOS.values())
     assert NONE.completes
-    assert all(getattr(NONE, name) is None for name in UNITS if name != "completes")
+    assert all(list(scenario.required) == ["completes"] for scenario in afl.SCENARIOS.values())
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import UNITS, Requirements
 from afl_mujoco.simulation.judgement import (
     Judgement,
+    failure_of,
     judge,
     judge_failure,
     remarks_on,
@@ -25,6 +26,7 @@ PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
 ALL = Requirements(
     max_position=2.0,
     max_angle=0.5,
+    max_command=45.0,
     max_force=30.0,
     settling_time=3.0,
     recover_within=2.0,
@@ -32,9 +34,10 @@ ALL = Requirements(
     angle_band=0.05,
 )
 SCENARIO = afl.Scenario(name="judged", disturbances=(PULSE,), duration=10.0, requirements=ALL)
+RAIL = Imperfections(rail_half_length=2.5)
 
 
-def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, end=None):
+def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, command=None, end=None):
     """A run whose z, phi and force are functions of time; one with an end fell there."""
     time = np.round(np.arange(0.0, (10.0 if end is None else end) + 1e-9, 0.01), 9)
     state = np.zeros((len(time), 4))
@@ -43,6 +46,7 @@ def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, end=No
         time=time,
         state=state,
         force=force(time) + 0.0 * time,
+        command=(command or force)(time) + 0.0 * time,
         cart_mass=np.ones_like(time),
         half_length=np.ones_like(time),
         outcome=Outcome("completed", 10.0) if end is None else Outcome("fell", end),
@@ -51,7 +55,9 @@ def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, end=No
 
 def judged(run, **asked):
     """What a run makes of requirements, by name."""
-    scenario = dataclasses.replace(SCENARIO, requirements=dataclasses.replace(ALL, **asked))
+    scenario = dataclasses.replace(
+        SCENARIO, requirements=dataclasses.replace(ALL, **asked), imperfections=RAIL
+    )
     return {one.requirement: one for one in judge(scenario, run)}
 
 
@@ -67,7 +73,9 @@ def test_every_requirement_is_judged_in_its_unit() -> None:
     expected = {
         "completes": (10.0, 0.0),
         "max_position": (1.5, 0.5),
+        "end_stops": (1.5, 1.0),
         "max_angle": (0.4, 0.1),
+        "max_command": (40.0, 5.0),
         "max_force": (40.0, -10.0),
         "settling_time": (2.5, 0.5),
         "recover_within": (1.5, 0.5),  # from 5 s, the end of the pulse, to 6.5 s
@@ -84,6 +92,7 @@ def test_each_requirement_fails_alone() -> None:
         "max_position": {"z": lambda t: 2.1 * (t < 1.0)},
         "max_angle": {"phi": lambda t: -0.6 * (t < 1.0)},
         "max_force": {"force": lambda t: 31.0 * (t > 9.0)},
+        "max_command": {"command": lambda t: 46.0 * (t > 9.0)},
         "settling_time": {"phi": lambda t: 0.06 * (t < 3.2)},
         "recover_within": {"z": lambda t: 0.2 * ((t > 4.0) & (t < 7.3))},
     }
@@ -91,17 +100,44 @@ def test_each_requirement_fails_alone() -> None:
         assert [k for k, one in judged(made(**fault)).items() if not one.met] == [name]
 
 
-def test_what_never_comes_to_rest_is_taken_to_do_so_at_the_end() -> None:
+def test_what_never_comes_to_rest_has_no_margin_but_a_graded_measure_for_a_search() -> None:
     found = judged(made(z=lambda t: 0.2 + 0.0 * t))
-    assert (found["settling_time"].value, found["settling_time"].left) == (None, -1.0)
-    assert (found["recover_within"].value, found["recover_within"].left) == (None, -3.0)
+    for name, graded in (("settling_time", -1.0 / 3.0), ("recover_within", -1.5)):
+        one = found[name]
+        assert (one.value, one.left, one.relative, one.met) == (None, None, None, False)
+        assert one.graded == pytest.approx(graded)
+
+
+@pytest.mark.parametrize(
+    ("run", "asked", "failure"),
+    [
+        (made(), {}, ""),
+        (made(end=4.0), {}, "fell"),
+        (made(end=4.0), {"completes": False}, "fell"),  # what it did not show
+        (made(z=lambda t: 2.6 * (t < 1.0)), {"max_position": None}, "end_stops"),
+        (made(z=lambda t: 2.6 * (t < 1.0)), {"max_position": None, "end_stops_allowed": True}, ""),
+        (made(z=lambda t: 2.1 * (t < 1.0), force=lambda t: 41.0 * (t < 1.0)), {}, "max_force"),
+        (made(z=lambda t: 0.2, force=lambda t: 41.0 * (t < 1.0)), {}, "settling_time"),
+    ],
+)
+def test_a_run_fails_by_how_it_ended_else_by_the_least_margin(run, asked, failure) -> None:
+    assert failure_of(run.outcome.kind, tuple(judged(run, **asked).values())) == failure
+
+
+def test_a_scenario_that_requires_nothing_judges_nothing_and_says_so() -> None:
+    nothing = dataclasses.replace(SCENARIO, requirements=Requirements(completes=False))
+    run = made(end=4.0)
+    assert judge(nothing, run) == ()
+    assert failure_of(run.outcome.kind, ()) == ""
+    (remark,) = remarks_on(run, nothing, afl.find_controller("lqr"))
+    assert remark.startswith("completes = false and nothing else is required")
 
 
 def test_a_run_that_fell_shows_only_what_it_broke() -> None:
     found = judged(made(phi=lambda t: t, end=1.5))
     assert (found["completes"].value, found["completes"].left) == (1.5, -8.5)
     assert found["max_angle"].left == pytest.approx(-1.0)
-    for name in ("max_position", "max_force"):
+    for name in ("max_position", "max_command", "max_force"):
         assert (found[name].left, found[name].relative, found[name].met) == (None, None, False)
     assert not any(one.met for one in found.values())
 
@@ -120,9 +156,9 @@ def test_nothing_is_judged_that_is_not_asked_for() -> None:
 
 
 def test_a_controller_that_failed_meets_nothing() -> None:
-    found = judge_failure(SCENARIO)
+    found = judge_failure(dataclasses.replace(SCENARIO, imperfections=RAIL))
     assert [one.requirement for one in found] == list(UNITS)
-    assert [one.limit for one in found] == [10.0, 2.0, 0.5, 30.0, 3.0, 2.0]
+    assert [one.limit for one in found] == [10.0, 2.5, 2.0, 0.5, 45.0, 30.0, 3.0, 2.0]
     assert not any(one.met for one in found)
 
 
@@ -226,14 +262,6 @@ def test_a_cart_at_its_end_stop_is_remarked_on(end, said) -> None:
         ({"rail_half_length": 1.0}, {}, ["first at 0 s, short of max_position, 2 m"]),
         ({"rail_half_length": 1.0}, {"max_position": 1.0}, ["from the middle, first at 0 s"]),
         ({"rail_half_length": 2.0}, {}, []),
-        (
-            {"force_limit": 30.0},
-            {},
-            ["clipped at force_limit, 30 N: it cannot exceed max_force, 30"],
-        ),
-        ({"force_limit": 31.0}, {}, []),
-        ({"force_limit": 30.0}, {"max_force": 29.0}, []),
-        ({"force_limit": 30.0}, {"max_force": None}, []),
     ],
     ids=str,
 )
@@ -249,6 +277,25 @@ def test_a_limit_of_the_hardware_is_remarked_on_where_a_run_reaches_it(
     found = remarks_on(run, scenario, afl.find_controller("fixed"))
     assert len(found) == len(said)
     assert all(one in remark for one, remark in zip(said, found, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"), [(5.0, "asks for up to 2"), (20.0, "asks for up to 2"), (1e3, None)]
+)
+def test_a_drive_that_cuts_the_command_off_is_remarked_on_and_said_in_the_row(limit, said) -> None:
+    asked = Requirements(max_force=40.0, max_command=25.0)
+    hardware = Imperfections(force_limit=limit)
+    scenario = afl.Scenario(
+        name="limited", initial_state=(0.0, 0.3, 0.0, 0.0), duration=3.0,
+        imperfections=hardware, requirements=asked,
+    )  # fmt: skip
+    run = afl.simulate_mujoco(scenario, "lqr")
+    found = [one for one in remarks_on(run, scenario, afl.find_controller("lqr")) if "drive" in one]
+    by_name = {one.requirement: one for one in judge(scenario, run)}
+    assert np.abs(run.force).max() == min(limit, np.abs(run.command).max())
+    assert by_name["max_command"].value == np.abs(run.command).max()
+    assert bool(found) == (said is not None) == (by_name["max_force"].limited > 0.0)
+    assert said is None or said in found[0]
 
 
 def test_a_controller_that_does_nothing_is_remarked_on() -> None:

@@ -47,7 +47,7 @@ def test_every_point_of_the_cube_is_a_reading() -> None:
             assert one[times][0] >= GAP and one[times][-1] <= one[HORIZON] - GAP + 1e-9
         for case in CASES:
             scenario = scenario_of(one, case, "any")
-            assert scenario.duration == one[HORIZON]
+            assert scenario.duration == pytest.approx(one[HORIZON], abs=1e-12)
             (m0, m1), (l0, l1), *_ = scenario.plants
             assert 0.1 - 1e-9 <= m0 <= m1 <= 2.0 + 1e-9
             assert 0.05 - 1e-9 <= l0 <= l1 <= 1.0 + 1e-9

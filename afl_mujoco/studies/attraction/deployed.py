@@ -15,7 +15,7 @@ from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.attraction.grid import FALLEN, SETTLED, UNDECIDED
 from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
-from afl_mujoco.simulation.trajectory import DIVERGED, FELL
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
 from afl_mujoco.studies.arrays import Array
 
 WORDS = {
@@ -83,7 +83,7 @@ def map_starts(
     angles, rates
         phi(0) [rad] and phi_dot(0) [rad/s].
     """
-    judged = scenario.requirements != NONE
+    judged = scenario.requirements != NONE and bool(scenario.required)
     settings: Any = {"timestep": timestep, "integrator": integrator, "threads": threads}
     rows = []
     for rate in rates.tolist():
@@ -133,7 +133,7 @@ def _alone(start: Scenario, controller: Controller, judged: bool, settings: Any)
 
 def _outcome(runs: Rollouts, index: int, judged: bool) -> int:
     """Return how a run ended."""
-    failure = runs.failure(index)
-    if failure in (FELL, DIVERGED):
+    failure, ended = runs.failure(index), runs.outcome(index).kind
+    if failure in (FELL, DIVERGED) or not (judged or ended == COMPLETED):
         return FALLEN
     return UNDECIDED if failure or not (judged or runs.settled(index)) else SETTLED

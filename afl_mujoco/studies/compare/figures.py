@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -49,7 +50,7 @@ def draw_responses(scenario: Scenario, curves: Mapping[str, Curves]) -> Figure:
 
 def _draw_run(axes: Sequence[Axes], run: Curves, name: str, colour: str, order: float) -> None:
     """Draw z, phi, the exerted force and, where the drive changes it, the command."""
-    line = {"color": colour, "label": name, "linewidth": 1.3, "zorder": order}
+    line: Any = {"color": colour, "label": name, "linewidth": 1.3, "zorder": order}
     for axis, values in zip(axes, (run.state[:, 0], run.state[:, 1], run.force), strict=False):
         axis.plot(run.time, values, **line)
     if not np.array_equal(run.command, run.force):

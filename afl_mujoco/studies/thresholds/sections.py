@@ -189,8 +189,7 @@ def _breaks(result: Result, ours: str) -> str:
         return "Everything that was tried, even at its mildest level."
     text = ""
     if RAIL in failing and not failing[RAIL][1].reference.survives:
-        to = " to meet the requirements, end stops hit or not" if result.required else ""
-        text = _rail(*failing.pop(RAIL), to)
+        text = _rail(*failing.pop(RAIL))
         if not failing:
             return f"{text}."
     clause = _clause(result, *min(failing.values(), key=lambda pair: tolerated(*pair)))
@@ -203,20 +202,14 @@ def _endless(result: Result, words: str) -> str:
     return words if result.endless else ""
 
 
-def _rail(rail: Imperfection, sweep: Sweep, to: str) -> str:
-    """Say that the reference rail is too short, and which rail is not, rounded up.
-
-    Parameters
-    ----------
-    to
-        What it is enough for, if that is less than to stay clear of the end stops.
-    """
+def _rail(rail: Imperfection, sweep: Sweep) -> str:
+    """Say that the reference rail is too short, and which rail is not, rounded up."""
     level = level_text(rail, rail.reference)
     text = f"The rail: the reference of {level} m to either side is too short"
     enough = sweep.survives.holds_at
     if sweep.survives.bound == UPPER or enough is None:
         return text
-    return f"{text}; {level_text(rail, ceil_to(enough))} m is enough{to}"
+    return f"{text}; {level_text(rail, ceil_to(enough))} m is enough"
 
 
 def _clause(result: Result, one: Imperfection, sweep: Sweep) -> str:

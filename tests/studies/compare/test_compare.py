@@ -190,7 +190,7 @@ def test_controllers_that_all_meet_every_requirement_are_counted(result) -> None
 
 def test_a_run_that_never_settles_is_said_to(result) -> None:
     missed = next(run for run in result.runs if run.missed)
-    never = Judgement(requirement="settling_time", limit=5.5, value=None, left=-0.5)
+    never = Judgement(requirement="settling_time", limit=5.5, value=None, left=None, graded=-0.1)
     said = finding([replace(missed, requirements=(never,))])
     assert said == "The controller `adaptive` misses “settles within 5.5 s” (it never does)."
 

@@ -16,19 +16,21 @@ from afl_mujoco.document.terminal import print_sections
 from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.features import FEATURES, features_of, most_separating
 from afl_mujoco.studies.monte_carlo.figures import BINS, PANELS
 from afl_mujoco.studies.monte_carlo.rates import Rate
 from afl_mujoco.studies.monte_carlo.result import result_of
 from afl_mujoco.studies.monte_carlo.sections import sections
-from afl_mujoco.studies.monte_carlo.trial import CONTROLLER_FAILED, Settings, Trial
+from afl_mujoco.studies.monte_carlo.trial import Settings, Trial
 from afl_mujoco.studies.monte_carlo.worst_case import NEAREST, Found
 from tests import study_results
 
 SPACE, SAMPLES = SampleSpace(LABORATORY), 60
 UP = Trial(outcome="completed", end_time=20.0, settling_time=9.0, peak_z=1.234)
-DOWN = Trial(outcome="fell", end_time=2.5)
+FALL = Judgement(requirement="completes", limit=20.0, value=2.5, left=-17.5)
+DOWN = Trial(outcome="fell", end_time=2.5, requirements=(FALL,))
 BROKEN = Trial(outcome=CONTROLLER_FAILED, message="controller [x] raised")
 
 
@@ -151,10 +153,8 @@ def test_a_worst_case_is_measured_from_the_initial_m_and_l_only_where_they_are_d
 def test_the_findings_say_rates_with_intervals_and_the_comparison(rubbed: Campaign) -> None:
     failed = sum(t is DOWN for t in rubbed.trials["adaptive"])
     text = " ".join(printed(rubbed, []).split())
-    assert (
-        "On 60 random samples on a rail without end stops the adaptive controller survives" in text
-    )
-    assert "(exact 95 % interval" in text
+    said = "On 60 random samples on a rail without end stops, with exact 95 % intervals: adaptive "
+    assert said + "survives" in text and "; lqr survives 100 %" in text
     assert (
         "The adaptive controller passes 0 samples on which LQR fails, LQR "
         f"{failed} on which adaptive does (McNemar" in text

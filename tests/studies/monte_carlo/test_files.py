@@ -12,6 +12,7 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
 from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
+from afl_mujoco.simulation.judgement import Judgement
 from afl_mujoco.studies.monte_carlo import files
 from afl_mujoco.studies.monte_carlo.campaign import Campaign
 from afl_mujoco.studies.monte_carlo.files import require, write
@@ -20,11 +21,15 @@ from afl_mujoco.studies.monte_carlo.trial import Settings, Trial
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST, Found
 
 SPACE = SampleSpace(LABORATORY)
+FALL = Judgement(requirement="completes", limit=20.0, value=1.0, left=-19.0)
 
 
 def campaign(*failed: int, seed: int = 1, found: Sequence[Found] = (), **options) -> Result:
     trials = [
-        Trial(outcome="fell" if i in failed else "completed", end_time=1.0) for i in range(150)
+        Trial(outcome="fell", end_time=1.0, requirements=(FALL,))
+        if i in failed
+        else Trial(outcome="completed", end_time=1.0)
+        for i in range(150)
     ]
     made = Campaign(
         space=SPACE,
@@ -70,7 +75,8 @@ def test_no_more_are_kept_than_asked_for(tmp_path) -> None:
 def test_what_a_search_found_is_a_file_too(tmp_path) -> None:
     found = Found(
         question=HARDEST, controller="lqr", point=sample_point(SPACE, 9, 1), noise=9,
-        trial=Trial(outcome="fell", end_time=1.0), distance=0.1, runs=1, changes={},
+        trial=Trial(outcome="fell", end_time=1.0, requirements=(FALL,)), distance=0.1, runs=1,
+        changes={},
     )  # fmt: skip
     result = campaign(found=[found])
     write(result, tmp_path)

@@ -107,7 +107,7 @@ def test_a_controller_that_breaks_down_is_an_outcome_with_its_message(tmp_path: 
     content = study(tmp_path)
     assert "mine:controller lqr --samples 3 --no-worst-case" in result.stdout
     broken = content["controllers"][0]
-    assert broken["failures_by_outcome"] == {"fell": 0, "diverged": 0, "controller failed": 3}
+    assert broken["failures_by_kind"] == {"controller failed": 3}
     said = "controller 'mine.controller' raised OSError at t = 0 s: unplugged"
     assert [failure["message"] for failure in broken["failures"]] == [said] * 3
     assert content["worst_cases"] == []
@@ -141,7 +141,7 @@ def test_a_scenario_of_ones_own_is_drawn_from_and_its_hardest_sample_filmed(tmp_
     assert "afl-mujoco montecarlo own.toml --controllers lqr" in result.stdout
     content = study(tmp_path)
     hardest = content["worst_cases"][0]
-    assert hardest["robustness"] is not None
+    assert hardest["margin"] is not None
     films = json.loads((tmp_path / "out" / "films.json").read_text())["films"]
     assert [film["controllers"] for film in films] == [["lqr"]]
     assert (tmp_path / "out" / films[0]["file"]).stat().st_size > 10_000

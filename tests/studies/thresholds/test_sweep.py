@@ -14,11 +14,12 @@ from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, Threshold
 from afl_mujoco.studies.thresholds import sweep as sweep_module
 from afl_mujoco.studies.thresholds.classes import tolerated
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME, find_imperfection
-from afl_mujoco.studies.thresholds.result import END_STOP, REFUSED, Sweep, Verdict
+from afl_mujoco.studies.thresholds.result import Sweep, Verdict
 from afl_mujoco.studies.thresholds.sections import sections
 from afl_mujoco.studies.thresholds.sweep import (
     Settings,
@@ -53,7 +54,7 @@ def test_the_rail_must_be_as_long_as_the_ideal_run_needs():
     assert found.survives.fails_at < peak <= found.survives.holds_at
     assert found.survives.holds_at / found.survives.fails_at <= 1.05
     assert not found.reference.survives
-    assert found.failure.failure == found.reference.failure == END_STOP
+    assert found.failure.failure == found.reference.failure == "end_stops"
     z = np.abs(simulated(LQR).state[:, 0])
     at_reference = np.flatnonzero(z >= BY_NAME["rail"].reference)[0] * 1e-3
     assert found.reference.time == pytest.approx(at_reference, abs=1e-9)
@@ -132,7 +133,7 @@ def test_the_figures_of_a_verdict_are_the_largest_of_any_run():
     runs = [afl.simulate_mujoco(case, LQR, "sampled") for case in cases]
     assert metrics["peak_z"] == max(np.abs(run.state[:, 0]).max() for run in runs)
     assert metrics["peak_phi"] == max(np.abs(run.state[:, 1]).max() for run in runs)
-    assert metrics["max_force"] == max(np.abs(run.force[:-1]).max() for run in runs)
+    assert metrics["max_force"] == max(run.metrics["max_force"] for run in runs)
     assert metrics["settling_time"] is None  # the harsh one does not settle in 2 s
 
 
@@ -148,7 +149,7 @@ def test_a_controller_that_computes_no_force_fails_and_says_so():
     controller = PythonController(name="broken", function=broken)
     short = (replace(CASE, duration=2.0),)
     found = sweep(("mass-over", controller, short, replace(SETTINGS, scan=3, tolerance=0.5)))
-    assert found.failure.failure == REFUSED
+    assert found.failure.failure == CONTROLLER_FAILED
     assert found.survives.bound == BRACKETED
     assert found.reference.survives
 
@@ -159,7 +160,7 @@ def test_imperfections_are_added_one_by_one_and_ends_with_the_rail():
     verdicts = sweep_combined((LQR, CASES, SETTINGS))
     assert len(verdicts) == len(names)
     assert verdicts[0].settles
-    assert verdicts[-1].failure == END_STOP
+    assert verdicts[-1].failure == "end_stops"
     first_two = simulated(LQR, control_period=2e-3, delay=2e-3)
     assert verdicts[1].metrics["peak_z"] == np.abs(first_two.state[:, 0]).max()
 

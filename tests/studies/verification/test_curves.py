@@ -95,7 +95,7 @@ def test_inputs_are_those_of_the_scenario_after_a_jump(curves: Curves) -> None:
 
 def test_a_run_that_fell_has_the_instants_that_it_reached(runs: dict[str, Trajectory]) -> None:
     whole = runs["mujoco continuous"]
-    cut = {name: getattr(whole, name)[:552] for name in ("time", "state", "force")}
+    cut = {name: getattr(whole, name)[:552] for name in ("time", "state", "force", "command")}
     cut |= {name: getattr(whole, name)[:552] for name in ("cart_mass", "half_length")}
     fallen = dataclasses.replace(whole, **cut, outcome=afl.Outcome("fell", 0.551))
     curves = selected({**runs, "mujoco continuous": fallen}, {})

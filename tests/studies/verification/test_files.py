@@ -60,6 +60,8 @@ def test_junit_has_a_case_for_each_requirement() -> None:
         controller="fixed",
         outcome="fell at t = 0.7 s",
         requirements=(requirement,),
+        failure="fell",
+        settled=False,
     )
     result = replace(make_result(), requirements=(fell,), verdict="fail")
     suite = ElementTree.fromstring(junit(result))

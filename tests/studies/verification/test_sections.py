@@ -102,7 +102,12 @@ def judged(outcome: str, left: float) -> JudgedRun:
     """What one controller made of the requirement to complete."""
     whole = Judgement(requirement="completes", limit=2.0, value=2.0 + left, left=left)
     return JudgedRun(
-        scenario="step-step", controller="adaptive", outcome=outcome, requirements=(whole,)
+        scenario="step-step",
+        controller="adaptive",
+        outcome=outcome,
+        requirements=(whole,),
+        failure="" if whole.met else "fell",
+        settled=whole.met,
     )
 
 
