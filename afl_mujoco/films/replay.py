@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.sampling import LONGEST_STEP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -124,7 +123,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     true parameters, and the force of a Python controller is held: it may be stateful, or switch at
     every call.
     """
-    nominal = replace(scenario, imperfections=IDEAL)
+    nominal = scenario.ideal
     run = simulate_mujoco(
         scenario,
         controller,

@@ -10,6 +10,7 @@ import numpy as np
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification.identify import Estimate, Identified, Step
 from afl_mujoco.identification.rig import model_of, physical
+from afl_mujoco.scenario.belief import ERROR, Belief
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
@@ -59,9 +60,9 @@ def scenario_of(identified: Identified) -> Scenario:
         _add(varied, name, replace(of, low=whole * of.low, high=whole * of.high))
     _add(varied, "delay", identified.find("delay"))
     _add(varied, "actuator_lag", identified.find("lag"))
-    for name, known in (("mass_error", "cart_mass"), ("length_error", "half_length")):
+    for known in ("cart_mass", "half_length"):
         share = (found[known].high - found[known].value) / found[known].value
-        varied[name] = (-min(share, 0.9), share)
+        varied[f"{known}{ERROR}"] = (-min(share, 0.9), share)
 
     return replace(base, ranges=Ranges(varied=varied))
 
@@ -136,18 +137,14 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
     scenarios = []
     for i, (values, tilt) in enumerate(zip(drawn, tilts, strict=True)):
         one = with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)})
-        plant = one.parameters_at(0.0)
-        believed = replace(
-            one.imperfections,
-            mass_error=assumed.cart_mass / plant.cart_mass - 1.0,
-            length_error=assumed.half_length / plant.half_length - 1.0,
-        )
         scenarios.append(
             replace(
                 one,
                 name=f"draw-{i:04d}",
                 initial_state=(0.0, float(tilt), 0.0, 0.0),
-                imperfections=believed,
+                belief=Belief.of(
+                    {"cart_mass": assumed.cart_mass, "half_length": assumed.half_length}
+                ),
             )
         )
     return scenarios

@@ -18,6 +18,7 @@ import tomli_w
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json, write_text
+from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
@@ -121,11 +122,12 @@ class _File:
     disturbances: list[_Disturbance] = field(default_factory=list)
     imperfections: Imperfections = field(default_factory=Imperfections)
     requirements: Requirements = field(default_factory=Requirements)
+    belief: str | dict[str, Any] = field(default_factory=dict)
     ranges: dict[str, Any] = field(default_factory=dict)
     replay: Replay = field(default_factory=Replay)
 
 
-_ABSENT_WHERE_EMPTY = ("imperfections", "requirements", "ranges")
+_ABSENT_WHERE_EMPTY = ("imperfections", "requirements", "belief", "ranges")
 
 
 _NAMED = {**SCENARIOS, LABORATORY.name: LABORATORY}
@@ -226,8 +228,8 @@ def as_scenarios(
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 
-    Every default is written out, except in `imperfections`, `requirements` and `ranges`, which
-    contain only the values that differ from their defaults.
+    Every default is written out, except in `imperfections`, `requirements`, `belief` and `ranges`,
+    which contain only the values that differ from their defaults.
 
     Parameters
     ----------
@@ -248,6 +250,7 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
         initial_state=list(s.initial_state),
         schedule=_Schedules(**knots),
         disturbances=[{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances],
+        belief=s.belief.table,
         ranges=s.ranges.table,
     )
     found = asdict(table)
@@ -283,6 +286,8 @@ def _scenario(file: _File, default_name: str) -> Scenario:
     for i, disturbance in enumerate(file.disturbances):
         with _within(f"disturbances[{i}]."):
             disturbances.append(_built(disturbance))
+    with _within("belief."):
+        belief = Belief.of(file.belief)
     with _within("ranges."):
         ranges = Ranges.of(file.ranges)
     name = default_name if file.name is None else file.name
@@ -291,6 +296,7 @@ def _scenario(file: _File, default_name: str) -> Scenario:
         disturbances=tuple(disturbances),
         imperfections=file.imperfections,
         requirements=file.requirements,
+        belief=belief,
         ranges=ranges,
         **given,
     )

@@ -13,12 +13,16 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.belief import ERRORS, require_error
 from afl_mujoco.scenario.parameters import (
     require_finite,
     require_positive,
     require_type,
     short_repr,
 )
+
+BELIEVED = ("parameter_delay", *ERRORS)
+"""What changes only what controllers are told of the plant."""
 
 _LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
 
@@ -71,6 +75,16 @@ class Imperfection:
         """Return the fields of `Imperfections` at a level."""
         values = {name: factor * level for name, factor in self.fields.items()}
         return {**values, **dict.fromkeys(self.switches, True)}
+
+    @property
+    def of_belief(self) -> bool:
+        """Whether it changes what controllers assume, and nothing else."""
+        return bool(self.fields) and all(name in BELIEVED for name in self.fields)
+
+    @property
+    def adds(self) -> bool:
+        """Whether a level is added to what a scenario has itself, rather than the total."""
+        return bool(self.fields) and all(name in ERRORS for name in self.fields)
 
     @property
     def less_is_worse(self) -> bool:
@@ -167,13 +181,6 @@ def _share(name: str, value: Any) -> float:
     number = _not_negative(name, value)
     if number >= 1.0:
         raise InvalidValueError(name, "must be below 1", number)
-    return number
-
-
-def _error(name: str, value: Any) -> float:
-    number = require_finite(name, value)
-    if number <= -1.0:
-        raise InvalidValueError(name, "must be above -1", number)
     return number
 
 
@@ -363,24 +370,6 @@ class Imperfections:
         why="M and l come from elsewhere",
     )  # fmt: skip
     """Delay with which the controller gets M and l."""
-    mass_error: float = _declared(
-        0.0, _error, "1",
-        Imperfection(name="mass-over", title="M assumed too large", unit="%", scale=1e2,
-            fields={"mass_error": 1.0}, reference=0.1, benign=0.01, harsh=30.0),
-        Imperfection(name="mass-under", title="M assumed too small", unit="%", scale=1e2,
-            fields={"mass_error": -1.0}, reference=0.1, benign=0.01, harsh=0.95),
-        why="weighed by hand",
-    )  # fmt: skip
-    """Relative error of the assumed M, above -1: 0.1 is 10 % too large."""
-    length_error: float = _declared(
-        0.0, _error, "1",
-        Imperfection(name="length-over", title="l assumed too large", unit="%", scale=1e2,
-            fields={"length_error": 1.0}, reference=0.05, benign=0.01, harsh=30.0),
-        Imperfection(name="length-under", title="l assumed too small", unit="%", scale=1e2,
-            fields={"length_error": -1.0}, reference=0.05, benign=0.01, harsh=0.95),
-        why="measured by hand",
-    )  # fmt: skip
-    """Relative error of the assumed l, above -1."""
     rail_half_length: float | None = _declared(
         None, _optional, "m",
         Imperfection(name="rail", title="rail to either side", unit="m",
@@ -397,8 +386,9 @@ class Imperfections:
 
     def __post_init__(self) -> None:
         """Validate every field and store numbers as floats."""
-        for name, declaration in DECLARATIONS.items():
-            object.__setattr__(self, name, declaration.rule(name, getattr(self, name)))
+        for one in fields(self):
+            rule = DECLARATIONS[one.name].rule
+            object.__setattr__(self, one.name, rule(one.name, getattr(self, one.name)))
 
     @property
     def noisy(self) -> bool:
@@ -422,10 +412,37 @@ def require_on_rail(
         raise InvalidValueError(thing, f"must lie within {which}, {rail:g} m", f"{z:g} m")
 
 
+_BELIEF: Mapping[str, Declaration] = {
+    "cart_mass_error": Declaration(require_error, "1", (
+        Imperfection(name="mass-over", title="M assumed too large", unit="%", scale=1e2,
+            fields={"cart_mass_error": 1.0}, reference=0.1, benign=0.01, harsh=30.0),
+        Imperfection(name="mass-under", title="M assumed too small", unit="%", scale=1e2,
+            fields={"cart_mass_error": -1.0}, reference=0.1, benign=0.01, harsh=0.95),
+    ), "weighed by hand", None),
+    "half_length_error": Declaration(require_error, "1", (
+        Imperfection(name="length-over", title="l assumed too large", unit="%", scale=1e2,
+            fields={"half_length_error": 1.0}, reference=0.05, benign=0.01, harsh=30.0),
+        Imperfection(name="length-under", title="l assumed too small", unit="%", scale=1e2,
+            fields={"half_length_error": -1.0}, reference=0.05, benign=0.01, harsh=0.95),
+    ), "measured by hand", None),
+    **{
+        name: Declaration(require_error, "1", (), "", None)
+        for name in ERRORS
+        if name not in ("cart_mass_error", "half_length_error")
+    },
+}  # fmt: skip
+"""The errors of what controllers assume, which are part of the belief of a scenario."""
+
+_FIELDS = {one.name: one.metadata["declaration"] for one in fields(Imperfections)}
+
 DECLARATIONS: Mapping[str, Declaration] = MappingProxyType(
-    {one.name: one.metadata["declaration"] for one in fields(Imperfections)}
+    {
+        **{name: one for name, one in _FIELDS.items() if name != "rail_half_length"},
+        **_BELIEF,
+        "rail_half_length": _FIELDS["rail_half_length"],  # combined last
+    }
 )
-"""The declaration of each field."""
+"""The declaration of each field, and of each error of the belief."""
 
 IMPERFECTIONS = tuple(one for declared in DECLARATIONS.values() for one in declared.swept)
 """Every imperfection whose thresholds are searched, in the order in which they are combined."""

@@ -20,6 +20,9 @@ STATE = MappingProxyType({"z": "m", "phi": "rad", "z_dot": "m/s", "phi_dot": "ra
 SCHEDULES = MappingProxyType({"cart_mass": "kg", "half_length": "m"})
 """The parameters that schedules prescribe, and their units."""
 
+CONSTANTS = MappingProxyType({"pole_mass": "kg", "gravity": "m/s²"})
+"""The other parameters of the plant, and their units."""
+
 _FIXED = ("control_period", "differentiated", "seed")
 """Imperfections that may not vary: a period, which other periods must divide, a switch, a seed."""
 
@@ -29,13 +32,13 @@ HARDWARE = (
 )
 """Imperfections that may vary, in the order of their axes."""
 
-VARIABLE = (*STATE, *SCHEDULES, *HARDWARE)
+VARIABLE = (*STATE, *SCHEDULES, *HARDWARE, *CONSTANTS)
 """Everything that may vary."""
 
 
 def unit_of(name: str) -> str:
     """Return the unit of something that may vary."""
-    units = {**STATE, **SCHEDULES}
+    units = {**STATE, **SCHEDULES, **CONSTANTS}
     return units[name] if name in units else DECLARATIONS[name].unit
 
 
@@ -139,7 +142,7 @@ def _range(name: str, bounds: Any) -> Range:
         rule = "must be a range: its least and its largest value"
         raise InvalidValueError(name, rule, repr(bounds))
     rule_of: Callable[[str, Any], Any] = require_finite
-    if name in SCHEDULES:
+    if name in SCHEDULES or name in CONSTANTS:
         rule_of = require_positive
     elif name in DECLARATIONS:
         rule_of = DECLARATIONS[name].rule

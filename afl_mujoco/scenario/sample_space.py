@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import DECLARATIONS, FINEST_STEP, require_on_rail
 from afl_mujoco.scenario.parameters import departures
-from afl_mujoco.scenario.ranges import FIXED, HARDWARE, SCHEDULES, STATE, Range, unit_of
+from afl_mujoco.scenario.ranges import (
+    CONSTANTS,
+    FIXED,
+    HARDWARE,
+    SCHEDULES,
+    STATE,
+    VARIABLE,
+    Range,
+    unit_of,
+)
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
     Schedule,
@@ -123,7 +132,7 @@ class SampleSpace:
         parts += [f"level {i}" for i in range(1, levels + 1)]
         parts += [f"instant {i}" for i in range(1, instants + 1)]
         found: list[str] = []
-        for name in (*STATE, *SCHEDULES, *HARDWARE):
+        for name in VARIABLE:
             low, high = self.varied.get(name, (0.0, 0.0))
             if low < high:  # a single number has no axis
                 found += [f"{name} {part}" for part in parts] if name in SCHEDULES else [name]
@@ -180,13 +189,14 @@ class SampleSpace:
         start = zip(STATE, base.initial_state, strict=True)
         drawn: dict[str, Any] = {
             "initial_state": tuple(scaled.pop(name, value) for name, value in start),
+            **{name: scaled.pop(name) for name in CONSTANTS if name in scaled},
             **{name: self._schedule(name, at) for name in SCHEDULES if name in self.varied},
         }
         hardware: dict[str, Any] = {"seed": noise, **scaled}
+        known = replace(base, belief=base.belief.known(base.parameters_at(0.0)))
         return replace(
-            base,
+            known.changed(**hardware),
             name=f"{base.name}-{seed}-{index:04d}",
-            imperfections=replace(base.imperfections, **hardware),
             ranges=FIXED,
             **drawn,
         )
@@ -235,7 +245,8 @@ class SampleSpace:
         """
         base = self.scenario
         own = dict(zip(STATE, base.initial_state, strict=True))
-        own |= {name: getattr(base.imperfections, name) for name in HARDWARE}
+        own |= {name: base.hardware(name) for name in HARDWARE}
+        own |= {name: getattr(base, name) for name in CONSTANTS}
         found = []
         for name in self.coordinates:
             thing, _, part = name.partition(" ")

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.belief import ERRORS, TRUTH, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_on_rail
 from afl_mujoco.scenario.parameters import (
@@ -115,6 +117,8 @@ class Scenario:
     ranges
         What varies from run to run where runs are drawn at random; a simulator simulates the
         scenario as it is.
+    belief
+        What controllers assume of the plant: what `Belief.of` takes.
 
     Raises
     ------
@@ -133,6 +137,7 @@ class Scenario:
     imperfections: Imperfections = IDEAL
     requirements: Requirements = NONE
     ranges: Ranges = FIXED
+    belief: Belief = TRUTH
 
     def __post_init__(self) -> None:
         """Validate every field and normalise its type."""
@@ -174,6 +179,7 @@ class Scenario:
         require_type("requirements", self.requirements, Requirements)
         self.requirements.require_decidable(self.duration, self.disturbances)
         require_type("ranges", self.ranges, Ranges)
+        object.__setattr__(self, "belief", Belief.of(self.belief))
 
     __repr__ = short_repr
 
@@ -195,9 +201,35 @@ class Scenario:
     @property
     def assumed_plants(self) -> PlantRange:
         """The plants that a controller assumes, in which M and l may be wrong."""
-        (m0, m1), (l0, l1), pole_mass, gravity = self.plants
-        mass, length = 1.0 + self.imperfections.mass_error, 1.0 + self.imperfections.length_error
-        return PlantRange((m0 * mass, m1 * mass), (l0 * length, l1 * length), pole_mass, gravity)
+        mass, length, *_ = self.plants
+        ends = (self.told("cart_mass", np.array(mass)), self.told("half_length", np.array(length)))
+        (m0, m1), (l0, l1) = (tuple(one.tolist()) for one in ends)
+        return PlantRange((m0, m1), (l0, l1), *self.told_constants)
+
+    def told(self, name: str, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what controllers assume of M or l, given its true values."""
+        found: NDArray[np.float64] = self.belief.told(name, truth, getattr(self, name).at(0.0))
+        return found
+
+    @property
+    def told_constants(self) -> tuple[float, float]:
+        """The m [kg] and g [m/s^2] that controllers assume."""
+        m, g = (self.belief.told(name, getattr(self, name)) for name in ("pole_mass", "gravity"))
+        return float(m), float(g)
+
+    def hardware(self, name: str) -> Any:
+        """Return an imperfection, or an error of the belief, by its name."""
+        return self.belief.error(name) if name in ERRORS else getattr(self.imperfections, name)
+
+    def changed(self, **hardware: Any) -> Scenario:
+        """Return the scenario with other imperfections and errors of the belief, by name."""
+        errors = {name: value for name, value in hardware.items() if name in ERRORS}
+        others = {name: value for name, value in hardware.items() if name not in ERRORS}
+        return replace(
+            self,
+            imperfections=replace(self.imperfections, **others),
+            belief=self.belief.changed(**errors),
+        )
 
     def _range(self, schedule: Schedule) -> tuple[float, float]:
         """Return the least and the largest value of a schedule up to the horizon."""
@@ -282,6 +314,11 @@ class Scenario:
         levels = np.array([0.0, *(self.push_at(edge) for edge in edges)])
         return levels[np.searchsorted(edges, times, side="right")]
 
+    @property
+    def ideal(self) -> Scenario:
+        """The same without imperfections, and controllers told the truth."""
+        return replace(self, imperfections=IDEAL, belief=TRUTH)
+
     def require_ideal(self) -> None:
         """Raise if anything departs from the ideal loop.
 
@@ -290,9 +327,10 @@ class Scenario:
         InvalidValueError
             If the scenario has imperfections.
         """
-        if self.imperfections != IDEAL:
+        if self.imperfections != IDEAL or self.belief != TRUTH:
             rule = (
                 'has imperfections, which only mode "sampled" simulates: use that (the commands '
-                "simulate, without --compare, and compare do), or remove [imperfections]"
+                "simulate, without --compare, and compare do), or remove [imperfections] and "
+                "[belief]"
             )
             raise InvalidValueError(f"scenario {self.name!r}", rule)

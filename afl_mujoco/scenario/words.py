@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator
 
 from afl_mujoco.document.numbers import short
+from afl_mujoco.scenario.belief import NOMINAL, PARAMETERS, TRUTH, Assumed, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import departures
@@ -35,7 +36,23 @@ def describe(scenario: Scenario) -> list[tuple[str, str]]:
         ("start", start),
         ("horizon", f"{short(scenario.duration)} s"),
         ("imperfections", departures_text(scenario.imperfections)),
+        ("controllers", belief_text(scenario.belief)),
     ]
+
+
+def belief_text(belief: Belief) -> str:
+    """Return what controllers are told of the plant."""
+    if belief == TRUTH:
+        return "told the true M, l"
+    if belief == Belief.of(NOMINAL):
+        return "believe nominal"
+    said = []
+    for name in PARAMETERS:
+        one = getattr(belief, name)
+        if one != Assumed():
+            value = one.value if isinstance(one.value, str) else short(one.value)
+            said.append(f"{name} {value}" + (f" {100.0 * one.error:+.3g} %" if one.error else ""))
+    return f"believe {', '.join(said)}"
 
 
 def departures_text(imperfections: Imperfections) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel, load
 from afl_mujoco.errors import InvalidValueError, MissingPackageError
 from afl_mujoco.graphics import choose_backend
+from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.sampling import instants, step_times
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation import mujoco_model as mm
@@ -101,7 +102,7 @@ def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
         profile = np.concatenate([profile, np.zeros(1, PROFILE)])
         profile["cart_mass"][-1], profile["half_length"][-1] = now[-1]
     told = now
-    if r.parameter_delay or r.mass_error or r.length_error:
+    if r.parameter_delay or s.belief != TRUTH:
         told = np.stack(told_parameters(s, at), axis=1)
     return Episode(
         constants=(float(timestep), s.pole_mass, s.gravity),

@@ -319,11 +319,9 @@ def controller_policy(
             if name not in seen:
                 raise InvalidValueError("observation", f"must hold {name!r}", ", ".join(seen))
         cart_mass, half_length = seen["parameters"].tolist()
+        pole_mass, gravity = scenario.told_constants
         truth = CartPoleParameters(
-            cart_mass=cart_mass,
-            pole_mass=scenario.pole_mass,
-            half_length=half_length,
-            gravity=scenario.gravity,
+            cart_mass=cart_mass, pole_mass=pole_mass, half_length=half_length, gravity=gravity
         )
         state = np.concatenate([seen["position"], seen["velocity"]])
         return np.array([own.force(state, truth, tick * period)])

@@ -9,6 +9,7 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
@@ -27,6 +28,7 @@ def delay_margin(
     plant: CartPoleParameters,
     period: float = PERIOD,
     imperfections: Imperfections = IDEAL,
+    belief: Belief = TRUTH,
 ) -> float | None:
     """Return the delay margin [s] of a linearised loop with a held force; None if it has none.
 
@@ -37,8 +39,10 @@ def delay_margin(
     imperfections
         Only those in `LINEAR` count; the margin is the additional delay that the loop tolerates
         besides theirs.
+    belief
+        As in `linearize`.
     """
-    loop = linearize(controller, plant, imperfections)
+    loop = linearize(controller, plant, imperfections, belief)
     margins = loop_margins(loop, period, imperfections)
     return None if margins is None or not math.isfinite(margins.delay) else margins.delay
 

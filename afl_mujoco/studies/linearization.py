@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward
@@ -69,7 +70,7 @@ class Loop:
 
 LINEAR = (
     "delay", "actuator_lag", "rail_damping", "hinge_damping", "rail_armature", "hinge_armature",
-    "tip_mass_share", "pole_radius", "mass_error", "length_error", "control_period",
+    "tip_mass_share", "pole_radius", "control_period",
     "differentiated", "velocity_filter",
 )  # fmt: skip
 """Imperfections that a linear loop can have."""
@@ -81,23 +82,24 @@ def linear_part(imperfections: Imperfections) -> Imperfections:
 
 
 def linearize(
-    controller: Controller, plant: CartPoleParameters, imperfections: Imperfections = IDEAL
+    controller: Controller,
+    plant: CartPoleParameters,
+    imperfections: Imperfections = IDEAL,
+    belief: Belief = TRUTH,
 ) -> Loop:
     """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright.
 
     Parameters
     ----------
     imperfections
-        Only those in `LINEAR` count: passive physics, wrong M and l, and the actuator's lag, whose
-        state follows those of the plant. `loop_margins` handles delay, hold and velocities.
+        Only those in `LINEAR` count: passive physics, and the actuator's lag, whose state follows
+        those of the plant. `loop_margins` handles delay, hold and velocities.
+    belief
+        What the controller assumes of the plant, its nominal values known.
     """
     r = linear_part(imperfections)
     dynamics = plant_dynamics(CartPoleModel(plant, imperfections=r))
-    assumed = replace(
-        plant,
-        cart_mass=plant.cart_mass * (1.0 + r.mass_error),
-        half_length=plant.half_length * (1.0 + r.length_error),
-    )
+    assumed = belief.about(plant)
 
     def force(state: Array) -> Array:
         return np.array([controller.force(state, assumed)])

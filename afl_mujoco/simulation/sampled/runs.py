@@ -186,7 +186,7 @@ def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> Prepa
     changing = min(math.ceil(last / timing.timestep) + 1, count)
     known_until = min(last + r.parameter_delay, s.duration)
     ticks = _grid(min(math.ceil(known_until / period) + 2, -(-count // hold)))
-    masses, lengths = told_parameters(s, ticks * hold * timing.timestep, controller.estimates)
+    told = told_parameters(s, ticks * hold * timing.timestep)
     return PreparedRun(
         plan=loop.Plan(
             steps=count,
@@ -203,12 +203,7 @@ def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> Prepa
         profile=input_profile(s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
         estimator=controller.estimator_for(s.plants),
-        inputs=controller.inputs_along_run(
-            masses,
-            lengths,
-            s.pole_mass,
-            s.gravity,
-        ),
+        inputs=controller.inputs_along_run(*told, *s.told_constants),
     )
 
 
@@ -219,22 +214,19 @@ def last_change(scenario: Scenario) -> float:
 
 
 def told_parameters(
-    scenario: Scenario, times: NDArray[np.float64], estimates: bool = False
+    scenario: Scenario, times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return M [kg] and l [m] as a controller assumes them at some times, late and with an error.
+    """Return M [kg] and l [m] as a controller is told them at some times, late and with an error.
 
     Parameters
     ----------
     times
         Times of its control ticks [s].
-    estimates
-        Whether it uses estimates instead, to which the errors do not apply.
     """
-    s, r = scenario, scenario.imperfections
-    known_at = instants(np.maximum(times - r.parameter_delay, -LONG_AGO))
-    mass_error, length_error = (0.0, 0.0) if estimates else (r.mass_error, r.length_error)
-    masses, lengths = s.cart_mass(known_at), s.half_length(known_at)
-    return masses * (1.0 + mass_error), lengths * (1.0 + length_error)
+    late = scenario.imperfections.parameter_delay
+    known_at = instants(np.maximum(times - late, -LONG_AGO))
+    masses = scenario.told("cart_mass", scenario.cart_mass(known_at))
+    return masses, scenario.told("half_length", scenario.half_length(known_at))
 
 
 def input_profile(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[Any]:

@@ -22,7 +22,7 @@ from afl_mujoco.document.blocks import (
 from afl_mujoco.document.numbers import listed, short
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.words import departures_text, describe
+from afl_mujoco.scenario.words import belief_text, departures_text, describe
 from afl_mujoco.simulation.metrics import LABELS, unit_of
 from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import COMPLETED
@@ -89,7 +89,8 @@ def _deployment(result: Result, scenario: Scenario) -> str:
     return (
         f"As deployed in MuJoCo, {hardware}: "
         f"force held for {short(1e3 * ticks.period)} ms, physics steps of "
-        f"{short(1e3 * ticks.timestep)} ms ({result.integrator}).{noise}"
+        f"{short(1e3 * ticks.timestep)} ms ({result.integrator}); controllers "
+        f"{belief_text(scenario.belief)}.{noise}"
     )
 
 

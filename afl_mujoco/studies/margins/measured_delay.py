@@ -12,6 +12,7 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
@@ -105,6 +106,7 @@ def compare_delays(
     *,
     control_period: float = TIMESTEP,
     imperfections: Imperfections = IDEAL,
+    belief: Belief = TRUTH,
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[DelayComparison]:
@@ -116,10 +118,12 @@ def compare_delays(
         How long the force is held [s].
     imperfections
         As from `linear_part`; the delay is added to theirs.
+    belief
+        As in `linearize`.
     workers
         Number of processes that share the work; the result does not depend on it.
     """
-    hardware = (control_period, imperfections)
+    hardware = (control_period, imperfections, belief)
     units = [(controller, plant, *hardware) for controller in controllers for plant in plants]
     done = itertools.count(1)
     with open_executor(workers) as executor:
@@ -127,24 +131,24 @@ def compare_delays(
 
 
 def compare_delay(
-    unit: tuple[Controller, CartPoleParameters, float, Imperfections],
+    unit: tuple[Controller, CartPoleParameters, float, Imperfections, Belief],
 ) -> DelayComparison:
     """Compare margin and measurement for one controller on one plant.
 
     Parameters
     ----------
     unit
-        The controller, the plant, how long the force is held [s], and the imperfections.
+        The controller, the plant, how long the force is held [s], imperfections and belief.
     """
-    controller, plant, period, imperfections = unit
-    margin = delay_margin(controller, plant, period, imperfections)
+    controller, plant, period, imperfections, belief = unit
+    margin = delay_margin(controller, plant, period, imperfections, belief)
     about = DELAY if margin is None else margin
     return DelayComparison(
         controller=controller.name,
         cart_mass=plant.cart_mass,
         half_length=plant.half_length,
         margin=margin,
-        measured=measured_delay(controller, plant, about, period, imperfections),
+        measured=measured_delay(controller, plant, about, period, imperfections, belief),
     )
 
 
@@ -154,6 +158,7 @@ def measured_delay(
     about: float,
     period: float = TIMESTEP,
     imperfections: Imperfections = IDEAL,
+    belief: Belief = TRUTH,
 ) -> float | None:
     """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
 
@@ -165,11 +170,13 @@ def measured_delay(
         How long the force is held [s].
     imperfections
         As from `linear_part`; the delay is added to theirs.
+    belief
+        As in `linearize`.
     """
     scan = scan_levels(about / 5.0, about * 5.0, 7)
 
     def holds(delay: float) -> bool:
-        return motion_decays(controller, plant, delay, period, imperfections)
+        return motion_decays(controller, plant, delay, period, imperfections, belief)
 
     found = find_threshold(holds, scan, TOLERANCE)
     if found.bound != BRACKETED or found.holds_at is None or found.fails_at is None:
@@ -183,6 +190,7 @@ def motion_decays(
     delay: float,
     period: float = TIMESTEP,
     imperfections: Imperfections = IDEAL,
+    belief: Belief = TRUTH,
 ) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
 
@@ -192,8 +200,8 @@ def motion_decays(
         Transport delay [s], on top of that of the imperfections.
     period
         How long the force is held [s].
-    imperfections
-        As from `linear_part`.
+    imperfections, belief
+        As from `linear_part`, and as in `linearize`.
     """
     scenario = Scenario(
         name="small motion",
@@ -206,6 +214,7 @@ def motion_decays(
         imperfections=replace(
             imperfections, delay=imperfections.delay + delay, control_period=None
         ),
+        belief=belief,
     )
     run = simulate_sampled(scenario, controller, control_period=period)
     if run.outcome.kind != COMPLETED:

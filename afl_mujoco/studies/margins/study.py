@@ -72,6 +72,7 @@ def run(
         plants,
         control_period=request.control_period,
         imperfections=request.imperfections,
+        belief=request.belief,
         workers=workers,
         progress=lambda done: progress("measuring", done, total),
     )

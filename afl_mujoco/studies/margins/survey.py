@@ -15,6 +15,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import (
@@ -42,7 +43,7 @@ QUICK = 4
 LEVELS = 5
 """Number of M and l of a scenario that are studied if they change."""
 
-Unit = tuple[Controller, tuple[CartPoleParameters, ...], float, Imperfections]
+Unit = tuple[Controller, tuple[CartPoleParameters, ...], float, Imperfections, Belief]
 
 
 class Request(NamedTuple):
@@ -58,6 +59,7 @@ class Request(NamedTuple):
     pole_mass: float
     gravity: float
     imperfections: Imperfections
+    belief: Belief = TRUTH
 
     def plant(self, cart_mass: float, half_length: float) -> CartPoleParameters:
         """Return the plant at a point of the grid."""
@@ -75,13 +77,15 @@ def request_of(configuration: MarginsConfiguration) -> Request:
     every = QUICK if c.quick else 1
     masses, lengths = CART_MASSES[::every], HALF_LENGTHS[::every]
     pole_mass, gravity, period, imperfections = NOMINAL.pole_mass, NOMINAL.gravity, None, IDEAL
+    belief = TRUTH
     if c.scenario is not None:
         scenario = find_scenario(c.scenario)
         (mass, length, pole_mass, gravity), varied = scenario.plants, scenario.ranges.varied
         masses = _levels(varied.get("cart_mass", mass))
         lengths = _levels(varied.get("half_length", length))
         imperfections = linear_part(scenario.imperfections)
-        period = imperfections.control_period
+        period, start = imperfections.control_period, scenario.parameters_at(0.0)
+        belief = scenario.belief.known(start)
     asked = c.control_period
     return require(
         [find_controller(name) for name in c.controllers],
@@ -91,6 +95,7 @@ def request_of(configuration: MarginsConfiguration) -> Request:
         pole_mass if c.pole_mass is None else c.pole_mass,
         gravity if c.gravity is None else c.gravity,
         imperfections,
+        belief,
     )
 
 
@@ -118,6 +123,7 @@ def require(
     pole_mass: float,
     gravity: float,
     imperfections: Imperfections = IDEAL,
+    belief: Belief = TRUTH,
 ) -> Request:
     """Return what is surveyed, or raise before anything slow.
 
@@ -146,9 +152,9 @@ def require(
         if not items or len(set(items)) < len(items):
             raise InvalidValueError(thing, "must hold at least one, each once", list(items))
     m, g = require_positive("pole_mass", pole_mass), require_positive("gravity", gravity)
-    request = Request(tuple(controllers), masses, lengths, period, m, g, imperfections)
+    request = Request(tuple(controllers), masses, lengths, period, m, g, imperfections, belief)
     for controller in controllers:
-        linearize(controller, request.plant(masses[0], lengths[0]), imperfections)
+        linearize(controller, request.plant(masses[0], lengths[0]), imperfections, belief)
     return request
 
 
@@ -160,6 +166,7 @@ def survey_margins(
     pole_mass: float = NOMINAL.pole_mass,
     gravity: float = NOMINAL.gravity,
     imperfections: Imperfections = IDEAL,
+    belief: Belief = TRUTH,
     *,
     workers: int = 1,
     progress: Progress = silent,
@@ -176,11 +183,20 @@ def survey_margins(
         m [kg] and g [m/s^2] of every plant.
     imperfections
         As from `linear_part`.
+    belief
+        As in `linearize`.
     workers
         Number of processes that share the work; the result does not depend on it.
     """
     request = require(
-        controllers, cart_masses, half_lengths, control_period, pole_mass, gravity, imperfections
+        controllers,
+        cart_masses,
+        half_lengths,
+        control_period,
+        pole_mass,
+        gravity,
+        imperfections,
+        belief,
     )
     controllers, masses, lengths, period = request[:4]
     units: list[Unit] = [
@@ -189,6 +205,7 @@ def survey_margins(
             tuple(request.plant(mass, length) for length in lengths),
             period,
             request.imperfections,
+            request.belief,
         )
         for controller in controllers
         for mass in masses
@@ -235,12 +252,12 @@ def margins_of_row(unit: Unit) -> NDArray[np.float64]:
     Parameters
     ----------
     unit
-        Controller, the plants, the period of the sampled loop [s], and imperfections.
+        Controller, the plants, the period of the sampled loop [s], imperfections and belief.
     """
-    controller, plants, period, imperfections = unit
+    controller, plants, period, imperfections, belief = unit
     row = np.full((len(plants), 2, len(METRICS)), np.nan)
     for place, plant in enumerate(plants):
-        loop = linearize(controller, plant, imperfections)
+        loop = linearize(controller, plant, imperfections, belief)
         for kind, held in enumerate((None, period)):
             found = loop_margins(loop, held, imperfections)
             if found is not None:

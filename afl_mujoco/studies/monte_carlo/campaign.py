@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.execution.executors import Executor, compute_all
+from afl_mujoco.scenario.belief import ERROR
 from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.ranges import SCHEDULES
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.sampled.runs import ticks_of
@@ -134,16 +136,17 @@ def run_samples(unit: SampleUnit) -> list[Trial]:
     return run_trials(scenarios, unit.controller, unit.settings)
 
 
-ERRORS = {"cart_mass": "mass_error", "half_length": "length_error"}
-"""Imperfections that hold the errors of the M and l that a controller assumes."""
-
-
-def _told(space: SampleSpace, name: str, error: str) -> NDArray[np.float64]:
+def _told(space: SampleSpace, name: str) -> NDArray[np.float64]:
     """Return levels of M [kg] or l [m] over the whole range that a controller may assume."""
-    own = getattr(space.scenario.imperfections, error)
-    low, high = space.varied.get(error, (own, own))
-    least, largest = space.bounds(name)
-    return np.linspace(least * (1.0 + low), largest * (1.0 + high), 21)
+    own = space.scenario.hardware(f"{name}{ERROR}")
+    bounds, errors = space.bounds(name), space.varied.get(f"{name}{ERROR}", (own, own))
+    known = space.scenario.belief.known(space.scenario.parameters_at(0.0))
+    told = [
+        known.changed(**{f"{name}{ERROR}": error}).told(name, value)
+        for value in bounds
+        for error in errors
+    ]
+    return np.linspace(min(told), max(told), 21)
 
 
 def require_campaign(
@@ -162,8 +165,8 @@ def require_campaign(
     require_integrator(settings.integrator)
     scenario = space.scenario
     ticks_of(scenario, settings.timestep)
-    masses, lengths = (_told(space, name, error) for name, error in ERRORS.items())
+    masses, lengths = (_told(space, name) for name in SCHEDULES)
     plants = np.meshgrid(masses, lengths)
     for controller in controllers:
         if not controller.interpreted:  # raises if a gain is not positive
-            controller.inputs_along_run(*plants, scenario.pole_mass, scenario.gravity)
+            controller.inputs_along_run(*plants, *scenario.told_constants)

@@ -30,7 +30,7 @@ def _imperfections(names: Iterable[str]) -> dict[str, Callable[[Scenario], float
     """Return functions that read imperfections, by their label, in its unit."""
 
     def reader(name: str, scale: float) -> Callable[[Scenario], float]:
-        return lambda scenario: scale * getattr(scenario.imperfections, name)
+        return lambda scenario: scale * scenario.hardware(name)
 
     return {label: reader(name, scale) for name in names for label, scale in (_label(name),)}
 

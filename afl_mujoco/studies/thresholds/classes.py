@@ -6,17 +6,18 @@ from afl_mujoco.document.numbers import short
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.thresholds.imperfections import COMBINED
-from afl_mujoco.studies.thresholds.result import Sweep
+from afl_mujoco.studies.thresholds.result import Result, Sweep
 
-FAILS, LITTLE, SOME, MUCH = range(4)
+FAILS, LITTLE, SOME, MUCH, IDLE = range(5)
 """Classes of a threshold: the reference hardware fails; it is survived with less than 3 times, less
-than 10 times, or at least 10 times to spare."""
+than 10 times, or at least 10 times to spare; the imperfection does not act on the controller."""
 
 CLASSES = (
     "fails on the reference hardware",
     "less than 3 × to spare",
     "3 to 10 × to spare",
     "more than 10 ×, or all that was tried",
+    "the force does not depend on it",
 )
 
 
@@ -24,6 +25,14 @@ def level_text(imperfection: Imperfection, level: float) -> str:
     """Return a level [SI] in the unit of its imperfection, with two digits."""
     digits = 3 if imperfection.name == COMBINED.name else 2  # near 1 a third digit matters
     return short(imperfection.scale * level, digits)
+
+
+def unit_text(result: Result, imperfection: Imperfection) -> str:
+    """Return the unit of a level, and whether it is the total where the scenario has its own."""
+    own = [s.hardware(key) for s in result.scenarios for key in list(imperfection.fields)[:1]]
+    if not any(own):
+        return imperfection.unit
+    return f"{imperfection.unit}, {'added' if imperfection.adds else 'total'}"
 
 
 def threshold_text(imperfection: Imperfection, threshold: Threshold) -> str:
@@ -57,6 +66,8 @@ def times_reference(imperfection: Imperfection, level: float) -> float:
 
 def class_of(imperfection: Imperfection, sweep: Sweep) -> int:
     """Return the class of a sweep: `FAILS`, `LITTLE`, `SOME` or `MUCH`."""
+    if not sweep.applies:
+        return IDLE
     if not sweep.reference.survives:
         return FAILS
     if sweep.survives.bound == LOWER:

@@ -8,6 +8,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from afl_mujoco.document.numbers import MISSING
 from afl_mujoco.document.style import BLACK, BLUE, ORANGE, VERMILION, new_figure
 from afl_mujoco.studies.thresholds.classes import (
     CLASSES,
@@ -16,12 +17,13 @@ from afl_mujoco.studies.thresholds.classes import (
     class_of,
     level_text,
     threshold_text,
+    unit_text,
     unsettled,
 )
 from afl_mujoco.studies.thresholds.imperfections import BY_NAME
 from afl_mujoco.studies.thresholds.result import Result, Verdict
 
-COLOURS = (VERMILION, "#F3C65F", "#BFE0F5", BLUE)
+COLOURS = (VERMILION, "#F3C65F", "#BFE0F5", BLUE, "#E4E4E4")
 """Colours of the classes of a threshold, the worst first; light ones carry black text."""
 
 ENDINGS = {"settled": BLUE, "upright, not settled": ORANGE, "failed": VERMILION}
@@ -50,10 +52,11 @@ def draw_thresholds(result: Result) -> Figure:
     for i, (one, row) in enumerate(zip(result.imperfections, sweeps, strict=True)):
         for j, sweep in enumerate(row):
             text = threshold_text(one, sweep.survives) + (" ~" if unsettled(sweep) else "")
+            text = text if sweep.applies else MISSING
             colour = WHITE if kinds[i, j] in (FAILS, MUCH) else BLACK
             axes.text(j, i, text, ha="center", va="center", fontsize=8.5, color=colour)
     labels = [
-        f"{one.title}  (reference: {level_text(one, one.reference)} {one.unit})"
+        f"{one.title}  (reference: {level_text(one, one.reference)} {unit_text(result, one)})"
         for one in result.imperfections
     ]
     axes.set_yticks(range(rows), labels)

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfection, Imperfections
+from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfection
 
 TIMESTEP = 1e-3
 """MuJoCo's step [s], and the control period where the imperfection does not set it."""
@@ -50,14 +50,18 @@ def added() -> tuple[Imperfection, ...]:
     return tuple(found)
 
 
-def imperfections_at(imperfection: Imperfection, level: float, seed: int = 0) -> Imperfections:
-    """Return the ideal loop with one imperfection, or all combined, at a level."""
+Hardware = dict[str, Any]
+"""Imperfections and errors of the belief by name, as `Scenario.changed` takes them."""
+
+
+def hardware_at(imperfection: Imperfection, level: float, seed: int = 0) -> Hardware:
+    """Return one imperfection, or all combined, at a level."""
     if imperfection.name == COMBINED.name:
         return combined(level, [one for one in added() if one.name != RAIL], seed)
-    return Imperfections(**imperfection.options(level), seed=seed)
+    return {**imperfection.options(level), "seed": seed}
 
 
-def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0) -> Imperfections:
+def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0) -> Hardware:
     """Return several imperfections at once, each as many times worse than the reference."""
     options: dict[str, Any] = {}
     for imperfection in imperfections:
@@ -68,4 +72,4 @@ def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0)
         options |= imperfection.options(level)
     if "control_period" in options:
         options["control_period"] = max(1, round(options["control_period"] / TIMESTEP)) * TIMESTEP
-    return Imperfections(**options, seed=seed)
+    return {**options, "seed": seed}

@@ -58,6 +58,9 @@ class Sweep:
         Thresholds up to which the controller survives, and settles.
     failure
         Verdict at the mildest level found at which it does not survive; None if it always does.
+    applies
+        Whether it acts on the controller at all: what is wrong about a belief does not where the
+        force does not depend on it.
     """
 
     imperfection: str
@@ -66,6 +69,7 @@ class Sweep:
     survives: Threshold
     settles: Threshold
     failure: Verdict | None
+    applies: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +109,8 @@ class Result:
         How they were searched.
     controllers, imperfections
         In their order; only controllers that survive without any added imperfection.
+    bare
+        Verdicts on them with nothing added, in their order.
     failing
         Verdicts on the other controllers, by name.
     sweeps
@@ -132,6 +138,7 @@ class Result:
     delay_margins: tuple[LeastMargin, ...]
     scenarios: tuple[Scenario, ...] = ()
     failing: dict[str, Verdict] = field(default_factory=dict)
+    bare: tuple[Verdict, ...] = ()
 
     @property
     def endless(self) -> bool:

@@ -17,7 +17,7 @@ from afl_mujoco.document.blocks import (
     Table,
     Text,
 )
-from afl_mujoco.document.numbers import ceil_to, fixed, listed, percent, sentence, short
+from afl_mujoco.document.numbers import MISSING, ceil_to, fixed, listed, percent, sentence, short
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfection
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.words import departures_text
@@ -25,7 +25,9 @@ from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.requirements_table import IN_WORDS, SETTLES, in_words
 from afl_mujoco.studies.thresholds.classes import (
+    CLASSES,
     FAILS,
+    IDLE,
     LITTLE,
     class_of,
     level_text,
@@ -33,6 +35,7 @@ from afl_mujoco.studies.thresholds.classes import (
     threshold_text,
     times_reference,
     tolerated,
+    unit_text,
     unsettled,
 )
 from afl_mujoco.studies.thresholds.figures import added_titles, draw_combined, draw_thresholds
@@ -68,6 +71,8 @@ def sections(result: Result) -> list[Section]:
         blocks += [_thresholds_figure(result), _overview(result), _details(result)]
     if result.combined:
         blocks.append(_combined_figure(result))
+    if result.bare:
+        blocks.append(_drive(result))
     if result.delay_margins:
         blocks.append(_delays(result))
     return [Section("Imperfection thresholds", "thresholds", blocks)]
@@ -86,11 +91,11 @@ def _meaning(result: Result) -> str:
             text += f"On {scenario.name} the requirements are: {words}. "
         if scenario.imperfections != IDEAL:
             text += (
-                f"Each imperfection comes on top of those of {scenario.name} itself, of which it "
-                "replaces what has its key and is milder: "
+                f"{scenario.name} itself has {departures_text(scenario.imperfections)}. A level is "
+                "the total and not what is added; where the scenario's own is harsher than the "
+                "reference hardware, it is the reference. Errors of the belief are added to its "
+                "own. "
             )
-            text += f"{departures_text(scenario.imperfections)}. Where these are harsher than the "
-            text += "reference hardware, they are the reference. "
     several = [one for one in result.imperfections if len(one.fields) > 1]
     return (text + " ".join(_keys(one) for one in several)).rstrip()
 
@@ -146,9 +151,13 @@ def _holds(result: Result, ours: str) -> str:
     An endless rail is no imperfection, so that its end is left out there.
     """
     left_out = (COMBINED.name, RAIL) if result.endless else (COMBINED.name,)
-    single = [one for one in result.imperfections if one.name not in left_out]
+    single = [
+        one
+        for one in result.imperfections
+        if one.name not in left_out and result.sweep(one.name, ours).applies
+    ]
     if not single:
-        return "No single imperfection was tried."
+        return f"No single imperfection was tried that acts on the {ours} controller."
     sweeps = [result.sweep(one.name, ours) for one in single]
     without = _endless(result, " and on a rail without end stops")
     at = f"at the level of the reference hardware{without}"
@@ -180,7 +189,7 @@ def _breaks(result: Result, ours: str) -> str:
     sweeps = {
         one.name: (one, result.sweep(one.name, ours))
         for one in result.imperfections
-        if one.name != COMBINED.name
+        if one.name != COMBINED.name and result.sweep(one.name, ours).applies
     }
     failing = {name: pair for name, pair in sweeps.items() if pair[1].survives.bound != LOWER}
     if not failing:
@@ -230,7 +239,8 @@ def _thresholds(result: Result, ours: str) -> str:
     harmless: list[str] = []
     short_list = len(result.imperfections) <= len(_ASKED)  # then each was asked for by name
     for tried in result.imperfections:
-        if tried.name in _ASKED or (short_list and tried.name != COMBINED.name):
+        asked = tried.name in _ASKED or (short_list and tried.name != COMBINED.name)
+        if asked and result.sweep(tried.name, ours).applies:
             threshold = result.sweep(tried.name, ours).survives
             words = _ASKED.get(tried.name, tried.title)
             text = f"{words} of {level_text(tried, reached(threshold))} {tried.unit}"
@@ -284,6 +294,8 @@ def _compared(result: Result, ours: str) -> str:
     ratios, neither = [], 0
     for one in result.imperfections:
         sweeps = [result.sweep(one.name, name) for name in (ours, REFERENCE)]
+        if not all(sweep.applies for sweep in sweeps):
+            continue
         if all(sweep.survives.bound == LOWER for sweep in sweeps):
             neither += 1
             continue
@@ -293,7 +305,7 @@ def _compared(result: Result, ours: str) -> str:
     worse = sum(ratio < 1.0 / _EQUAL for ratio in ratios)
     text = (
         f"The {ours} controller tolerates more than LQR under {better} of "
-        f"{len(result.imperfections)} imperfections, as much under "
+        f"{len(ratios) + neither} imperfections that act on both, as much under "
         f"{len(ratios) - better - worse} and less under {worse}"
     )
     if neither:
@@ -377,6 +389,8 @@ def _overview(result: Result) -> Table:
     }
     present = {cell.status for row in cells for cell in row}
     legend = "; ".join(text for status, text in marks.items() if status in present)
+    if not all(sweep.applies for sweep in result.sweeps):
+        legend += f"; {MISSING}: {CLASSES[IDLE]}" if legend else f"{MISSING}: {CLASSES[IDLE]}"
     on = listed(result.settings.scenarios, "and")
     return Table(
         caption=f"Level at which each controller no longer {_passes(result)} on {on}, found to "
@@ -391,7 +405,7 @@ def _overview(result: Result) -> Table:
         rows=[
             (
                 one.title,
-                one.unit,
+                unit_text(result, one),
                 level_text(one, one.reference),
                 *row,
             )
@@ -403,9 +417,38 @@ def _overview(result: Result) -> Table:
 def _cell(one: Imperfection, sweep: Sweep) -> Cell:
     """Return a threshold, marked by what happens on the reference hardware."""
     kind = class_of(one, sweep)
+    if kind == IDLE:
+        return Cell(MISSING)
     status: Status = "bad" if kind == FAILS else "neutral"
     plain = kind not in (FAILS, LITTLE) and not unsettled(sweep)
     return Cell(threshold_text(one, sweep.survives), "" if plain else status)
+
+
+def _drive(result: Result) -> Table:
+    """Return what drive each controller needs: what it asks for, and the limit that is enough."""
+    limit = result.imperfection("force-limit")
+    return Table(
+        caption="What drive it needs: with nothing added, and the force limit at which it fails",
+        columns=(
+            Column("Controller"),
+            Column("Largest command", "N", number=True),
+            Column("Largest |F| exerted", "N", number=True),
+            *([Column("Fails at a limit of", "N", number=True)] if limit else []),
+        ),
+        rows=[
+            (
+                name,
+                fixed(verdict.metrics["max_command"], 0),
+                fixed(verdict.metrics["max_force"], 0),
+                *(
+                    [threshold_text(limit, result.sweep(limit.name, name).survives)]
+                    if limit
+                    else []
+                ),
+            )
+            for name, verdict in zip(result.controllers, result.bare, strict=True)
+        ],
+    )
 
 
 def _details(result: Result) -> Table:
@@ -432,6 +475,7 @@ def _details(result: Result) -> Table:
             _detail(result, one, result.sweep(one.name, controller))
             for one in result.imperfections
             for controller in result.controllers
+            if result.sweep(one.name, controller).applies
         ],
     )
 

@@ -13,14 +13,14 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own.python_controller import ControllerError
 from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.scenario.belief import ERRORS
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import (
     IDEAL,
     IMPERFECTIONS,
     Imperfection,
-    Imperfections,
 )
-from afl_mujoco.scenario.parameters import departures, require_distinct
+from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
@@ -28,16 +28,17 @@ from afl_mujoco.simulation.mujoco_model import require_integrator
 from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import DIVERGED, FELL
-from afl_mujoco.studies.bisection import Threshold, find_threshold, scan_levels
+from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.delay_margin import least_margin
 from afl_mujoco.studies.thresholds.classes import times_reference
 from afl_mujoco.studies.thresholds.imperfections import (
     COMBINED,
+    Hardware,
     added,
     combined,
     find_imperfection,
-    imperfections_at,
+    hardware_at,
 )
 from afl_mujoco.studies.thresholds.result import (
     Result,
@@ -72,9 +73,22 @@ def sweep(unit: Unit) -> Sweep:
     @functools.cache
     def at(level: float) -> Verdict:
         chance = seeds(imperfection.seeded, scenarios, settings)
-        hardware = [imperfections_at(imperfection, level, seed) for seed in chance]
+        hardware = [hardware_at(imperfection, level, seed) for seed in chance]
         runs = on_hardware(scenarios, hardware)
         return judge(level, runs, controller, settings)
+
+    if imperfection.of_belief and not _depends(at, imperfection, unit):
+        level, reference = imperfection.harsh, at(imperfection.reference)
+        all_hold = Threshold(bound=LOWER, holds_at=level, fails_at=None, islands=0)
+        return Sweep(
+            imperfection=imperfection.name,
+            controller=controller.name,
+            reference=reference,
+            survives=all_hold,
+            settles=all_hold,
+            failure=None,
+            applies=False,
+        )
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
         scan = scan_levels(imperfection.benign, imperfection.harsh, settings.scan)
@@ -96,11 +110,20 @@ def sweep(unit: Unit) -> Sweep:
     )
 
 
+def _depends(at: Callable[[float], Verdict], imperfection: Imperfection, unit: Unit) -> bool:
+    """Return whether a run changes by any bit where what the controller believes does."""
+    bare = run_bare(unit[1:])
+    return any(
+        at(level).metrics != bare.metrics or at(level).message
+        for level in (imperfection.reference, imperfection.harsh)
+    )
+
+
 def run_bare(unit: tuple[Controller, Scenarios, Settings]) -> Verdict:
     """Return the verdict on one controller with nothing added to the scenarios."""
     controller, scenarios, settings = unit
     chance = seeds(False, scenarios, settings)
-    runs = on_hardware(scenarios, [replace(IDEAL, seed=seed) for seed in chance])
+    runs = on_hardware(scenarios, [{"seed": seed} for seed in chance])
     return judge(0.0, runs, controller, settings)
 
 
@@ -125,36 +148,40 @@ def seeds(seeded: bool, scenarios: Scenarios, settings: Settings) -> range:
     return range(settings.seeds if noisy else 1)
 
 
-def on_hardware(scenarios: Scenarios, hardware: Sequence[Imperfections]) -> list[Scenario]:
+def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scenario]:
     """Return every scenario with each of some imperfections on top of its own."""
-    return [
-        replace(s, imperfections=_on_top(s.imperfections, one))
-        for s in scenarios
-        for one in hardware
-    ]
+    return [one.changed(**_on_top(one, added)) for one in scenarios for added in hardware]
 
 
-def _on_top(own: Imperfections, added: Imperfections) -> Imperfections:
-    """Return imperfections with those that are added, the harsher of each; their seeds add up.
+def _on_top(scenario: Scenario, added: Hardware) -> dict[str, Any]:
+    """Return imperfections on top of those of a scenario, by name.
 
-    What is milder than a scenario's own level would not come on top of it, and could even be
-    worse: a control period, where velocities are differences of quantised positions.
+    The harsher of each counts: what is milder than the scenario's own level would not come on top
+    of it, and could even be worse, as a control period where velocities are differences of
+    quantised positions. Errors of the belief are added to its own, in the direction of the sweep;
+    seeds add up.
     """
-    harsher = {name: _harsher(name, getattr(own, name), x) for name, x in departures(added).items()}
-    return replace(own, **{**harsher, "seed": own.seed + added.seed})
+    found = {}
+    for name, level in added.items():
+        own = scenario.hardware(name)
+        summed = name in (*ERRORS, "seed")
+        found[name] = own + level if summed else _harsher(name, own, level)
+    return found
 
 
 def _harsher(name: str, own: Any, level: Any) -> Any:
-    """Return the harsher of two levels; None is ideal, and a negative error is of its own kind."""
+    """Return the harsher of two levels; None is ideal."""
     if own is None:
         return level
-    return min(own, level) if name in LESS_IS_WORSE or level < 0.0 else max(own, level)
+    return min(own, level) if name in LESS_IS_WORSE else max(own, level)
 
 
 def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
     """Return an imperfection whose reference is no milder than what a scenario has itself."""
     first = list(one.fields.items())[:1]  # all combined has none
-    own = [(getattr(s.imperfections, key), factor) for s in scenarios for key, factor in first]
+    if one.adds:
+        return one
+    own = [(s.hardware(key), factor) for s in scenarios for key, factor in first]
     levels = [one.reference, *(x / factor for x, factor in own if x and x / factor > 0.0)]
     return replace(one, reference=min(levels) if one.less_is_worse else max(levels))
 
@@ -297,5 +324,6 @@ def find_thresholds(
         sweeps=tuple(sweeps),
         added=tuple(one.name for one in added()),
         combined={one.name: v for (one, *_), v in zip(combine, verdicts, strict=True)},
+        bare=tuple(verdict for verdict in bare if verdict.survives),
         delay_margins=tuple(margin for margin in margins if margin is not None),
     )
