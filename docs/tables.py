@@ -14,7 +14,7 @@ from pathlib import Path
 from afl_mujoco.control.angle import ANGLES, slope_at
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.laboratory import LABORATORY, REASONS
-from afl_mujoco.scenario.requirements import BANDS, UNITS, Requirements
+from afl_mujoco.scenario.requirements import BANDS, SWITCHES, UNITS, Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.thresholds.classes import level_text
@@ -144,10 +144,10 @@ def fields_table() -> str:
     """Return the fields of `Imperfections`: key, unit, default, meaning."""
     said = _docstrings(Imperfections)
     rows = []
-    for name, declared in DECLARATIONS.items():
+    for name in (field.name for field in fields(Imperfections)):
         ideal = getattr(IDEAL, name)
         default = "none" if ideal is None else json.dumps(ideal)
-        rows.append((f"`{name}`", declared.unit or "–", default, said[name]))
+        rows.append((f"`{name}`", DECLARATIONS[name].unit or "–", default, said[name]))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 
 
@@ -157,7 +157,7 @@ def requirements_table() -> str:
     rows = []
     for field in fields(Requirements):
         default = "none" if field.default is None else json.dumps(field.default)
-        unit = "–" if field.name == "completes" else REQUIREMENT_UNITS[field.name]
+        unit = "–" if field.name in SWITCHES else REQUIREMENT_UNITS[field.name]
         rows.append((f"`{field.name}`", unit, default, said[field.name]))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 

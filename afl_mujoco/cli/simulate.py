@@ -84,6 +84,7 @@ class Simulate:
         from afl_mujoco.document.terminal import print_sections, print_verdict
         from afl_mujoco.files import output_folder
         from afl_mujoco.scenario.requirements import NONE
+        from afl_mujoco.scenario.sample_space import DRAWS
         from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.figures import draw_runs
         from afl_mujoco.simulation.judgement import judged, remarks_on
@@ -114,13 +115,19 @@ class Simulate:
             save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / others[0])
         scales = nominal_scales(timestep or LONGEST_STEP)
         figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
-        print_sections([_section(f"{scenario.name}, {controller.name}", runs, figures)], folder)
+        digits = 3 if scenario.imperfections.drawn else 6
+        title = f"{scenario.name}, {controller.name}"
+        print_sections([_section(title, runs, figures, digits)], folder)
         run = judged(scenario, controller.name, runs[0])
         if scenario.requirements != NONE:
             requirements = Section("Requirements", "requirements", [requirements_table([run])])
             print_sections([requirements], folder)
         for remark in remarks_on(runs[0], scenario, controller):
             print(f"{controller.name}: {remark}")
+        if scenario.imperfections.drawn and self.simulator == "sampled":
+            print(
+                f"draw 1 of {DRAWS}: noise and encoders act, and afl-mujoco compare runs them all"
+            )
         if self.log:
             others += [f.name for f in write_run(scenario, runs[0], folder, stem)]
         print(f"wrote {folder / stem}.npz, {', '.join(others)}")
@@ -150,7 +157,9 @@ def _first(*choices: str | None) -> str:
     return next(choice for choice in choices if choice is not None)
 
 
-def _section(title: str, runs: Sequence[Trajectory], figures: Sequence[Metrics]) -> Section:
+def _section(
+    title: str, runs: Sequence[Trajectory], figures: Sequence[Metrics], digits: int
+) -> Section:
     """Return how runs ended, and their metrics side by side."""
     from afl_mujoco.document.blocks import Column, Section, Table
     from afl_mujoco.document.numbers import short
@@ -158,7 +167,7 @@ def _section(title: str, runs: Sequence[Trajectory], figures: Sequence[Metrics])
 
     columns = [Column(run.simulator, number=True) for run in runs]
     rows = [
-        (LABELS[name], unit_of(name), *(short(figure[name], 6) for figure in figures))
+        (LABELS[name], unit_of(name), *(short(figure[name], digits) for figure in figures))
         for name in UNITS
         if name in figures[0]
     ]

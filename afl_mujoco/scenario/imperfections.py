@@ -24,7 +24,8 @@ from afl_mujoco.scenario.parameters import (
 BELIEVED = ("parameter_delay", *ERRORS)
 """What changes only what controllers are told of the plant."""
 
-_LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
+LARGEST_SEED = 2**63 - 1
+"""What a TOML file can hold."""
 
 FINEST_STEP = 1e-12
 """Finest step of an encoder [m, rad]: a position divided by a much finer step overflows."""
@@ -192,7 +193,7 @@ def _switch(name: str, value: Any) -> Any:
 def _seed(name: str, value: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, int):
         raise InvalidValueError(name, "must be a whole number", repr(value))
-    if not 0 <= value <= _LARGEST_SEED:
+    if not 0 <= value <= LARGEST_SEED:
         raise InvalidValueError(name, "must lie in 0 to 2**63 - 1", value)
     return value
 
@@ -397,6 +398,11 @@ class Imperfections:
         return any(getattr(self, name) for name in seeded)
 
     @property
+    def drawn(self) -> bool:
+        """Whether a run is one draw of many: of its noise, or of its start within encoder steps."""
+        return self.noisy or self.encoder_step_z > 0.0 or self.encoder_step_phi > 0.0
+
+    @property
     def without_effect(self) -> tuple[str, ...]:
         """Names of noise that nothing measures, because velocities are differences of positions."""
         return ("noise_z_dot", "noise_phi_dot") if self.differentiated else ()
@@ -435,12 +441,11 @@ _BELIEF: Mapping[str, Declaration] = {
 
 _FIELDS = {one.name: one.metadata["declaration"] for one in fields(Imperfections)}
 
+_ORDER = [*_FIELDS]
+_ORDER[_ORDER.index("rail_half_length") : _ORDER.index("rail_half_length")] = _BELIEF  # rail last
+
 DECLARATIONS: Mapping[str, Declaration] = MappingProxyType(
-    {
-        **{name: one for name, one in _FIELDS.items() if name != "rail_half_length"},
-        **_BELIEF,
-        "rail_half_length": _FIELDS["rail_half_length"],  # combined last
-    }
+    {name: {**_FIELDS, **_BELIEF}[name] for name in _ORDER}
 )
 """The declaration of each field, and of each error of the belief."""
 

@@ -12,7 +12,12 @@ from numpy.random import Generator, Philox, SeedSequence
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import DECLARATIONS, FINEST_STEP, require_on_rail
+from afl_mujoco.scenario.imperfections import (
+    DECLARATIONS,
+    FINEST_STEP,
+    LARGEST_SEED,
+    require_on_rail,
+)
 from afl_mujoco.scenario.parameters import departures
 from afl_mujoco.scenario.ranges import (
     CONSTANTS,
@@ -52,7 +57,7 @@ INSTANT = 1e-3
 """Instants of change are multiples of this [s]."""
 
 _LEVELS, _INSTANTS = 3, 4  # the most that a shape has
-_POINT, _NOISE, _SEARCH = range(3)  # what a seed is used for
+_POINT, _NOISE, _SEARCH, _DRAW = range(4)  # what a seed is used for
 
 
 class Quantity(NamedTuple):
@@ -288,6 +293,43 @@ def sample_point(space: SampleSpace, index: int, seed: int) -> NDArray[np.float6
 def sample_scenario(space: SampleSpace, index: int, seed: int) -> Scenario:
     """Return the scenario of a sample."""
     return space.scenario_of(sample_point(space, index, seed), index, seed)
+
+
+DRAWS = 10
+"""Number of draws of noise and start by which a run with noise or encoders is judged."""
+
+
+def draw_of(scenario: Scenario, index: int) -> Scenario:
+    """Return a scenario with other noise, and another start within a step of its encoders.
+
+    What happens to the last digit of a reading is as random as its noise: the same run with half
+    the timestep settles at another time, and neither is the right one.
+
+    Parameters
+    ----------
+    index
+        Number of the draw; 0 is the scenario itself.
+    """
+    if index == 0:
+        return scenario
+    r = scenario.imperfections
+    seed = (r.seed + index) % (LARGEST_SEED + 1)
+    away = Generator(Philox(_stream(seed, _DRAW, index))).uniform(-0.5, 0.5, 2)
+    z, phi, *rates = scenario.initial_state
+    start = (z + away[0] * r.encoder_step_z, phi + away[1] * r.encoder_step_phi, *rates)
+    return replace(scenario, initial_state=start, imperfections=replace(r, seed=seed))
+
+
+def draws_of(scenario: Scenario, count: int | None = None) -> list[Scenario]:
+    """Return the draws of a scenario.
+
+    Parameters
+    ----------
+    count
+        Number of draws; by default `DRAWS` where noise or encoders act, else one.
+    """
+    wanted = (DRAWS if scenario.imperfections.drawn else 1) if count is None else count
+    return [draw_of(scenario, index) for index in range(wanted)]
 
 
 def search_generator(seed: int) -> Generator:

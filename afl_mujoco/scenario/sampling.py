@@ -131,18 +131,21 @@ class Disturbances(NamedTuple):
     push
         Mean force along z over the step [N].
     impulse
-        Jump of the momentum along z at the start of the step [N s].
+        Jump of the momentum along z in the step [N s].
+    split
+        When it acts, as a share of the step, 0 for its start.
     """
 
     push: NDArray[np.float64]
     impulse: NDArray[np.float64]
+    split: NDArray[np.float64]
 
 
 def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturbances:
     """Return what disturbs the cart in each step, wherever the edges of the disturbances lie.
 
-    A pulse acts with its exact mean over each step, so that all of its momentum arrives. So does an
-    impulse that lies inside a step; one at the start of a step is a jump there.
+    A pulse acts with its exact mean over each step, so that all of its momentum arrives; an impulse
+    acts at its instant, and several in one step act with the first of them.
 
     Parameters
     ----------
@@ -150,20 +153,18 @@ def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturb
         Ends of the steps [s], shape (N + 1,).
     """
     lengths = np.diff(times)
-    push, impulse = np.zeros(len(lengths)), np.zeros(len(lengths))
+    push, impulse, split = np.zeros((3, len(lengths)))
     for one in scenario.disturbances:
         if isinstance(one, Impulse):
             at = _place(times, one.time)
             step = min(int(at), len(lengths) - 1)
-            if at == step:
-                impulse[step] += one.momentum
-            elif at < len(lengths):
-                push[step] += one.momentum / lengths[step]
+            split[step] = at - step if impulse[step] == 0.0 else min(split[step], at - step)
+            impulse[step] += one.momentum
         else:
             start, end = _place(times, one.start), _place(times, one.end)
             steps_ = np.arange(int(start), min(math.ceil(end), len(lengths)))
             push[steps_] += one.force * (np.minimum(end, steps_ + 1) - np.maximum(start, steps_))
-    return Disturbances(push, impulse)
+    return Disturbances(push, impulse, split)
 
 
 def _place(times: NDArray[np.float64], time: float) -> float:

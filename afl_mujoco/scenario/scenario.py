@@ -185,7 +185,7 @@ class Scenario:
 
     @property
     def required(self) -> dict[str, float]:
-        """The limit of each requirement, in the order of `UNITS`; empty if no run can fail."""
+        """The limit of each requirement, by name; empty if no run can fail."""
         asked, rail = self.requirements, self.imperfections.rail_half_length
         limits = {name: getattr(asked, name, None) for name in UNITS}
         limits["completes"] = self.duration if asked.completes else None

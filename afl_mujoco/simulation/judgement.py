@@ -134,6 +134,8 @@ class JudgedRun:
         How it failed, from `failure_of`.
     settled
         Whether z and phi stayed within their bands for the last second at least, required or not.
+    draw
+        Which draw of noise and start it is, from 0.
     """
 
     scenario: str
@@ -142,6 +144,7 @@ class JudgedRun:
     requirements: tuple[Judgement, ...]
     failure: str
     settled: bool
+    draw: int = 0
 
     @property
     def missed(self) -> list[Judgement]:

@@ -138,7 +138,7 @@ def begin_held(at, constants, profile, run):
     """Apply what happens at the start of the first step."""
     run.written_mass = np.nan
     write_plant(at, _plan(constants, 1), profile, run, 0)
-    apply_impulse(at, profile, 0)
+    apply_impulse(at, profile, 0, False)
 
 
 @kernel

@@ -62,7 +62,7 @@ class Holds:
     schedule
         Whether M and l keep, over each timestep, their values at its middle.
     disturbance
-        Whether the push has its mean over each timestep, an impulse inside one included.
+        Whether the push has its mean over each timestep.
     """
 
     control_period: float | None = None
@@ -193,9 +193,7 @@ def _held_inputs(
             for frozen in parameters_in(segments, inside, middles)
         )
     if holds.disturbance:
-        held = held_disturbances(scenario, fine.times[start_of])
-        push, impulse = held.push[step_of], np.zeros(len(push))
-        impulse[start_of[:-1]] = held.impulse
+        push = held_disturbances(scenario, fine.times[start_of]).push[step_of]
     return mass, length, push, impulse
 
 

@@ -121,8 +121,8 @@ def require_runnable(
     require_distinct("controller", [c.name for c in controllers])
     require_no_estimator(controllers)
     for scenario in scenarios:
-        scenario.require_ideal()
-        ticks_of(scenario, settings.timestep, settings.control_period)
+        ticks_of(scenario.ideal, settings.timestep, settings.control_period)
+        ticks_of(scenario)
         if abs(tilt := scenario.initial_state[1]) >= 0.5 * math.pi:
             rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"
             raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")

@@ -31,7 +31,7 @@ from afl_mujoco.scenario.files import load_scenario
 from afl_mujoco.studies.monte_carlo.features import FEATURES
 from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace
-from afl_mujoco.studies.thresholds.imperfections import COMBINED, added, imperfections_at
+from afl_mujoco.studies.thresholds.imperfections import COMBINED, added, hardware_at
 from afl_mujoco.studies.thresholds.sweep import names_of
 
 Path("toy.toml").write_text("imperfections.stiction = 0.25")
@@ -39,7 +39,7 @@ scenario = load_scenario("toy.toml")
 assert scenario.imperfections.stiction == 0.25
 assert FEATURES["stiction [mN]"](scenario) == 250.0
 assert names_of(())[-2:] == ("stiction", "combined") and added()[-1].name == "stiction"
-assert imperfections_at(COMBINED, 2.0).stiction == 0.2
+assert hardware_at(COMBINED, 2.0)["stiction"] == 0.2
 space = SampleSpace(LABORATORY)
 assert space.coordinates[-1] == "stiction"
 assert space.scenario_of(np.ones(space.dimension), 0, 0).imperfections.stiction == 0.5

@@ -14,7 +14,6 @@ from afl_mujoco.control.gain_function import GainFunction
 from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.control.held import DAMPING, HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
@@ -68,7 +67,7 @@ def test_two_runs_do_not_share_their_start() -> None:
 
 
 def test_the_start_is_the_one_assumed() -> None:
-    wrong = replace(SHORT, imperfections=Imperfections(mass_error=0.5, length_error=-0.2))
+    wrong = replace(SHORT, belief={"cart_mass": {"error": 0.5}, "half_length": {"error": -0.2}})
     start = SHORT.parameters_at(0.0)
     same = constant_gains(1.5 * start.cart_mass, 0.8 * start.half_length)
     found = [sampled(wrong, one).state for one in (HELD, same)]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import afl_mujoco as afl
 from afl_mujoco import SCENARIOS, Scenario, load_scenario, piecewise_linear, save_scenario
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError
+from afl_mujoco.scenario.belief import Assumed, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfections
@@ -28,9 +29,14 @@ IMPERFECTIONS = st.builds(
     differentiated=st.booleans(),
     rail_half_length=st.none() | st.floats(1.1e5, 1e6),
     tip_mass_share=st.floats(0, 0.999),
-    mass_error=st.floats(-0.999, 1e3),
     seed=st.integers(0, 2**63 - 1),
 )
+ASSUMED = st.builds(
+    Assumed,
+    value=st.sampled_from(("true", "nominal")) | POSITIVE,
+    error=st.floats(-0.999, 1e3),
+)
+BELIEFS = st.just("nominal") | st.builds(Belief, cart_mass=ASSUMED, gravity=ASSUMED)
 NAMES = st.text(min_size=1, max_size=12).filter(lambda s: s.isprintable() and "/" not in s)
 
 
@@ -52,6 +58,7 @@ def scenarios(draw):
         initial_state=draw(st.tuples(NUMBER, st.floats(-6.28, 6.28), NUMBER, NUMBER)),
         duration=draw(st.floats(10, 1e3)),
         imperfections=draw(IMPERFECTIONS),
+        belief=draw(BELIEFS),
     )
 
 

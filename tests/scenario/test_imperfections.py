@@ -19,8 +19,6 @@ from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.imperfections import DRAWS, IDEAL, Imperfections
 from afl_mujoco.scenario.words import departures_text
-from afl_mujoco.studies.cases import Settings
-from afl_mujoco.studies.verification.campaign import require_runnable
 
 REAL = Imperfections(
     control_period=0.004,
@@ -45,8 +43,6 @@ REAL = Imperfections(
     tip_mass_share=0.23,
     pole_radius=0.013,
     parameter_delay=0.09,
-    mass_error=-0.13,
-    length_error=0.17,
     hinge_friction=2e-4,
     seed=2**63 - 1,
 )
@@ -102,8 +98,6 @@ def test_an_ideal_scenario_has_the_table_it_always_had(name):
         ("slew_rate = 0.0", "imperfections.slew_rate must be positive, got 0.0"),
         ("rail_half_length = nan", "imperfections.rail_half_length must be finite, got nan"),
         ("tip_mass_share = 1", "imperfections.tip_mass_share must be below 1, got 1.0"),
-        ("mass_error = -1", "imperfections.mass_error must be above -1, got -1.0"),
-        ("length_error = -2.5", "imperfections.length_error must be above -1, got -2.5"),
         ("differentiated = 1", "imperfections.differentiated must be true or false, got 1"),
         ("seed = -1", "imperfections.seed must lie in 0 to 2**63 - 1, got -1"),
         ("seed = 1.5", "imperfections.seed must be a whole number, got 1.5"),
@@ -133,7 +127,6 @@ SIMULATORS = {
     "ode held": simulate_ode_held,
     "exact": lambda s, c: simulate_mujoco(s, c, "exact"),
     "continuous": lambda s, c: simulate_mujoco(s, c, "continuous"),
-    "validate": lambda s, c: require_runnable([s], [c], Settings()),
 }
 
 
@@ -146,7 +139,8 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
     assert (
         str(caught.value)
         == "scenario 'mine' has imperfections, which only mode \"sampled\" simulates: use "
-        "that (the commands simulate, without --compare, and compare do), or remove [imperfections]"
+        "that (the commands simulate, without --compare, and compare do), or remove "
+        "[imperfections] and [belief]"
     )
 
 

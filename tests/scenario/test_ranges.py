@@ -27,14 +27,17 @@ cart_mass = 8.0
 half_length = 1.5
 [imperfections]
 delay = 0.004
-mass_error = 0.1
+[belief]
+cart_mass = { error = 0.1 }
 [ranges]
 cart_mass = [6.0, 12.0]
 cart_mass_rate = 4.0
 changes = 5
 last_change = 8.0
 phi = [-0.3, 0.3]
-length_error = [-0.1, 0.1]
+half_length_error = [-0.1, 0.1]
+pole_mass = [0.1, 0.3]
+gravity = [9.79, 9.83]
 """
 
 
@@ -46,18 +49,22 @@ def rig(tmp_path: Path) -> afl.Scenario:
 
 def test_only_what_the_file_says_varies(rig: afl.Scenario) -> None:
     space = SampleSpace(rig)
-    assert space.dimension == 1 + 6 + 5 + 1
+    assert space.dimension == 1 + 6 + 5 + 1 + 2
     for i in range(50):
         sample = sample_scenario(space, i, 3)
-        phi, error = sample.initial_state[1], sample.imperfections.length_error
+        phi, error = sample.initial_state[1], sample.belief.half_length.error
         assert abs(phi) <= 0.3 and abs(error) <= 0.1
+        assert 0.1 <= sample.pole_mass <= 0.3 and 9.79 <= sample.gravity <= 9.83
         own = replace(
             sample,
             name="rig",
             cart_mass=rig.cart_mass,
             initial_state=rig.initial_state,
             ranges=rig.ranges,
-            imperfections=replace(sample.imperfections, length_error=0.0, seed=0),
+            pole_mass=rig.pole_mass,
+            gravity=rig.gravity,
+            belief=sample.belief.changed(half_length_error=0.0),
+            imperfections=replace(sample.imperfections, seed=0),
         )
         assert own == rig
         assert 6.0 <= min(sample.cart_mass.values) <= max(sample.cart_mass.values) <= 12.0
@@ -78,7 +85,8 @@ def test_the_reference_of_a_space_is_the_scenario_itself(rig: afl.Scenario) -> N
     sample = space.scenario_of(space.reference, 0, 0)
     assert sample.initial_state == pytest.approx(rig.initial_state)
     assert set(np.round(sample.cart_mass.values, 12)) == {8.0}
-    assert sample.imperfections.length_error == pytest.approx(0.0, abs=1e-15)
+    assert sample.belief.half_length.error == pytest.approx(0.0, abs=1e-15)
+    assert sample.pole_mass == pytest.approx(0.2)
 
 
 def test_a_scenario_without_ranges_keeps_what_it_has_and_gets_the_laboratorys_rest() -> None:
@@ -157,12 +165,13 @@ def test_a_space_in_which_nothing_varies_is_refused() -> None:
 
 
 def test_a_repr_is_short_and_makes_the_same_again(rig: afl.Scenario) -> None:
-    from afl_mujoco.scenario import disturbances, requirements, scenario, schedules
+    from afl_mujoco.scenario import belief, disturbances, requirements, scenario, schedules
 
-    names = {**vars(scenario), **vars(schedules), **vars(disturbances), **vars(requirements)}
+    modules = (belief, disturbances, requirements, scenario, schedules)
+    names = {name: value for one in modules for name, value in vars(one).items()}
     for one in (rig, LABORATORY, *afl.SCENARIOS.values()):
         assert eval(repr(one), dict(names)) == one
-    assert repr(rig.imperfections) == "Imperfections(delay=0.004, mass_error=0.1)"
+    assert repr(rig.imperfections) == "Imperfections(delay=0.004)"
     assert len(repr(afl.SCENARIOS["step-step"])) < 250
 
 

@@ -153,7 +153,19 @@ def test_all_of_a_pulse_acts_wherever_its_edges_lie(start, lasts):
         assert (push[k] != 0.0) == (inside > 1e-9)
 
 
-def test_an_impulse_inside_a_step_is_its_mean_force_also_in_the_last(smooth_scenario, adaptive):
+@pytest.mark.parametrize("time", [0.3, 0.3004, 0.3996, 0.4], ids=str)
+def test_an_impulse_acts_at_its_instant_wherever_it_lies(smooth_scenario, time):
+    """The cart is free, so that it moves by a known way; held steps of 100 ms would hide 40 ms."""
+    alone = replace(
+        smooth_scenario, pole_mass=1e-9, duration=0.8, initial_state=(0.0, 0.0, 0.0, 0.0),
+        disturbances=(Impulse(momentum=1.0, time=time),), cart_mass=constant(2.0),
+    )  # fmt: skip
+    run = simulate_mujoco(alone, lambda t, x, b: 0.0, timestep=1e-3)
+    after = np.maximum(run.time - time, 0.0)
+    np.testing.assert_allclose(run.state[:, 0], 0.5 * after, rtol=0, atol=1e-7)
+
+
+def test_an_impulse_during_the_last_step_is_neither_lost_nor_early(smooth_scenario, adaptive):
     hit = Impulse(momentum=1.0, time=0.7995)
     scenario = replace(smooth_scenario, disturbances=(hit,))
     disturbed = simulate_mujoco(scenario, adaptive, mode="sampled")

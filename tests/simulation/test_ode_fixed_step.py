@@ -20,6 +20,7 @@ from afl_mujoco import (
 from afl_mujoco.control.compiled_controller import LINEAR
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.simulation.ode_fixed_step import Holds
 
@@ -47,8 +48,8 @@ def _held_by_dop853(scenario, controller, timestep, hold):
     for k in range(count):
         p = scenario.parameters_at((k + 0.5) * timestep)
         now = k * timestep
-        inside = [
-            d.momentum
+        hits = [
+            d
             for d in scenario.disturbances
             if isinstance(d, Impulse) and now < d.time < now + timestep
         ]  # no impulse of the scenario lies at the start of a step
@@ -61,11 +62,16 @@ def _held_by_dop853(scenario, controller, timestep, hold):
             for d in scenario.disturbances
             if not isinstance(d, Impulse)
         )
-        total = force + (pushed + sum(inside)) / timestep
-        state = solve_ivp(
-            lambda t, y, total=total, p=p: [y[2], y[3], *acceleration(y, total, p)],
-            (0.0, timestep), state, method="DOP853", rtol=1e-12, atol=1e-14,
-        ).y[:, -1]  # fmt: skip
+        total = force + pushed / timestep
+        for part in (*hits, None):
+            until = timestep if part is None else part.time - now
+            since = hits[-1].time - now if hits and part is None else 0.0
+            state = solve_ivp(
+                lambda t, y, total=total, p=p: [y[2], y[3], *acceleration(y, total, p)],
+                (since, until), state, method="DOP853", rtol=1e-12, atol=1e-14,
+            ).y[:, -1]  # fmt: skip
+            if part is not None:
+                state[2:] += velocity_jump(state, part.momentum, p)
     return np.array([*states, state]), np.array(forces)
 
 

@@ -87,7 +87,7 @@ ROUGH = Imperfections(
     delay=0.0035, actuator_lag=0.004, slew_rate=2e3, force_limit=60.0, encoder_step_phi=1e-3,
     noise_phi=1e-3, noise_z=5e-4, differentiated=True, velocity_filter=0.01, rail_damping=1.0,
     rail_friction=0.5, hinge_damping=1e-3, tip_mass_share=0.1, parameter_delay=0.03,
-    mass_error=0.1, length_error=-0.05, rail_half_length=3.0, seed=5,
+    rail_half_length=3.0, seed=5,
 )  # fmt: skip
 AT_100_HZ = _short("step-step", 0.3, imperfections=Imperfections(control_period=0.01))
 
@@ -161,7 +161,7 @@ def test_each_episode_can_be_another_sample_of_the_scenarios_ranges():
 
 
 def test_privileged_parameters_are_the_true_ones_and_no_other_is_observed():
-    scenario = replace(_short("step-step", 1.0), imperfections=Imperfections(mass_error=0.5))
+    scenario = replace(_short("step-step", 1.0), belief={"cart_mass": {"error": 0.5}})
     seen = afl.load(scenario, parameters="privileged").reset().observation
     assert seen["privileged"].tolist() == [0.5, 0.2]
     assert "parameters" not in seen

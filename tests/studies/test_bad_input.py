@@ -172,7 +172,6 @@ CASES = {
             "control_period must be within the duration 20 s (in seconds, not Hz), got 40.0",
         ),
         (["--controllers", "integrating:Force"], "is stateful, which this comparison does not"),
-        (["real.toml"], "scenario 'real' has imperfections, which only mode \"sampled\" simulates"),
     ],
     "thresholds": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),

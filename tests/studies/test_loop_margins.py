@@ -17,6 +17,7 @@ from afl_mujoco.control.baselines.linear_model import upright_model
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.studies.linearization import Loop, linearize
@@ -303,7 +304,7 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
     ideal = linearize(lqr, NOMINAL)
     damped = linearize(lqr, NOMINAL, Imperfections(rail_damping=2.0))
     assert damped.a[2, 2] == pytest.approx(ideal.a[2, 2] - 2.0 * ideal.b[2], rel=1e-6)
-    wrong = linearize(lqr, NOMINAL, Imperfections(mass_error=0.5))
+    wrong = linearize(lqr, NOMINAL, belief=Belief.of({"cart_mass": {"error": 0.5}}))
     np.testing.assert_allclose(wrong.a, ideal.a)
     heavier = replace(NOMINAL, cart_mass=1.5)
     np.testing.assert_allclose(wrong.k, linearize(lqr, heavier).k, rtol=1e-6)
@@ -317,7 +318,7 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
 @pytest.mark.parametrize(
     "hardware",
     [
-        Imperfections(delay=0.0123, actuator_lag=0.005, rail_damping=1.0, length_error=0.1),
+        Imperfections(delay=0.0123, actuator_lag=0.005, rail_damping=1.0),
         Imperfections(differentiated=True),
         Imperfections(velocity_filter=0.02),
         Imperfections(differentiated=True, velocity_filter=0.01, delay=0.0123, actuator_lag=0.005),
@@ -325,6 +326,7 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
     ids=str,
 )
 def test_margins_and_measurement_agree_on_imperfect_hardware(hardware: Imperfections) -> None:
-    found = compare_delay((afl.CONTROLLERS["lqr"], NOMINAL, 0.005, hardware))
+    belief = Belief.of({"half_length": {"error": 0.1}})
+    found = compare_delay((afl.CONTROLLERS["lqr"], NOMINAL, 0.005, hardware, belief))
     assert found.margin is not None and 0.0 < found.margin < 0.1
     assert found.difference == pytest.approx(0.0, abs=0.01)

@@ -43,9 +43,12 @@ BAND_Z, BAND_PHI = NONE.position_band, NONE.angle_band
 SETTLED = len(OUTCOMES)
 """The status of a run that ended early, settled for the dwell of its criterion."""
 
-PROFILE = np.dtype([(name, np.float64) for name in ("cart_mass", "half_length", "push", "impulse")])
-"""What happens to the plant in a step: M [kg], l [m], disturbing force [N], and the jump of the
-momentum along z at the step's start [N s]. The last row of a profile applies from then on."""
+PROFILE = np.dtype(
+    [(name, np.float64) for name in ("cart_mass", "half_length", "push", "impulse", "split")]
+)
+"""What happens to the plant in a step: M [kg], l [m], disturbing force [N], and a jump of the
+momentum along z [N s] with the share of the step after which it acts. The last row of a profile
+applies from then on."""
 
 _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 
@@ -113,14 +116,16 @@ def write_plant(at, plan, profile, run, k):
 
 
 @borrowing_kernel
-def apply_impulse(at, profile, k):
-    """Apply the impulse at the start of step k, with the parameters that are in the model."""
-    impulse = profile[min(k, len(profile) - 1)].impulse
-    if impulse != 0.0:
+def apply_impulse(at, profile, k, inside):
+    """Apply the impulse at the start of step k or inside it, with the parameters in the model."""
+    row = profile[min(k, len(profile) - 1)]
+    impulse = row.impulse
+    if impulse != 0.0 and (row.split > 0.0) == inside:
         z, phi, z_dot, phi_dot = read_state(at)
-        force = load(at.control)
+        force, push = load(at.control), load(at.push)
         jump = impulse_jump(at, z, phi, z_dot, phi_dot, impulse)
         store(at.control, force)
+        store(at.push, push)
         write_state(at, z, phi, z_dot + jump[0], phi_dot + jump[1])
 
 
@@ -154,7 +159,7 @@ def _enter(at, plan, profile, run, record, k):
         run.status = _COMPLETED
     else:
         write_plant(at, plan, profile, run, k)
-        apply_impulse(at, profile, k)
+        apply_impulse(at, profile, k, False)
     if len(record) > 0:
         row = record[k]
         row[0], row[1], row[2], row[3] = read_state(at)
@@ -186,6 +191,21 @@ def start(at, plan, profile, run, record, initial_state):
 
 
 @borrowing_kernel
+def _step(at, plan, profile, k, length):
+    """Take step k, cut in two where an impulse acts inside it."""
+    share = profile[min(k, len(profile) - 1)].split
+    if share > 0.0:
+        store(at.timestep, share * plan.timestep * length)
+        mj_step(at.model, at.data)
+        apply_impulse(at, profile, k, True)
+    if share > 0.0 or length < 1.0:
+        store(at.timestep, (1.0 - share) * plan.timestep * length)
+    mj_step(at.model, at.data)
+    if share > 0.0 or length < 1.0:
+        store(at.timestep, plan.timestep)
+
+
+@borrowing_kernel
 def advance(at, plan, actuator, profile, run, pending, record, command):
     """Continue to the next control tick, or to the end of the run.
 
@@ -212,7 +232,6 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
         length = 1.0
         if k == plan.steps - 1 and plan.last < plan.timestep:
             length = plan.last / plan.timestep
-            store(at.timestep, plan.last)
         half = 0.5 * plan.timestep * length
         force = actuate(actuator, run, pending, command, k, length)
         if beyond:
@@ -222,7 +241,7 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
         before = read_state(at)
         store(at.control, force)
         store(at.push, profile[min(k, len(profile) - 1)].push)
-        mj_step(at.model, at.data)
+        _step(at, plan, profile, k, length)
         after = read_state(at)
         if not within_limits(after):
             run.status = ending_of(before)

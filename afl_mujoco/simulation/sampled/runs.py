@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.estimation.estimator import new_filter
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.sampling import (
     SNAP,
     TYPED,
@@ -186,7 +187,9 @@ def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> Prepa
     changing = min(math.ceil(last / timing.timestep) + 1, count)
     known_until = min(last + r.parameter_delay, s.duration)
     ticks = _grid(min(math.ceil(known_until / period) + 2, -(-count // hold)))
-    told = told_parameters(s, ticks * hold * timing.timestep)
+    pole_mass, gravity = s.told_constants
+    known = replace(s, belief=TRUTH) if controller.estimates else s  # it is told neither M nor l
+    told = told_parameters(known, ticks * hold * timing.timestep)
     return PreparedRun(
         plan=loop.Plan(
             steps=count,
@@ -202,8 +205,8 @@ def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> Prepa
         actuator=actuator_of(r, timing.timestep, count),
         profile=input_profile(s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
-        estimator=controller.estimator_for(s.plants),
-        inputs=controller.inputs_along_run(*told, *s.told_constants),
+        estimator=controller.estimator_for(s.plants._replace(pole_mass=pole_mass, gravity=gravity)),
+        inputs=controller.inputs_along_run(*told, pole_mass, gravity),
     )
 
 
@@ -241,7 +244,8 @@ def input_profile(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[Any
     profile = np.empty(len(middles), loop.PROFILE)
     profile["cart_mass"] = scenario.cart_mass(middles)
     profile["half_length"] = scenario.half_length(middles)
-    profile["push"], profile["impulse"] = held_disturbances(scenario, times)
+    for name, values in held_disturbances(scenario, times)._asdict().items():
+        profile[name] = values
     return profile
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ import numpy as np
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, require_count
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import (
     CONTROLLER_FAILED,
@@ -28,6 +30,8 @@ from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
 from afl_mujoco.studies.compare.result import ComparedRun, Curves, Result
 
+MOST_DRAWS = 1000
+
 
 def compare(
     scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
@@ -36,6 +40,7 @@ def compare(
     timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
+    draws: int | None = None,
     advance: Callable[[object], None] | None = None,
 ) -> Result:
     """Run controllers on scenarios as deployed in MuJoCo; one that fails does not stop the others.
@@ -48,8 +53,11 @@ def compare(
         One or several, each as for `simulate_mujoco`.
     timestep, control_period, integrator
         As for `simulate_mujoco`.
+    draws
+        Number of draws of noise and of the start within an encoder's step, the first the scenario
+        itself; by default ten where noise or encoders act, else one.
     advance
-        Called after each run.
+        Called after the runs of each controller on each scenario.
 
     Returns
     -------
@@ -71,22 +79,31 @@ def compare(
         "integrator": integrator,
     }
     require_comparable(asked, used, **deployed)
+    require_draws(draws)
     runs: list[ComparedRun] = []
     curves: dict[str, Curves] = {}
-    for scenario in asked:
-        for controller in used:
-            found = _run(scenario, controller, deployed)
+    drawn = {scenario.name: draws_of(scenario, draws) for scenario in asked}
+    for scenario, controller in itertools.product(asked, used):
+        for number, draw in enumerate(drawn[scenario.name]):
+            found = _run(draw, controller, deployed)
             if isinstance(found, Trajectory):
-                runs.append(_compared(scenario, controller, found))
-                key = f"{scenario.name}/{controller.name}"
-                curves[key] = Curves(
-                    **{one.name: getattr(found, one.name) for one in fields(Curves)}
-                )
+                run = _compared(draw, controller, found)
+                if number == 0:
+                    curves[f"{scenario.name}/{controller.name}"] = Curves(
+                        **{one.name: getattr(found, one.name) for one in fields(Curves)}
+                    )
             else:
-                runs.append(_failed(scenario, controller, found))
-            if advance is not None:
-                advance(controller.name)
+                run = _failed(draw, controller, found)
+            runs.append(replace(run, draw=number))
+        if advance is not None:
+            advance(controller.name)
     return Result(scenarios=tuple(asked), runs=tuple(runs), curves=curves, **deployed)
+
+
+def require_draws(draws: int | None) -> None:
+    """Raise unless a number of draws is allowed."""
+    if draws is not None:
+        require_count("draws", draws, 1, MOST_DRAWS)
 
 
 def require_comparable(

@@ -27,7 +27,7 @@ def films(result: Result, command: str) -> list[Film]:
     )
     found = []
     for scenario in result.scenarios:
-        runs = zip(controllers, result.runs_on(scenario), strict=True)
+        runs = zip(controllers, result.runs_on(scenario, draw=0), strict=True)
         shown = [controller for controller, run in runs if run.metrics]  # the others failed
         if shown:
             found.append(side_by_side(scenario, shown, deployment, command=command))

@@ -11,6 +11,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import JudgedRun
 from afl_mujoco.studies.arrays import Array
 
+_ROW = ("scenario", "controller", "draw", "outcome", "failure", "settled")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparedRun(JudgedRun):
@@ -55,9 +57,10 @@ class Result:
     scenarios
         The scenarios.
     runs
-        Runs of every scenario with every controller.
+        Runs of every scenario with every controller, draw by draw.
     curves
-        Each run over time, by ``scenario/controller``; missing if the controller failed.
+        The first draw of each over time, by ``scenario/controller``; missing if the controller
+        failed.
     timestep, control_period, integrator
         How they were deployed; a period of None means that of the scenario, else one step.
     film
@@ -88,10 +91,12 @@ class Result:
 
     @property
     def table(self) -> list[dict[str, Any]]:
-        """Metrics of each run, one row each, ready for pandas."""
+        """How each run ended and its metrics, one row each, ready for pandas."""
         return [
-            {"scenario": run.scenario, "controller": run.controller, "outcome": run.outcome}
-            | dict(run.metrics)
+            {
+                **{name: getattr(run, name) for name in _ROW},
+                **run.metrics,
+            }
             for run in self.runs
         ]
 
@@ -102,6 +107,7 @@ class Result:
             {
                 "scenario": run.scenario,
                 "controller": run.controller,
+                "draw": run.draw,
                 **asdict(one),
                 "relative": one.relative,
                 "unit": one.unit,
@@ -143,9 +149,10 @@ class Result:
 
         return "\n\n".join(map(as_paragraph, judged_blocks(self)))
 
-    def runs_on(self, scenario: Scenario) -> list[ComparedRun]:
-        """Return the runs of a scenario."""
-        return [run for run in self.runs if run.scenario == scenario.name]
+    def runs_on(self, scenario: Scenario, draw: int | None = None) -> list[ComparedRun]:
+        """Return the runs of a scenario, or those of one draw."""
+        found = [run for run in self.runs if run.scenario == scenario.name]
+        return [run for run in found if draw is None or run.draw == draw]
 
     def curves_on(self, scenario: Scenario) -> dict[str, Curves]:
         """Return the curves of a scenario by controller."""

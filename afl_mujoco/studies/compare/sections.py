@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import cast
 
 from afl_mujoco.document.blocks import (
     Block,
@@ -17,7 +18,6 @@ from afl_mujoco.document.blocks import (
     Table,
     Text,
     Verdict,
-    good_or_bad,
 )
 from afl_mujoco.document.numbers import listed, short
 from afl_mujoco.scenario.imperfections import IDEAL
@@ -29,7 +29,13 @@ from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.compare.figures import draw_responses
 from afl_mujoco.studies.compare.result import ComparedRun, Result
 from afl_mujoco.studies.opening import Need, Shown, opening_blocks
-from afl_mujoco.studies.requirements_table import finding, requirements_table, tally
+from afl_mujoco.studies.requirements_table import (
+    by_case,
+    finding,
+    requirements_table,
+    spread,
+    tally,
+)
 
 MAIN = (
     "peak_z", "peak_phi", "max_command", "max_force", "limited_share", "iae_z", "iae_phi",
@@ -43,7 +49,7 @@ MISSES = "At least one controller misses a requirement of its scenario."
 
 def verdict(result: Result) -> Verdict:
     """Return whether every controller meets every requirement."""
-    cases = list(dict.fromkeys(run.controller for run in result.runs if run.remarks))
+    cases = list(dict.fromkeys(r.controller for r in result.runs if r.remarks and not r.draw))
     also = f"; see what is remarked on {listed(cases, 'and')}" if cases else ""
     return Verdict(result.passed, tally(result.runs) + also, MEETS if result.passed else MISSES)
 
@@ -63,7 +69,12 @@ def _judged(runs: Sequence[ComparedRun], scenario: Scenario) -> list[Block]:
     """Return who meets the requirements of a scenario, with remarks and margins."""
     return [
         Finding(scenario.name, finding(runs)),
-        *(Text(f"`{run.controller}`: {remark}") for run in runs for remark in run.remarks),
+        *(
+            Text(f"`{run.controller}`: {remark}")
+            for run in runs
+            if run.draw == 0
+            for remark in run.remarks
+        ),
         requirements_table(runs),
     ]
 
@@ -85,7 +96,12 @@ def _deployment(result: Result, scenario: Scenario) -> str:
     ideal = scenario.imperfections == IDEAL
     hardware = "ideal" if ideal else f"with {departures_text(scenario.imperfections)}"
     seed = scenario.imperfections.seed
-    noise = f" One draw of the noise, seed {seed}." if scenario.imperfections.noisy else ""
+    last = max(run.draw for run in result.runs_on(scenario))
+    noise = ""
+    if scenario.imperfections.drawn:
+        noise = f" One draw of noise and start, seed {seed}."
+        if last:
+            noise = f" {last + 1} draws of noise and start, seeds {seed} to {seed + last}."
     return (
         f"As deployed in MuJoCo, {hardware}: "
         f"force held for {short(1e3 * ticks.period)} ms, physics steps of "
@@ -121,27 +137,41 @@ def _metrics(runs: Sequence[ComparedRun], scenario: Scenario) -> Table:
     """Return metrics, a column for each controller; a required settling time replaces others."""
     required = scenario.requirements.settling_time is not None
     shown = [name for name in MAIN if not (required and name.startswith("settling_"))]
+    cases = [cast("list[ComparedRun]", draws) for draws in by_case(runs)]
     rows: list[tuple[Cell | str, ...]] = [
-        (
-            "outcome",
-            "",
-            *(Cell(run.outcome, good_or_bad(run.outcome == COMPLETED)) for run in runs),
-        )
+        ("outcome", "", *(_outcome(draws) for draws in cases)),
+        ("settled", "", *(_settled(draws) for draws in cases)),
     ]
     rows += [
         (
             LABELS[name],
             unit_of(name),
-            *(short(run.metrics.get(name)) for run in runs),
+            *(spread([run.metrics.get(name) for run in draws]) for draws in cases),
         )
         for name in shown
     ]
+    drawn = any(len(draws) > 1 for draws in cases)
     return Table(
-        caption="Metrics",
+        caption="Metrics" + "; of several draws the median, with the range in brackets" * drawn,
         columns=(
             Column("Metric"),
             Column("Unit"),
-            *(Column(run.controller, number=True) for run in runs),
+            *(Column(draws[0].controller, number=True) for draws in cases),
         ),
         rows=rows,
     )
+
+
+def _outcome(draws: Sequence[ComparedRun]) -> Cell:
+    """Return how some draws ended."""
+    early = [run for run in draws if run.outcome != COMPLETED]
+    if not early:
+        return Cell(COMPLETED, "good")
+    first = early[0].outcome
+    return Cell(first if len(draws) == 1 else f"{len(early)} of {len(draws)}: {first}", "bad")
+
+
+def _settled(draws: Sequence[ComparedRun]) -> str:
+    """Return how many draws settled."""
+    count = sum(run.settled for run in draws)
+    return ("no", "yes")[count] if len(draws) == 1 else f"{count} of {len(draws)}"

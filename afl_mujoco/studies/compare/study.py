@@ -44,6 +44,9 @@ class Compare:
     scenario's imperfections, else one step."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    draws: int | None = None
+    """Number of draws of noise, and of the start within an encoder's step; by default 10 where
+    noise or encoders act, else 1."""
     film: bool = False
     """Film the first four controllers side by side, one MP4 for each scenario."""
 
@@ -53,7 +56,7 @@ def check(configuration: Compare) -> None:
     c = configuration
     scenarios, controllers = _asked(c)
 
-    from afl_mujoco.studies.compare.comparison import require_comparable
+    from afl_mujoco.studies.compare.comparison import require_comparable, require_draws
 
     require_comparable(
         scenarios,
@@ -62,6 +65,7 @@ def check(configuration: Compare) -> None:
         control_period=c.control_period,
         integrator=c.integrator,
     )
+    require_draws(c.draws)
     if c.film:
         from afl_mujoco.films.plan import AS_IS, side_by_side
 
@@ -82,6 +86,7 @@ def run(configuration: Compare, *, progress: Progress = silent) -> Result:
         timestep=c.timestep,
         control_period=c.control_period,
         integrator=c.integrator,
+        draws=c.draws,
         advance=counted(progress, "simulating", len(scenarios) * len(controllers)),
     )
     if not c.film:

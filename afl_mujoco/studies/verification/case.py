@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from afl_mujoco.simulation.judgement import JudgedRun, judged
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, Run, closed_loop_runs, reported_runs
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
@@ -31,15 +32,20 @@ class Judged:
 
 
 def judge(case: Case) -> Judged:
-    """Run and judge one scenario with one controller."""
-    scenario, controller, settings = case
+    """Run and judge one scenario with one controller.
+
+    The codes are compared on the ideal loop; requirements are of the run as deployed.
+    """
+    asked, controller, settings = case
+    scenario = asked.ideal
     runs = closed_loop_runs(scenario, controller, settings)
+    deployed = runs[DEPLOYED] if asked == scenario else simulate_mujoco(asked, controller)
     parts = budget_curves(scenario, controller, runs)
     explanation = explain(scenario, controller, runs, parts, full=settings.full)
     return Judged(
         closed_loop_checks(scenario, controller, runs),
         reported_runs(scenario, controller, runs),
-        judged(scenario, controller.name, runs[DEPLOYED]),
+        judged(asked, controller.name, deployed),
         explanation,
         select_curves(
             scenario,

@@ -111,11 +111,9 @@ def test_only_a_compiled_controller_without_constant_parameters_can_use_it(estim
 
 
 def test_errors_of_the_assumed_parameters_do_not_reach_it(odd_scenario, estimating):
-    wrong = Imperfections(mass_error=20.0, length_error=-0.99, parameter_delay=0.5)
-    one, two = (
-        simulate_mujoco(replace(odd_scenario, imperfections=imperfections), estimating, "sampled")
-        for imperfections in (Imperfections(), wrong)
-    )
+    errors = {"cart_mass": {"error": 20.0}, "half_length": {"error": -0.99}}
+    wrong = replace(odd_scenario, imperfections=Imperfections(parameter_delay=0.5), belief=errors)
+    one, two = (simulate_mujoco(s, estimating, "sampled") for s in (odd_scenario, wrong))
     assert one.state.tobytes() == two.state.tobytes()
 
 

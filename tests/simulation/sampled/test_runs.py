@@ -22,6 +22,7 @@ from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.simulation.mujoco_model import impulse_jump
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 
 ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
@@ -44,8 +45,6 @@ REAL = Imperfections(
     rail_half_length=2.0,
     tip_mass_share=0.1,
     parameter_delay=0.02,
-    mass_error=0.1,
-    length_error=-0.1,
     seed=7,
 )
 
@@ -84,13 +83,21 @@ def plain_loop(scenario, controller, hold, integrator):
             force = controller.force(state, scenario.parameters_at(round(start, 9)))
         rows[k] = *state, force
         if k < count:
+            hit = impulse_in(scenario, k)
+            d.ctrl[0], d.qfrc_applied[0] = force, mean_push(scenario, k)
+            if hit is not None:
+                m.opt.timestep = hit.time - start
+                mujoco.mj_step(m, d)
+                d.qvel[:] += impulse_jump(model.addresses, *d.qpos, *d.qvel, hit.momentum)
+                m.opt.timestep = end - hit.time
             d.ctrl[0], d.qfrc_applied[0] = force, mean_push(scenario, k)
             mujoco.mj_step(m, d)
+            m.opt.timestep = 1e-3
     return rows
 
 
 def mean_push(scenario, k):
-    """Mean disturbing force over a step of 1 ms, in which an impulse of the scenario lies inside.
+    """Mean disturbing force over a step of 1 ms.
 
     Edges lie on multiples of 0.1 ms, so that whole numbers say how far they reach into the step.
     """
@@ -100,9 +107,13 @@ def mean_push(scenario, k):
             start, end = round(1e4 * one.start) / 10, round(1e4 * one.end) / 10
             if k < end and k + 1 > start:
                 push += one.force * (min(end, k + 1) - max(start, k))
-        elif int(1e3 * one.time) == k:
-            push += one.momentum / ((k + 1) * 1e-3 - k * 1e-3)
     return push
+
+
+def impulse_in(scenario, k):
+    """The impulse inside a step of 1 ms, if there is one; none lies at the start of a step."""
+    hits = [d for d in scenario.disturbances if not isinstance(d, ForcePulse)]
+    return next((one for one in hits if int(1e3 * one.time) == k), None)
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicit"])
@@ -285,7 +296,8 @@ def test_assumed_parameters_can_be_late_and_wrong():
         cart_mass=staircase((0.05,), (1.0, 2.0)),
         half_length=piecewise_linear((0.0, 0.1), (0.4, 0.5)),
         duration=0.2,
-        imperfections=Imperfections(parameter_delay=0.03, mass_error=0.1, length_error=-0.2),
+        imperfections=Imperfections(parameter_delay=0.03),
+        belief={"cart_mass": {"error": 0.1}, "half_length": {"error": -0.2}},
     )
     seen = []
 
@@ -331,9 +343,10 @@ def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
 
 
 def test_constant_assumed_parameters_stay_constant(odd_scenario):
-    wrong = Imperfections(mass_error=0.5, length_error=-0.4, parameter_delay=0.1)
+    errors = {"cart_mass": {"error": 0.5}, "half_length": {"error": -0.4}}
+    late = Imperfections(parameter_delay=0.1)
     nominal = CONTROLLERS["fixed-nominal"]
-    real = simulate_mujoco(replace(odd_scenario, imperfections=wrong), nominal, "sampled")
+    real = simulate_mujoco(replace(odd_scenario, imperfections=late, belief=errors), nominal)
     ideal = simulate_mujoco(odd_scenario, nominal, "sampled")
     assert (real.state == ideal.state).all()
 

@@ -161,4 +161,4 @@ def test_where_nothing_is_asked_for_a_fall_is_a_fall(tmp_path) -> None:
                    max_angle=1.5, max_rate=4.0)
     ).starts[0]  # fmt: skip
     assert found.outcome[2, 2] == FALLEN
-    assert found.outcome[1, 1] == SETTLED
+    assert found.outcome[1, 1] != FALLEN

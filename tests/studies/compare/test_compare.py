@@ -210,12 +210,51 @@ def test_the_last_line_says_whose_runs_are_remarked_on(result) -> None:
         assert verdict(replace(result, runs=runs, curves={})).text.endswith(said)
 
 
-def test_one_draw_of_noise_is_called_one() -> None:
-    for noise, said in ((0.0, 0), (1e-4, 1)):
-        imperfections = afl.Imperfections(noise_phi=noise, seed=7)
-        scenario = afl.Scenario(name="one", duration=0.1, imperfections=imperfections)
-        text = to_markdown(sections(compare(scenario, "lqr")))
-        assert text.count("One draw of the noise, seed 7.") == said
+@pytest.mark.parametrize(
+    ("hardware", "draws", "count", "said"),
+    [
+        ({}, None, 1, ""),
+        ({"noise_phi": 1e-4}, None, 10, "10 draws of noise and start, seeds 7 to 16."),
+        ({"noise_phi": 1e-4}, 1, 1, "One draw of noise and start, seed 7."),
+        ({"encoder_step_phi": 1e-3}, 3, 3, "3 draws of noise and start, seeds 7 to 9."),
+    ],
+)
+def test_where_noise_or_encoders_act_a_controller_is_judged_by_several_draws(
+    hardware, draws, count, said
+) -> None:
+    asked = Requirements(max_angle=0.12)
+    scenario = afl.Scenario(
+        name="drawn", duration=0.5, initial_state=(0.0, 0.1, 0.0, 0.0), requirements=asked,
+        imperfections=afl.Imperfections(**hardware, seed=7),
+    )  # fmt: skip
+    found = compare(scenario, "lqr", draws=draws)
+    assert [row["draw"] for row in found.table] == list(range(count))
+    peaks = {row["peak_phi"] for row in found.table}
+    assert len(peaks) == (count if "encoder_step_phi" in hardware else 1)
+    assert len({row["force_squared"] for row in found.table}) == count
+    alone = afl.simulate_mujoco(scenario, "lqr").metrics
+    assert found.table[0]["peak_z"] == alone["peak_z"]  # the first draw is the file's own
+    text = to_markdown(sections(found))
+    assert said in text
+    assert ("lqr on drawn passes" in verdict(found).text) == (count > 1)
+    again = compare(scenario, "lqr", draws=draws)
+    assert again.table == found.table
+
+
+def test_the_verdict_counts_the_draws_that_pass_and_says_how_the_others_fail() -> None:
+    noisy = afl.Scenario(
+        name="noisy", duration=2.0, initial_state=(0.0, 0.1, 0.0, 0.0),
+        requirements=Requirements(max_force=14.0),
+        imperfections=afl.Imperfections(noise_phi_dot=0.1),
+    )  # fmt: skip
+    found = compare(noisy, "lqr")
+    passing = sum(row["failure"] == "" for row in found.table)
+    assert 0 < passing < 10 and not found.passed
+    assert verdict(found).text.startswith(
+        f"lqr on noisy passes {passing} of 10 draws, else misses “|F| exerted at most”"
+    )
+    highest = max(row["max_force"] for row in found.table)
+    assert f" to {highest:.3g})" in to_markdown(sections(found))
 
 
 def test_where_a_settling_time_is_required_no_other_is_shown(result) -> None:
@@ -319,10 +358,8 @@ def test_a_controller_that_fails_meets_nothing_even_where_nothing_is_asked() -> 
 
 
 def test_gains_without_a_value_are_a_row_and_not_the_end() -> None:
-    believed = Imperfections(mass_error=0.5)
-    heavy = afl.Scenario(
-        name="heavy", cart_mass=afl.constant(70.0), duration=1.0, imperfections=believed
-    )
+    believed = {"cart_mass": {"error": 0.5}}
+    heavy = afl.Scenario(name="heavy", cart_mass=afl.constant(70.0), duration=1.0, belief=believed)
     found = afl.compare(heavy, ["lqr", "adaptive"])
     outcomes = {run.controller: run.outcome for run in found.runs}
     assert outcomes["lqr"] != "" and not outcomes["lqr"].startswith("failed")
@@ -334,7 +371,7 @@ def test_remarks_are_of_what_is_assumed_up_to_the_horizon() -> None:
     scenario = afl.Scenario(name="late", cart_mass=late, duration=1.0)
     assert scenario.plants.cart_mass == (1.0, 1.5)
     assert afl.find_controller("adaptive-estimated").remarks(scenario.assumed_plants) == []
-    wrong = replace(scenario, imperfections=Imperfections(mass_error=0.6))
+    wrong = replace(scenario, belief={"cart_mass": {"error": 0.6}})
     for name in ("adaptive", "adaptive-estimated"):
         (remark,) = afl.find_controller(name).remarks(wrong.assumed_plants)
         assert "M reaches 2.4 kg here" in remark

@@ -54,8 +54,9 @@ def test_the_findings_say_what_holds_what_breaks_and_at_what() -> None:
         "at 0.33 times. Thresholds are bisected to 2 % on step-step, with 4 seeds of noise."
     )
     assert said["Compared with LQR"] == (
-        "The adaptive controller tolerates more than LQR under 3 of 6 imperfections, as much "
-        "under 1 and less under 2; combined, it fails at 1.1 times the reference, LQR at 1.3."
+        "The adaptive controller tolerates more than LQR under 3 of 6 imperfections "
+        "that act on both, as much under 1 and less under 2; combined, it fails at 1.1 times the "
+        "reference, LQR at 1.3."
     )
 
 

@@ -90,7 +90,7 @@ def sections(result: Result) -> list[Section]:
 def _requirements(result: Result) -> list[Section]:
     """Return how requirements are met; nothing if completion is the only one and all complete."""
     runs = result.requirements
-    asked = any(scenario.requirements != NONE for scenario in result.scenarios)
+    asked = any(one.requirements != NONE or one != one.ideal for one in result.scenarios)
     if not asked and not any(run.missed for run in runs):
         return []
     by_scenario = [
@@ -98,5 +98,7 @@ def _requirements(result: Result) -> list[Section]:
         for scenario in result.scenarios
     ]
     table = requirements_table(runs, scenarios=len(result.scenarios) > 1)
-    deployed = Text("Judged in MuJoCo as deployed, in sampled mode.", note=True)
+    hardware = any(one != one.ideal for one in result.scenarios)
+    codes = ", with the imperfections of the file; the codes are compared without them" * hardware
+    deployed = Text(f"Judged in MuJoCo as deployed, in sampled mode{codes}.", note=True)
     return [Section("Requirements", "requirements", [*by_scenario, table, deployed])]
