@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
-import os
 import re
 import sys
 import warnings
@@ -17,6 +16,7 @@ from typing import Any, Union, get_args, get_type_hints
 import tyro
 
 from afl_mujoco.cli.log import Log
+from afl_mujoco.cli.output import Output
 from afl_mujoco.cli.regression import Regression
 from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
@@ -24,7 +24,6 @@ from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.study import study_commands
 from afl_mujoco.cli.terminal import (
     BAD_INPUT,
-    BROKEN_PIPE,
     INTERRUPTED,
     SUCCESS,
     numbers_apart,
@@ -60,13 +59,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 success, 1 a check failed, 2 bad input, 130 interrupted.
     """
+    output, errors = Output(sys.stdout), Output(sys.stderr)
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        code = _run(arguments)
+        output.flush()
+        if output.failure and code != INTERRUPTED:
+            print(f"{PROGRAM}: stdout cannot be written: {output.failure}", file=sys.stderr)
+            code = BAD_INPUT
+        errors.flush()
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run the command line on streams that do not fail."""
     try:
         with _warnings_in_one_line():
             code: int = _parse(arguments).run()
         return code
-    except BrokenPipeError:  # the reader of the output has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE
+    except SystemExit as end:  # of the parser
+        return int(end.code or SUCCESS)
     except AflMujocoError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return BAD_INPUT

@@ -13,7 +13,7 @@ from typing import IO, Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
+SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 FILMS, RESULTS = Path("renders"), Path("renders/validation")
 """Default folders of films, and of the results of studies with their page."""

@@ -57,17 +57,9 @@ def print_verdict(verdict: blocks.Verdict) -> None:
     _console().print(RichText(f"{verdict.word}: {verdict.text}", style=colour), soft_wrap=True)
 
 
-class _Console(Console):
-    """A console that lets the program handle a broken pipe."""
-
-    def on_broken_pipe(self) -> None:
-        """Raise the error again."""
-        raise BrokenPipeError
-
-
 def _console() -> Console:
     """Return the terminal, or its replacement of a fixed width."""
-    return _Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
 
 
 def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
