@@ -38,6 +38,7 @@ from afl_mujoco.errors import (
     InvalidValueError,
     UnknownNameError,
     meant,
+    printable,
     warning_in_one_line,
 )
 from afl_mujoco.studies.registry import studies
@@ -136,7 +137,8 @@ def _parse(arguments: Sequence[str] | None) -> Any:
             )
     except SystemExit as end:
         if end.code == BAD_INPUT:
-            print(f"{PROGRAM}: {_in_one_line(complaint.getvalue(), given)}", file=sys.stderr)
+            said = _in_one_line(complaint.getvalue(), given)
+            print(f"{PROGRAM}: {printable(said)}", file=sys.stderr)
         raise
     for field in fields(command):
         option = f"--{field.name.replace('_', '-')}"

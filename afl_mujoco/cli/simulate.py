@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, say
 from afl_mujoco.control.names import KNOWN, SUBJECT
 from afl_mujoco.errors import FileError, UnknownNameError
 
@@ -112,10 +112,10 @@ class Simulate:
             requirements = Section("Requirements", "requirements", [requirements_table([run])])
             print_sections([requirements], folder)
         for remark in remarks_on(runs[0], scenario, controller):
-            print(f"{controller.name}: {remark}")
+            say(f"{controller.name}: {remark}")
         if self.log:
             others += [f.name for f in write_run(scenario, controller, runs[0], folder, stem)]
-        print(f"wrote {folder / stem}.npz, {', '.join(others)}")
+        say(f"wrote {folder / stem}.npz, {', '.join(others)}")
         print_verdict(Verdict(not run.missed, tally([run])))
         return CHECK_FAILED if run.missed else SUCCESS
 

@@ -19,6 +19,7 @@ from afl_mujoco.cli.terminal import (
     SUCCESS,
     bars,
     plain_help,
+    say,
     separated,
     typed,
 )
@@ -80,7 +81,7 @@ class StudyCommand:
         files += study.write_films(result, folder, record.command)
         if self.page:
             files.append(write_page(folder, self.films))
-        print(f"wrote {_told(files)}")
+        say(f"wrote {_told(files)}")
         if record.verdict is None:
             return SUCCESS
         print_verdict(record.verdict)

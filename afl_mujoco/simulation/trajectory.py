@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError, reading
+from afl_mujoco.errors import InvalidValueError, printable, reading
 from afl_mujoco.files import atomic_file
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import LARGEST_STATE
@@ -153,7 +153,8 @@ class Trajectory:
 
     def __repr__(self) -> str:
         """Return what was simulated and how it ended, in one line."""
-        return f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
+        said = f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
+        return printable(said)
 
     def _repr_html_(self) -> str:
         """Return HTML for a notebook: how the run ended, and its figures in a table."""
