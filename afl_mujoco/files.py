@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import json
+import math
 import os
 import re
+import stat
 import tempfile
 import tomllib
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -83,6 +88,13 @@ def output_folder(path: str | Path) -> Path:
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        reason: OSError = error
+        try:
+            folder.stat()
+        except OSError as broken:  # a link to nowhere, or in a circle
+            reason = broken
+        raise FileError.cannot_be("written", f"output folder {folder}", reason) from None
     except OSError as error:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     except ValueError:
@@ -92,20 +104,123 @@ def output_folder(path: str | Path) -> Path:
     return folder
 
 
+MOST_TEXT = 500_000_000
+"""Largest size of a text file that is read [bytes]: a result of a day's work is smaller."""
+
+MOST_TOML = 10_000_000
+"""Largest size of a TOML file that is read [bytes]: they are written by hand."""
+
+
+def require_regular(path: str | Path, most: int = MOST_TEXT) -> None:
+    """Raise if a path is that of a device, a pipe or a socket, or of a file that is too large.
+
+    One of these may have no end, or never begin. What is not there is for the reader to say.
+    """
+    with contextlib.suppress(OSError, ValueError):
+        found = os.stat(path)
+        if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+            raise FileError(str(path), "must be a file, but is a device, a pipe or a socket")
+        if found.st_size > most:
+            size = f"{found.st_size / 1e6:.0f} MB"
+            raise FileError(str(path), f"must be at most {most / 1e6:g} MB, has {size}")
+
+
+class EncodingError(ValueError):
+    """A text file that is not UTF-8."""
+
+
+def read_utf8(path: str | Path | Traversable, most: int = MOST_TEXT) -> str:
+    """Return the text of a file, without the mark with which some editors begin it.
+
+    Raises
+    ------
+    FileError
+        If it is not a regular file, or is too large.
+    EncodingError
+        If it is in another encoding.
+    OSError
+        If it cannot be read.
+    """
+    if isinstance(path, str | Path):
+        require_regular(path, most)
+        path = Path(path)
+    content = path.read_bytes()
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        said = "cannot be read: not UTF-8 text"
+        if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            said += ", but UTF-16: save it as UTF-8"
+        elif 0 not in content:
+            line = content.count(b"\n", 0, error.start) + 1
+            said += f" in line {line}, but perhaps Latin-1: save it as UTF-8"
+        raise EncodingError(said) from None
+
+
+MOST_ARRAYS = 800_000_000
+"""Largest size of the arrays that are read from a file [bytes]: a run of ten million steps."""
+
+
+def array_names(path: Path) -> list[str]:
+    """Return the names of the arrays of an npz."""
+    require_regular(path)
+    with zipfile.ZipFile(path) as archive:
+        return [name.removesuffix(".npy") for name in archive.namelist()]
+
+
+def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """Return some arrays of an npz, no others: zeros take a thousandth of their size there.
+
+    Raises
+    ------
+    KeyError
+        If one is missing.
+    ValueError
+        If one is not of numbers or text, or by their headers they take more than `MOST_ARRAYS`.
+    """
+    wanted = list(names)
+    require_regular(path)
+    with zipfile.ZipFile(path) as archive:
+        there = set(archive.namelist())
+        for name in wanted:
+            if f"{name}.npy" not in there:
+                raise KeyError(name)
+        size = sum(_array_size(archive, name) for name in wanted)
+    if size > MOST_ARRAYS:
+        raise ValueError(
+            f"its arrays must take at most {MOST_ARRAYS / 1e6:g} MB, take {size / 1e6:.0f} MB"
+        )
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        return {name: file[name] for name in wanted}
+
+
+def _array_size(archive: zipfile.ZipFile, name: str) -> int:
+    """Return the size of an array by its header [bytes]."""
+    with archive.open(f"{name}.npy") as stream:
+        header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }.get(np.lib.format.read_magic(stream))
+        if header is None:
+            raise ValueError(f"array {name!r} must be of version 1 or 2 of NumPy's format")
+        shape, _, dtype = header(stream)
+    return math.prod(shape) * dtype.itemsize
+
+
 _TOML_VALUES = '; values are written true, 0.9, [1, 2] or "text"'
 
 
 def toml_as_json(path: str | Path) -> str:
     """Return the content of a TOML file as the text that `parse_json` takes."""
     try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        table = tomllib.loads(read_utf8(path, MOST_TOML))
         return json.dumps(table, default=str)
     except OSError as error:
         raise FileError.cannot_be("read", path, error) from None
-    except UnicodeDecodeError:
-        raise FileError(str(path), "cannot be read: not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
         raise FileError(str(path), f"is not valid TOML: {error}{_TOML_VALUES}") from None
+    except EncodingError as error:
+        raise FileError(str(path), str(error)) from None
     except RecursionError:
         raise FileError(str(path), "is nested too deeply") from None
     except ValueError:  # of the path, or of the conversion of a whole number
@@ -140,7 +255,7 @@ def read_json(path: Path | Traversable, kind: type[Content], wrong: str, then: s
     about it.
     """
     with reading(path, wrong, then):
-        return parse_json(path.read_text(encoding="utf-8"), kind)
+        return parse_json(read_utf8(path), kind)
 
 
 def parse_json(text: str, kind: type[Content], context: object = None) -> Content:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
+import os
 import re
 import sys
 import warnings
@@ -35,6 +36,7 @@ from afl_mujoco.errors import (
     NO_NUL,
     PROGRAM,
     AflMujocoError,
+    FileError,
     InvalidValueError,
     UnknownNameError,
     meant,
@@ -82,6 +84,9 @@ def _run(arguments: Sequence[str] | None) -> int:
     except AflMujocoError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return BAD_INPUT
+    except OSError as error:
+        print(f"{PROGRAM}: {_refused_by_the_system(error)}", file=sys.stderr)
+        return BAD_INPUT
     except BaseException as error:
         if not _is_interrupt(error):
             raise
@@ -98,6 +103,18 @@ def _warnings_in_one_line() -> Iterator[None]:
         yield
     finally:
         warnings.formatwarning = usual
+
+
+def _refused_by_the_system(error: OSError) -> FileError:
+    """Return the error of something that no command expects, as a working folder that is gone."""
+    thing = error.filename
+    if thing is None:
+        try:
+            os.getcwd()
+            thing = "the operating system's resource"
+        except OSError:
+            thing = "working directory"
+    return FileError.cannot_be("used", thing, error)
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

@@ -92,7 +92,8 @@ class Simulate:
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
         runs = [self._simulate(scenario, controller, kind, integrator) for kind in simulators]
         resolved = self.out / f"{scenario.name}.toml"
-        if Path(self.scenario).is_file() and resolved.resolve() == Path(self.scenario).resolve():
+        given = Path(self.scenario)
+        if resolved.is_file() and given.is_file() and resolved.samefile(given):
             rule = "is the input scenario and would be overwritten: choose another --out"
             raise FileError(str(resolved), rule)
         folder = output_folder(self.out)

@@ -25,7 +25,7 @@ class Picture:
 def find_picture(files: Mapping[str, str], folder: Path) -> Picture | None:
     """Return a figure as vectors unless these are large; None if its files are missing."""
     paths = {kind: folder / name for kind, name in files.items()}
-    if not all(path.exists() for path in paths.values()):
+    if not all(path.is_file() for path in paths.values()):
         return None
     svg, png = (_read(paths[kind]) for kind in ("svg", "png"))
     vectors = len(svg) <= max(LARGE, len(png))

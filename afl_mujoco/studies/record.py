@@ -30,7 +30,15 @@ from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.files import atomic_file, remove_file, require_no_folder, write_text
+from afl_mujoco.files import (
+    array_names,
+    atomic_file,
+    read_arrays,
+    read_utf8,
+    remove_file,
+    require_no_folder,
+    write_text,
+)
 from afl_mujoco.studies.arrays import packed, unpacked
 from afl_mujoco.studies.contract import Progress, Study, counted, silent
 from afl_mujoco.studies.registry import studies
@@ -189,7 +197,7 @@ def load_record(study: Study, folder: Path) -> Record:
     """Return the record of a study in a folder."""
     path, again = folder / f"{study.stem}.json", f"run {study.command}"
     with reading(path, f"is not a result of {study.command}", again):
-        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
+        data = json.loads(read_utf8(path), parse_constant=_no_number)
         found = (data["study"], data["schema"])
         if found != (study.name, study.schema):
             rule = f"it must be of {study.name!r} and have schema {study.schema}"
@@ -198,8 +206,8 @@ def load_record(study: Study, folder: Path) -> Record:
             raise ValueError("command must be a string")
         header = {"inputs": {}} | data  # an older file has none
         versions, inputs, files = (_texts(header, key) for key in ("versions", "inputs", "files"))
-        arrays = _arrays(folder / f"{study.stem}.npz")
         given = {key: value for key, value in data.items() if key not in HEADER}
+        arrays = _arrays(folder / f"{study.stem}.npz", given)
         result = unpacked(study.result_type, given, arrays)
         for name, digest in files.items():
             if _is_of(study, name) and (folder / name).is_file():
@@ -233,7 +241,7 @@ def remove_record(study: Study, folder: Path) -> None:
     path = folder / f"{study.stem}.json"
     try:
         with reading(path, "is not a record"):
-            listed = [str(name) for name in json.loads(path.read_text(encoding="utf-8"))["files"]]
+            listed = [str(name) for name in json.loads(read_utf8(path))["files"]]
     except FileError:
         listed = []
     ours = [name for name in listed if _is_of(study, name)]
@@ -246,12 +254,21 @@ def _is_of(study: Study, name: str) -> bool:
     return Path(name).name == name and name.split(".")[0].split("-")[0] == study.stem
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an npz; none if it is not there."""
+def _arrays(path: Path, data: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an npz that plain data names; none if it is not there."""
     if not path.exists():
         return {}
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    named = set(_texts_in(data))
+    return read_arrays(path, [name for name in array_names(path) if name in named])
+
+
+def _texts_in(data: Any) -> Iterator[str]:
+    """Yield every text in plain data."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, Mapping | list):
+        for value in data.values() if isinstance(data, Mapping) else data:
+            yield from _texts_in(value)
 
 
 def _no_number(name: str) -> NoReturn:
