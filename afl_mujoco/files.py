@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import fcntl
 import json
 import math
 import os
 import re
+import shutil
 import stat
 import tempfile
+import time
 import tomllib
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,6 +36,72 @@ _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 _MISSING = object()
 
 
+OURS = "afl_mujoco-"
+"""Part of the names of what is hidden while it is written; a run that was killed leaves it."""
+
+
+@contextmanager
+def hidden_folder(folder: Path, kind: str) -> Iterator[Path]:
+    """Yield a hidden folder inside a folder, for files that move when they are complete.
+
+    It is locked: what nobody holds any longer, `output_folder` removes.
+    """
+    held = None
+    try:
+        while held is None:
+            hidden = tempfile.mkdtemp(dir=folder, prefix=f".{kind}-{OURS}")
+            held = _claimed(hidden)
+    except OSError as error:
+        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
+    try:
+        yield Path(hidden)
+    finally:
+        for wait in (0.0, 0.1, 0.2, 0.4, 0.8, 1.6):  # the encoder of a worker that was stopped may
+            time.sleep(wait)  # just be making its file
+            shutil.rmtree(hidden, ignore_errors=True)
+            if not os.path.exists(hidden):
+                break
+        os.close(held)
+
+
+def _claimed(path: str | Path) -> int | None:
+    """Return the descriptor that holds a file or folder, or None if another process has it.
+
+    The system lets go of it when this process ends, however it ends.
+    """
+    held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.exists(path):  # else it was removed before it was held
+            return held
+    except BlockingIOError:
+        pass
+    except OSError:  # a file system without locks, on which nothing is ever taken for left
+        return held
+    os.close(held)
+    return None
+
+
+def _remove_left_behind(folder: Path) -> None:
+    """Remove what runs that were killed have left in a folder."""
+    for path in folder.glob(f".*{OURS}*"):
+        with contextlib.suppress(OSError):
+            held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            finally:
+                os.close(held)
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Return a file of a folder, or raise if its name or a link leads out of the folder."""
+    path, real = folder / name, os.path.realpath(folder / name)
+    if not Path(real).is_relative_to(os.path.realpath(folder)):
+        raise FileError(str(path), "must lie in its folder, but leads out of it", real)
+    return path
+
+
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield a temporary file beside `path` to write, and rename it to `path` on success.
@@ -42,12 +111,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
     if "\0" in str(path):
         raise FileError(str(path), NO_NUL)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{OURS}", suffix=path.suffix)
     except OSError as error:
         raise FileError.cannot_be("written", path, error) from None
-    os.close(handle)
     temporary = Path(name)
     try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield temporary
         umask = os.umask(0)
         os.umask(umask)
@@ -57,6 +127,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
         raise FileError.cannot_be("written", path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -83,7 +154,7 @@ def require_no_folder(folder: Path, names: Iterable[str]) -> None:
 def output_folder(path: str | Path) -> Path:
     """Return `path` as a folder that exists and can be written, made with its parents if missing.
 
-    Anything else raises a `FileError`.
+    Anything else raises a `FileError`. What a run that was killed has left hidden there goes.
     """
     folder = Path(path)
     try:
@@ -101,6 +172,7 @@ def output_folder(path: str | Path) -> Path:
         raise FileError(f"output folder {folder}", NO_NUL) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
+    _remove_left_behind(folder)
     return folder
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from afl_mujoco.files import read_json, write_json
+from afl_mujoco.files import inside, read_json, write_json
 from afl_mujoco.films.replay import IDEAL_ODE, Deployment
 
 LISTING = "films.json"
@@ -80,7 +80,10 @@ def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Ent
     path = folder / LISTING
     if not path.is_file():
         return ()
-    return read_json(path, Listing, "does not list films", then).films
+    films = read_json(path, Listing, "does not list films", then).films
+    for name in (name for film in films for name in (film.file, film.poster)):
+        inside(folder, name)  # a page must not show what is not of its folder
+    return films
 
 
 REMOVE = "remove it"
