@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -352,3 +354,22 @@ def test_an_error_of_the_program_is_not_taken_for_a_ctrl_c(monkeypatch) -> None:
     monkeypatch.setattr(Regression, "run", run)
     with pytest.raises(ImportError, match="initialization failed"):
         main(["regression"])
+
+
+SHADOWS = ("mujoco", "numpy", "typing", "scipy", "tyro", "signal", "afl_mujoco_x")
+
+
+@pytest.mark.parametrize("flags", [[], ["-P"]], ids=["", "-P"])
+def test_no_file_of_the_working_folder_hides_a_module(folder: Path, flags: list[str]) -> None:
+    for name in SHADOWS:
+        (folder / f"{name}.py").write_text("raise SystemExit('taken for a module')\n")
+    (folder / "mine.py").write_text("def force(t, state, belief): return 0.0\n")
+    done = subprocess.run(
+        [
+            sys.executable, *flags, "-m", "afl_mujoco", "simulate", "short.toml", "--controller",
+            "mine:force", "--no-page", "--out", "out",
+        ],
+        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, "")  # it falls
+    assert (folder / "out" / "short-mine.force-sampled.npz").is_file()
