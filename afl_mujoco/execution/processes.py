@@ -18,6 +18,8 @@ from typing import Any
 from afl_mujoco.errors import AflMujocoError, warning_in_one_line
 from afl_mujoco.execution.executors import Executor
 
+SAFE_PATH = "PYTHONSAFEPATH"
+
 MAX_DEATHS = 4
 """Deaths of workers after which the computation is given up, because it seems to kill them."""
 
@@ -79,9 +81,9 @@ def _new_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool that has no process yet."""
     spawn = multiprocessing.get_context("spawn")
     in_one_line = warnings.formatwarning is warning_in_one_line
-    return ProcessPoolExecutor(
-        workers, spawn, initializer=_prepare, initargs=(in_one_line, gc.get_threshold())
-    )
+    arguments = in_one_line, gc.get_threshold()
+    with _safe_path():  # its locks start a process too
+        return ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=arguments)
 
 
 def _computed(
@@ -95,6 +97,22 @@ def _computed(
 
 
 @contextmanager
+def _safe_path() -> Iterator[None]:
+    """Have processes started within the block import nothing from the working directory at first.
+
+    They get the path of this process later, once Python's own modules are imported.
+    """
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[SAFE_PATH]
+        if before is not None:
+            os.environ[SAFE_PATH] = before
+
+
+@contextmanager
 def interrupts_held() -> Iterator[None]:
     """Put off a Ctrl-C to the end of the block, and block it for good in processes started within.
 
@@ -103,8 +121,9 @@ def interrupts_held() -> Iterator[None]:
     not. In this process the mask alone is not enough: a thread of a numerical library may take the
     signal.
     """
-    ensure_running()  # started within the block, it would let the signal through again
-    with interrupts_put_off():
+    with _safe_path():
+        ensure_running()  # started within the block, it would let the signal through again
+    with _safe_path(), interrupts_put_off():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield

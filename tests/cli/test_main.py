@@ -356,7 +356,7 @@ def test_an_error_of_the_program_is_not_taken_for_a_ctrl_c(monkeypatch) -> None:
         main(["regression"])
 
 
-SHADOWS = ("mujoco", "numpy", "typing", "scipy", "tyro", "signal", "afl_mujoco_x")
+SHADOWS = ("pickle", "mujoco", "numpy", "typing", "scipy", "tyro", "signal", "afl_mujoco_x")
 
 
 @pytest.mark.parametrize("flags", [[], ["-P"]], ids=["", "-P"])
@@ -373,3 +373,12 @@ def test_no_file_of_the_working_folder_hides_a_module(folder: Path, flags: list[
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (1, "")  # it falls
     assert (folder / "out" / "short-mine.force-sampled.npz").is_file()
+
+
+def test_no_file_of_the_working_folder_hides_a_module_from_a_worker(folder: Path) -> None:
+    for name in SHADOWS:
+        (folder / f"{name}.py").write_text("raise SystemExit('taken for a module')\n")
+    (folder / "mine.py").write_text("def force(t, state, belief): return 0.0\n")
+    options = ("--samples", "4", "--workers", "2", "--no-worst-case", "--no-page", "--out", "out")
+    done = run("montecarlo", "short.toml", "--controllers", "mine:force", *options, cwd=folder)
+    assert done.stderr == "" and "wrote out/montecarlo.json" in done.stdout
