@@ -7,11 +7,14 @@ import io
 import itertools
 import os
 import re
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from importlib.metadata import version
+from types import FrameType
 from typing import Any, Union, get_args, get_type_hints
 
 import tyro
@@ -75,23 +78,45 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     """Run the command line on streams that do not fail."""
+    with _interrupts_noted() as came:
+        try:
+            with _warnings_in_one_line():
+                code: int = _parse(arguments).run()
+            return code
+        except SystemExit as end:  # of the parser
+            return int(end.code or SUCCESS)
+        except BaseException as error:
+            if came or _is_interrupt(error):
+                print(f"{PROGRAM}: interrupted", file=sys.stderr)
+                return INTERRUPTED
+            if not isinstance(error, AflMujocoError | OSError):
+                raise
+            told = error if isinstance(error, AflMujocoError) else _refused_by_the_system(error)
+            print(f"{PROGRAM}: {told}", file=sys.stderr)
+            return BAD_INPUT
+
+
+@contextlib.contextmanager
+def _interrupts_noted() -> Iterator[list[int]]:
+    """Yield a list that is not empty once a Ctrl-C came, whatever became of its exception.
+
+    A library may turn it into an error of its own without a trace, as ctypes does under PyOpenGL.
+    """
+    came: list[int] = []
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
     try:
-        with _warnings_in_one_line():
-            code: int = _parse(arguments).run()
-        return code
-    except SystemExit as end:  # of the parser
-        return int(end.code or SUCCESS)
-    except AflMujocoError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except OSError as error:
-        print(f"{PROGRAM}: {_refused_by_the_system(error)}", file=sys.stderr)
-        return BAD_INPUT
-    except BaseException as error:
-        if not _is_interrupt(error):
-            raise
-        print(f"{PROGRAM}: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @contextlib.contextmanager

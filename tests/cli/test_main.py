@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.cli.regression import Regression
+from afl_mujoco.errors import GraphicsError
 from tests.program import interrupt, run
 
 SHORT = """
@@ -345,6 +348,33 @@ def test_a_ctrl_c_while_a_library_is_loaded_is_one_line(monkeypatch, capsys) -> 
     monkeypatch.setattr(Regression, "run", run)
     assert main(["regression"]) == 130
     assert capsys.readouterr().err == "afl-mujoco: interrupted\n"
+
+
+@pytest.mark.parametrize("error", [ctypes.ArgumentError, FileNotFoundError, GraphicsError])
+def test_a_ctrl_c_of_which_a_library_made_another_error_is_one_line(
+    monkeypatch, capsys, error: type[Exception]
+) -> None:
+    class Argument:
+        @classmethod
+        def from_param(cls, value: object) -> object:
+            signal.raise_signal(signal.SIGINT)
+            return value
+
+    def run(command: Regression) -> int:
+        call = ctypes.CDLL(None).abs
+        call.argtypes = [Argument]
+        try:
+            call(1)
+        except ctypes.ArgumentError as lost:  # no cause, no context
+            if error is ctypes.ArgumentError:
+                raise
+            raise error("x", "y") from lost
+        return 0
+
+    monkeypatch.setattr(Regression, "run", run)
+    assert main(["regression"]) == 130
+    assert capsys.readouterr().err == "afl-mujoco: interrupted\n"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_an_error_of_the_program_is_not_taken_for_a_ctrl_c(monkeypatch) -> None:
