@@ -95,7 +95,7 @@ REMOVE = "remove it"
 
 
 def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
-    """Remove some films from the list of a folder; from the folder only those that were made here."""
+    """Remove films from the list of a folder, and from the folder those that were made here."""
     entries = load_listing(folder, REMOVE)
     gone = [entry for entry in entries if unwanted(entry)]
     for entry in gone:
