@@ -7,14 +7,11 @@ import io
 import itertools
 import os
 import re
-import signal
 import sys
-import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from importlib.metadata import version
-from types import FrameType
 from typing import Any, Union, get_args, get_type_hints
 
 import tyro
@@ -46,6 +43,7 @@ from afl_mujoco.errors import (
     printable,
     warning_in_one_line,
 )
+from afl_mujoco.execution.interrupts import interrupts_noted, is_interrupt
 from afl_mujoco.studies.registry import studies
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
@@ -78,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     """Run the command line on streams that do not fail."""
-    with _interrupts_noted() as came:
+    with interrupts_noted():
         try:
             with _warnings_in_one_line():
                 code: int = _parse(arguments).run()
@@ -86,7 +84,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         except SystemExit as end:  # of the parser
             return int(end.code or SUCCESS)
         except BaseException as error:
-            if came or _is_interrupt(error):
+            if is_interrupt(error):
                 print(f"{PROGRAM}: interrupted", file=sys.stderr)
                 return INTERRUPTED
             if not isinstance(error, AflMujocoError | OSError):
@@ -94,29 +92,6 @@ def _run(arguments: Sequence[str] | None) -> int:
             told = error if isinstance(error, AflMujocoError) else _refused_by_the_system(error)
             print(f"{PROGRAM}: {told}", file=sys.stderr)
             return BAD_INPUT
-
-
-@contextlib.contextmanager
-def _interrupts_noted() -> Iterator[list[int]]:
-    """Yield a list that is not empty once a Ctrl-C came, whatever became of its exception.
-
-    A library may turn it into an error of its own without a trace, as ctypes does under PyOpenGL.
-    """
-    came: list[int] = []
-    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if not usual or threading.current_thread() is not threading.main_thread():
-        yield came
-        return
-
-    def note(number: int, frame: FrameType | None) -> None:
-        came.append(number)
-        signal.default_int_handler(number, frame)
-
-    signal.signal(signal.SIGINT, note)
-    try:
-        yield came
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @contextlib.contextmanager
@@ -140,13 +115,6 @@ def _refused_by_the_system(error: OSError) -> FileError:
         except OSError:
             thing = "working directory"
     return FileError.cannot_be("used", thing, error)
-
-
-def _is_interrupt(error: BaseException | None) -> bool:
-    """Return whether a Ctrl-C caused an error, as while a library is loaded."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _parse(arguments: Sequence[str] | None) -> Any:

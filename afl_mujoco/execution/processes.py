@@ -17,6 +17,7 @@ from typing import Any
 
 from afl_mujoco.errors import AflMujocoError, warning_in_one_line
 from afl_mujoco.execution.executors import Executor
+from afl_mujoco.execution.interrupts import interrupts_put_off
 
 SAFE_PATH = "PYTHONSAFEPATH"
 
@@ -129,22 +130,6 @@ def interrupts_held() -> Iterator[None]:
             yield
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def interrupts_put_off() -> Iterator[None]:
-    """Put off a Ctrl-C to the end of the block, where it is raised even if the block raises."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda n, _: came.append(n))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler or signal.SIG_DFL)
-        if came:
-            signal.raise_signal(signal.SIGINT)
 
 
 def _prepare(in_one_line: bool, collected_after: tuple[int, int, int]) -> None:

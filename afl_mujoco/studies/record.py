@@ -28,7 +28,7 @@ from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.execution.processes import interrupts_put_off
+from afl_mujoco.execution.interrupts import interrupts_put_off, is_interrupt
 from afl_mujoco.files import (
     array_names,
     atomic_file,
@@ -151,7 +151,7 @@ def save_record(
             if failure is None:
                 deed()
         except BaseException as error:
-            if isinstance(error, KeyboardInterrupt) and path.is_file():
+            if is_interrupt(error) and path.is_file():
                 raise
             failure = error
 

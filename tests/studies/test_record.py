@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import hashlib
 import json
 import math
@@ -19,6 +21,7 @@ import pytest
 from afl_mujoco import files
 from afl_mujoco.document import style
 from afl_mujoco.errors import FileError
+from afl_mujoco.execution.interrupts import interrupts_noted
 from afl_mujoco.studies import record as record_module
 from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record
 from afl_mujoco.studies.registry import find_study
@@ -154,6 +157,26 @@ def test_a_ctrl_c_leaves_the_older_record_its_figures_and_its_page(
         save_record(new, tmp_path, **({later: stopped(KeyboardInterrupt)} if later else {}))
     assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
     assert all(path.is_file() for path in tmp_path.iterdir())
+
+
+def test_a_ctrl_c_that_a_library_made_another_error_leaves_the_older_record(tmp_path: Path) -> None:
+    save_record(study_results.record("margins"), tmp_path, figures=False)
+    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
+
+    def film() -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise ctypes.ArgumentError
+
+    with interrupts_noted(), pytest.raises(ctypes.ArgumentError):
+        save_record(study_results.record("margins"), tmp_path, figures=False, film=film)
+    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
+    with pytest.raises(ctypes.ArgumentError):  # none came since: it is an error like others
+        save_record(
+            replace(study_results.record("margins"), command="the new one"), tmp_path,
+            figures=False, film=stopped(ctypes.ArgumentError),
+        )  # fmt: skip
+    assert load_record(find_study("margins"), tmp_path).command == "the new one"
 
 
 def test_a_ctrl_c_while_files_are_moved_waits_until_they_are(tmp_path: Path) -> None:
