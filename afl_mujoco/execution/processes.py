@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import io
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -133,10 +135,13 @@ def interrupts_held() -> Iterator[None]:
 
 
 def _prepare(in_one_line: bool, collected_after: tuple[int, int, int]) -> None:
-    """Have this worker warn and collect garbage as its parent does, and end when that does."""
+    """Have this worker warn, print and collect garbage as its parent does, and end with it."""
     gc.set_threshold(*collected_after)
     if in_one_line:
         warnings.formatwarning = warning_in_one_line
+    for stream in (sys.stdout, sys.stderr):  # what a controller prints must not be its error
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     threading.Thread(target=_exit_after_parent, daemon=True).start()
 
 

@@ -17,7 +17,7 @@ A study is a package of this folder:
     that runs controllers on scenarios has ``opening(result)``: what a page shows first.
 ``films.py``
     Only for a study that can film what it ran: ``films(result, command)`` returns what to film,
-    once the result has been written. Films of an earlier run are removed: they do not belong to
+    once its figures are drawn. Films of an earlier run are removed: they do not belong to
     the new numbers.
 ``files.py``
     Only for a study that writes more than figures: ``require(folder)`` raises before the run,

@@ -60,6 +60,18 @@ def test_an_output_of_another_encoding_gets_every_line(folder: Path, encoding: s
     assert written(folder) == WRITTEN
 
 
+def test_what_a_controller_prints_is_not_its_error(folder: Path) -> None:
+    (folder / "mine.py").write_text("def force(t, x, belief):\n    print('φ')\n    return 0.0\n")
+    options = ("--samples", "2", "--no-worst-case", "--no-page", "--out", "out")
+    for workers in ("1", "2"):
+        arguments = ("montecarlo", "short.toml", "--controllers", "mine:force", *options)
+        code, said = shell(
+            folder, ">said", *arguments, "--workers", workers, PYTHONIOENCODING="latin-1"
+        )
+        assert (code, said) == (0, "")
+        assert "UnicodeEncodeError" not in (folder / "out" / "montecarlo.json").read_text()
+
+
 @pytest.mark.parametrize(
     ("redirected", "why"),
     [(">/dev/full", "no space left on device"), (">&-", "it is closed")],
