@@ -118,7 +118,7 @@ distclean: clean ## clean, and remove .venv too
 	@rm -rf .venv
 
 lock: PYTHON ?= python3.11# the oldest: newer versions run what it can run
-lock: ## resolve the newest versions that pyproject.toml allows into requirements.lock
+lock: ## resolve the newest versions that pyproject.toml allows into requirements.lock, with the hashes of their archives
 	$(require_python)
 	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
 	$(python) -m venv "$$fresh"; \
@@ -128,7 +128,8 @@ lock: ## resolve the newest versions that pyproject.toml allows into requirement
 	{ grep '^#' requirements.lock; frozen; } > "$$fresh/lock"; \
 	"$$fresh/bin/python" -m pip install --quiet --group dev --group dist --editable '.[docs]'; \
 	{ grep '^#' requirements-docs.lock; frozen | grep -vxFf "$$fresh/lock"; } > "$$fresh/lock-docs"; \
-	cp "$$fresh/lock" requirements.lock; cp "$$fresh/lock-docs" requirements-docs.lock
+	cp "$$fresh/lock" requirements.lock; cp "$$fresh/lock-docs" requirements-docs.lock; \
+	"$$fresh/bin/python" .ci/hashes.py requirements*.lock
 
 # The stamp is written last and holds the repository's path: an interrupted set-up or a moved repository starts over.
 ifneq ($(shell cat $(READY) 2>/dev/null),$(CURDIR))

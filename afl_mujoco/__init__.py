@@ -6,6 +6,13 @@ The public names; each is imported on first use, so that importing the package a
 
 from __future__ import annotations
 
+import sys
+
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    # python -m has put the working directory first, where any mujoco.py or typing.py would be taken
+    # for the real one; last, it still has a user's own controllers.
+    sys.path.append(sys.path.pop(0))
+
 from importlib import import_module
 from typing import TYPE_CHECKING
 

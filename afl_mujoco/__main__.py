@@ -1,6 +1,7 @@
 """``python -m afl_mujoco`` is ``afl-mujoco``."""
 
 import gc
+import os
 import signal
 import sys
 import threading
@@ -15,6 +16,7 @@ def main() -> int:
     """Run the command line; report an interrupt during its import in one line too."""
     gc.set_threshold(*COLLECTED_AFTER)
     sys.unraisablehook = _interrupt_again
+    _open_missing_streams()
     try:
         from afl_mujoco.cli import main as run
 
@@ -22,6 +24,18 @@ def main() -> int:
     except KeyboardInterrupt:
         print("afl-mujoco: interrupted", file=sys.stderr)
         return 130
+
+
+def _open_missing_streams() -> None:
+    """Open the null device in place of standard streams that are closed.
+
+    Else the next file that is opened would take the number of one, and get what is printed there.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # has the lowest free number
 
 
 def _interrupt_again(lost: Any) -> None:

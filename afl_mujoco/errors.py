@@ -29,7 +29,18 @@ def warning_in_one_line(
     """Return a warning as the command line prints it; it replaces `warnings.formatwarning`."""
     own = issubclass(category, AflMujocoWarning)
     place = "" if own else f" ({PurePath(filename).name}, line {lineno})"
-    return f"{PROGRAM}: warning: {' '.join(str(message).split())}{place}\n"
+    return f"{PROGRAM}: warning: {printable(' '.join(str(message).split()))}{place}\n"
+
+
+def printable(text: str) -> str:
+    """Return a text as it may be shown: what would steer a terminal is as Python writes it.
+
+    File names and the names in files are anyone's.
+    """
+    if text.isprintable():
+        return text
+    kept = "\n\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}"
+    return "".join(x if x.isprintable() or x in kept else repr(x)[1:-1] for x in text)
 
 
 class AflMujocoError(Exception):
@@ -51,7 +62,7 @@ class AflMujocoError(Exception):
         self.value = value
         got = "" if value is None else f", got {value}"
         said = " ".join(f"{thing} {rule}{got}".split())
-        super().__init__("".join(x if x.isprintable() else repr(x)[1:-1] for x in said))
+        super().__init__(printable(said))
 
     def within(self, place: str) -> AflMujocoError:
         """Return the same error with `place` put before the thing it names.

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import codecs
+import contextlib
+import fcntl
 import json
+import math
 import os
 import re
+import shutil
+import stat
 import tempfile
+import time
 import tomllib
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -28,6 +36,72 @@ _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 _MISSING = object()
 
 
+OURS = "afl_mujoco-"
+"""Part of the names of what is hidden while it is written; a run that was killed leaves it."""
+
+
+@contextmanager
+def hidden_folder(folder: Path, kind: str) -> Iterator[Path]:
+    """Yield a hidden folder inside a folder, for files that move when they are complete.
+
+    It is locked: what nobody holds any longer, `output_folder` removes.
+    """
+    held = None
+    try:
+        while held is None:
+            hidden = tempfile.mkdtemp(dir=folder, prefix=f".{kind}-{OURS}")
+            held = _claimed(hidden)
+    except OSError as error:
+        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
+    try:
+        yield Path(hidden)
+    finally:
+        for wait in (0.0, 0.1, 0.2, 0.4, 0.8, 1.6):  # the encoder of a worker that was stopped may
+            time.sleep(wait)  # just be making its file
+            shutil.rmtree(hidden, ignore_errors=True)
+            if not os.path.exists(hidden):
+                break
+        os.close(held)
+
+
+def _claimed(path: str | Path) -> int | None:
+    """Return the descriptor that holds a file or folder, or None if another process has it.
+
+    The system lets go of it when this process ends, however it ends.
+    """
+    held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.exists(path):  # else it was removed before it was held
+            return held
+    except BlockingIOError:
+        pass
+    except OSError:  # a file system without locks, on which nothing is ever taken for left
+        return held
+    os.close(held)
+    return None
+
+
+def _remove_left_behind(folder: Path) -> None:
+    """Remove what runs that were killed have left in a folder."""
+    for path in folder.glob(f".*{OURS}*"):
+        with contextlib.suppress(OSError):
+            held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            finally:
+                os.close(held)
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Return a file of a folder, or raise if its name or a link leads out of the folder."""
+    path, real = folder / name, os.path.realpath(folder / name)
+    if not Path(real).is_relative_to(os.path.realpath(folder)):
+        raise FileError(str(path), "must lie in its folder, but leads out of it", real)
+    return path
+
+
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield a temporary file beside `path` to write, and rename it to `path` on success.
@@ -37,12 +111,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
     if "\0" in str(path):
         raise FileError(str(path), NO_NUL)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{OURS}", suffix=path.suffix)
     except OSError as error:
         raise FileError.cannot_be("written", path, error) from None
-    os.close(handle)
     temporary = Path(name)
     try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield temporary
         umask = os.umask(0)
         os.umask(umask)
@@ -52,6 +127,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
         raise FileError.cannot_be("written", path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -78,18 +154,129 @@ def require_no_folder(folder: Path, names: Iterable[str]) -> None:
 def output_folder(path: str | Path) -> Path:
     """Return `path` as a folder that exists and can be written, made with its parents if missing.
 
-    Anything else raises a `FileError`.
+    Anything else raises a `FileError`. What a run that was killed has left hidden there goes.
     """
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        reason: OSError = error
+        try:
+            folder.stat()
+        except OSError as broken:  # a link to nowhere, or in a circle
+            reason = broken
+        raise FileError.cannot_be("written", f"output folder {folder}", reason) from None
     except OSError as error:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     except ValueError:
         raise FileError(f"output folder {folder}", NO_NUL) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
+    _remove_left_behind(folder)
     return folder
+
+
+MOST_TEXT = 500_000_000
+"""Largest size of a text file that is read [bytes]: a result of a day's work is smaller."""
+
+MOST_TOML = 10_000_000
+"""Largest size of a TOML file that is read [bytes]: they are written by hand."""
+
+
+def require_regular(path: str | Path, most: int = MOST_TEXT) -> None:
+    """Raise if a path is that of a device, a pipe or a socket, or of a file that is too large.
+
+    One of these may have no end, or never begin. What is not there is for the reader to say.
+    """
+    with contextlib.suppress(OSError, ValueError):
+        found = os.stat(path)
+        if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+            raise FileError(str(path), "must be a file, but is a device, a pipe or a socket")
+        if found.st_size > most:
+            size = f"{found.st_size / 1e6:.0f} MB"
+            raise FileError(str(path), f"must be at most {most / 1e6:g} MB, has {size}")
+
+
+class EncodingError(ValueError):
+    """A text file that is not UTF-8."""
+
+
+def read_utf8(path: str | Path | Traversable, most: int = MOST_TEXT) -> str:
+    """Return the text of a file, without the mark with which some editors begin it.
+
+    Raises
+    ------
+    FileError
+        If it is not a regular file, or is too large.
+    EncodingError
+        If it is in another encoding.
+    OSError
+        If it cannot be read.
+    """
+    if isinstance(path, str | Path):
+        require_regular(path, most)
+        path = Path(path)
+    content = path.read_bytes()
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        said = "cannot be read: not UTF-8 text"
+        if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            said += ", but UTF-16: save it as UTF-8"
+        elif 0 not in content:
+            line = content.count(b"\n", 0, error.start) + 1
+            said += f" in line {line}, but perhaps Latin-1: save it as UTF-8"
+        raise EncodingError(said) from None
+
+
+MOST_ARRAYS = 800_000_000
+"""Largest size of the arrays that are read from a file [bytes]: a run of ten million steps."""
+
+
+def array_names(path: Path) -> list[str]:
+    """Return the names of the arrays of an npz."""
+    require_regular(path)
+    with zipfile.ZipFile(path) as archive:
+        return [name.removesuffix(".npy") for name in archive.namelist()]
+
+
+def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """Return some arrays of an npz, no others: zeros take a thousandth of their size there.
+
+    Raises
+    ------
+    KeyError
+        If one is missing.
+    ValueError
+        If one is not of numbers or text, or by their headers they take more than `MOST_ARRAYS`.
+    """
+    wanted = list(names)
+    require_regular(path)
+    with zipfile.ZipFile(path) as archive:
+        there = set(archive.namelist())
+        for name in wanted:
+            if f"{name}.npy" not in there:
+                raise KeyError(name)
+        size = sum(_array_size(archive, name) for name in wanted)
+    if size > MOST_ARRAYS:
+        raise ValueError(
+            f"its arrays must take at most {MOST_ARRAYS / 1e6:g} MB, take {size / 1e6:.0f} MB"
+        )
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        return {name: file[name] for name in wanted}
+
+
+def _array_size(archive: zipfile.ZipFile, name: str) -> int:
+    """Return the size of an array by its header [bytes]."""
+    with archive.open(f"{name}.npy") as stream:
+        header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }.get(np.lib.format.read_magic(stream))
+        if header is None:
+            raise ValueError(f"array {name!r} must be of version 1 or 2 of NumPy's format")
+        shape, _, dtype = header(stream)
+    return math.prod(shape) * dtype.itemsize
 
 
 _TOML_VALUES = '; values are written true, 0.9, [1, 2] or "text"'
@@ -98,14 +285,14 @@ _TOML_VALUES = '; values are written true, 0.9, [1, 2] or "text"'
 def toml_as_json(path: str | Path) -> str:
     """Return the content of a TOML file as the text that `parse_json` takes."""
     try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        table = tomllib.loads(read_utf8(path, MOST_TOML))
         return json.dumps(table, default=str)
     except OSError as error:
         raise FileError.cannot_be("read", path, error) from None
-    except UnicodeDecodeError:
-        raise FileError(str(path), "cannot be read: not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
         raise FileError(str(path), f"is not valid TOML: {error}{_TOML_VALUES}") from None
+    except EncodingError as error:
+        raise FileError(str(path), str(error)) from None
     except RecursionError:
         raise FileError(str(path), "is nested too deeply") from None
     except ValueError:  # of the path, or of the conversion of a whole number
@@ -140,7 +327,7 @@ def read_json(path: Path | Traversable, kind: type[Content], wrong: str, then: s
     about it.
     """
     with reading(path, wrong, then):
-        return parse_json(path.read_text(encoding="utf-8"), kind)
+        return parse_json(read_utf8(path), kind)
 
 
 def parse_json(text: str, kind: type[Content], context: object = None) -> Content:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import ctypes.util
+import importlib
 import os
 import subprocess
 import sys
+from collections.abc import MutableMapping, Sequence
 
 from afl_mujoco.errors import GraphicsError
 
 BACKENDS = {"egl": (("EGL",), ("OpenGL", "GL")), "osmesa": (("OSMesa",),)}
 """Headless backends of MuJoCo, the preferred one first, and the libraries without which MuJoCo
 cannot even be imported with them: one of each group."""
+
+KNOWN = (*BACKENDS, "glfw", "disable", "disabled", "off", "false", "0", "enable", "enabled", "on",
+         "true", "1")  # fmt: skip
+"""Values of ``MUJOCO_GL`` that both MuJoCo and dm_control know."""
 
 PACKAGES = "install Debian's libegl1 and libgl1 (EGL), or libosmesa6 (OSMesa)"
 
@@ -49,15 +55,40 @@ def choose_backend() -> str:
     MuJoCo and dm_control read it once, when they are imported. Without a display they would pick a
     window system that is not there; so pick the first headless backend whose libraries are
     installed, or ``disable``: simulation works without graphics.
+
+    Raises
+    ------
+    GraphicsError
+        If it is set to what MuJoCo does not know, or cannot be imported with.
     """
-    if "MUJOCO_GL" not in os.environ:
-        found = (
-            backend
-            for backend, needed in BACKENDS.items()
-            if all(any(map(ctypes.util.find_library, group)) for group in needed)
-        )
-        os.environ["MUJOCO_GL"] = next(found, "disable")
-    return os.environ["MUJOCO_GL"]
+    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if asked and asked not in KNOWN:
+        raise GraphicsError("MUJOCO_GL", f"must be one of {', '.join(KNOWN)}", asked)
+    backend = asked or next(filter(_installed, BACKENDS), "disable")
+    _use(backend)
+    if asked in BACKENDS and not _installed(asked):
+        try:  # the libraries may be where only the loader finds them
+            importlib.import_module(f"mujoco.{asked}")
+        except Exception as error:
+            raise _undrawable(f"MUJOCO_GL={asked}", [f"{type(error).__name__}: {error}"]) from None
+    return backend
+
+
+def _installed(backend: str) -> bool:
+    """Return whether the libraries of a headless backend are found."""
+    return all(any(map(ctypes.util.find_library, group)) for group in BACKENDS[backend])
+
+
+def _use(backend: str, environment: MutableMapping[str, str] = os.environ) -> None:
+    """Set a backend, also for PyOpenGL, which it refuses to share with another platform."""
+    environment["MUJOCO_GL"] = backend
+    if backend in BACKENDS:
+        environment["PYOPENGL_PLATFORM"] = backend
+
+
+def _undrawable(thing: str, refusals: Sequence[str]) -> GraphicsError:
+    """Return the error of what cannot draw."""
+    return GraphicsError(thing, f"must be able to draw; {PACKAGES} ({'; '.join(refusals)})")
 
 
 def require_backend() -> str:
@@ -67,17 +98,16 @@ def require_backend() -> str:
     end a process. What the user set is the only candidate; else EGL, then OSMesa. Call it before
     anything imports MuJoCo.
     """
-    asked = os.environ.get("MUJOCO_GL")
+    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
     candidates = [asked] if asked else list(BACKENDS)
     refusals = []
     for backend in candidates:
         refusal = _refusal(backend)
         if not refusal:
-            os.environ["MUJOCO_GL"] = backend
+            _use(backend)
             return backend
         refusals.append(f"{backend}: {refusal}")
-    thing = f"MUJOCO_GL={asked}" if asked else "headless rendering"
-    raise GraphicsError(thing, f"must be able to draw; {PACKAGES} ({'; '.join(refusals)})")
+    raise _undrawable(f"MUJOCO_GL={asked}" if asked else "headless rendering", refusals)
 
 
 def require_display() -> None:
@@ -93,10 +123,11 @@ def require_display() -> None:
 
 def _refusal(backend: str, program: str = _PROBE) -> str:
     """Return why a program cannot draw with a backend, in one line; nothing if it can."""
-    environment = {**os.environ, "MUJOCO_GL": backend}
+    environment = {**os.environ}
+    _use(backend, environment)
     try:
         probe = subprocess.run(
-            [sys.executable, "-c", program],
+            [sys.executable, "-P", "-c", program],  # no module of the working directory
             env=environment,
             capture_output=True,
             text=True,

@@ -272,7 +272,7 @@ def help_of(command: str) -> str:
     """Return the help of a command."""
     if command not in commands():
         raise KeyError(f"no command {command!r}")
-    with contextlib.redirect_stdout(io.StringIO()) as printed, contextlib.suppress(SystemExit):
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
         main([command, "--help"])
     lines = printed.getvalue().splitlines()
     return "\n".join(textwrap.fill(x, 88) if x and not x.startswith(" ") else x for x in lines)

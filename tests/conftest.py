@@ -108,10 +108,7 @@ def command_line(tmp_path, monkeypatch, capsys):
 
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.chdir(tmp_path)
-        try:
-            code = main(arguments)
-        except SystemExit as ended:  # by the parser
-            code = ended.code
+        code = main(arguments)
         output, errors = capsys.readouterr()
         return code, output, without_progress(errors)
 

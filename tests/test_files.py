@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -9,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import (
     FloatArray,
@@ -19,6 +23,7 @@ from afl_mujoco.files import (
     write_json,
     write_text,
 )
+from tests.program import COMMAND
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,3 +145,115 @@ def test_a_path_with_a_nul_is_an_error_of_one_line(tmp_path: Path) -> None:
     for use in (output_folder, lambda path: write_text(path, "")):
         with pytest.raises(FileError, match=r"a\\x00b must not contain a NUL character$"):
             use(tmp_path / "a\0b")
+
+
+@pytest.fixture(params=["pipe", "device", "endless link"])
+def special(request, tmp_path: Path) -> str:
+    """The name of what is no regular file, though it can be opened."""
+    path = tmp_path / "special.toml"
+    if request.param == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero" if request.param == "device" else "/dev/urandom")
+    return path.name
+
+
+def test_what_is_no_regular_file_is_refused_at_once(command_line, special: str) -> None:
+    for arguments in (
+        ("simulate", special), ("log", special, "--description", "x.toml"),
+        ("log", "x.csv", "--description", special),
+        ("tune", "fit", "--table", special),
+    ):  # fmt: skip
+        code, output, errors = command_line(*arguments)
+        assert (code, output) == (2, "")
+        assert errors.count("\n") == 1
+    for read_it in (afl.load_scenario, afl.Trajectory.load):
+        with pytest.raises(FileError, match="must be a file, but is a device, a pipe or a socket"):
+            read_it(special)
+
+
+def test_a_file_without_end_is_refused_at_once(command_line, tmp_path: Path) -> None:
+    with (tmp_path / "sparse.toml").open("wb") as file:
+        file.truncate(10**11)
+    code, _, errors = command_line("simulate", "sparse.toml")
+    assert code == 2 and "sparse.toml must be at most 10 MB, has 100000 MB" in errors
+
+
+@pytest.mark.parametrize("name", ["marked.toml", "Upper.TOML"])
+def test_a_scenario_with_a_mark_of_its_encoding_or_in_capitals_is_read(
+    command_line, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).write_text("duration = 0.2\n", encoding="utf-8-sig")
+    code, _, errors = command_line("simulate", name, "--no-page", "--out", "out")
+    assert (code, errors) == (0, "")
+    assert (tmp_path / "out" / f"{Path(name).stem}.toml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "message"),
+    [
+        ("utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
+        ("latin-1", "cannot be read: not UTF-8 text in line 2, but perhaps Latin-1: save it"),
+    ],
+)
+def test_a_scenario_in_another_encoding_is_told_which(
+    command_line, tmp_path: Path, encoding: str, message: str
+) -> None:
+    (tmp_path / "a.toml").write_text("duration = 0.2\n# Größe\n", encoding=encoding)
+    code, _, errors = command_line("simulate", "a.toml")
+    assert code == 2 and f"a.toml {message}" in errors
+
+
+def test_an_output_folder_that_links_nowhere_says_so(command_line, tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text("duration = 0.1\n")
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "gone").symlink_to("nothing")
+    for out, why in (("loop", "too many levels of symbolic links"), ("gone", "no such file")):
+        for command in (("simulate",), ("compare", "--controllers", "lqr")):
+            code, _, errors = command_line(command[0], "short.toml", *command[1:], "--out", out)
+            assert code == 2 and errors.count("\n") == 1
+            assert f"output folder {out} cannot be written: {why}" in errors
+
+
+def test_a_working_folder_that_is_gone_is_one_line(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    script = 'rmdir ../gone && exec "$@"'
+    for arguments in (("simulate", "nominal"), ("simulate", "nominal", "--controller", "mine:f")):
+        done = subprocess.run(
+            ["sh", "-c", script, "sh", *COMMAND, *arguments], cwd=gone, capture_output=True,
+            text=True, timeout=120,
+        )  # fmt: skip
+        assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+        assert "cannot be" in done.stderr and "no such file or directory" in done.stderr
+        gone.mkdir()
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from afl_mujoco.files import atomic_file, hidden_folder
+with hidden_folder(Path("."), "films") as hidden, atomic_file(Path("half.json")) as half:
+    (hidden / "half.mp4").write_text("half")
+    half.write_text("half")
+    print(flush=True)
+    time.sleep(60)
+"""
+
+
+def test_what_a_killed_run_leaves_goes_and_what_a_running_one_holds_stays(tmp_path: Path) -> None:
+    users = {".films-of-mine", ".notes"}
+    (tmp_path / ".films-of-mine").mkdir()
+    (tmp_path / ".notes").write_text("mine")
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD], cwd=tmp_path, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        held = {path.name for path in tmp_path.iterdir()} - users
+        assert len(held) == 2
+        output_folder(tmp_path)
+        assert {path.name for path in tmp_path.iterdir()} == users | held
+        process.kill()
+    output_folder(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == users

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.cli.terminal import SUCCESS, say
 from afl_mujoco.errors import InvalidValueError
 
 Logs = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")]
@@ -78,5 +78,5 @@ class Log:
             rows=rows,
         )  # fmt: skip
         print_sections([Section("Logs", "logs", (table,))], folder)
-        print(f"wrote {', '.join(f'{folder / log.name}.png' for log in logs)}")
+        say(f"wrote {', '.join(f'{folder / log.name}.png' for log in logs)}")
         return SUCCESS

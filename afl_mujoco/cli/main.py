@@ -17,6 +17,7 @@ from typing import Any, Union, get_args, get_type_hints
 import tyro
 
 from afl_mujoco.cli.log import Log
+from afl_mujoco.cli.output import Output
 from afl_mujoco.cli.regression import Regression
 from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
@@ -24,7 +25,6 @@ from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.study import study_commands
 from afl_mujoco.cli.terminal import (
     BAD_INPUT,
-    BROKEN_PIPE,
     INTERRUPTED,
     SUCCESS,
     numbers_apart,
@@ -36,11 +36,14 @@ from afl_mujoco.errors import (
     NO_NUL,
     PROGRAM,
     AflMujocoError,
+    FileError,
     InvalidValueError,
     UnknownNameError,
     meant,
+    printable,
     warning_in_one_line,
 )
+from afl_mujoco.execution.interrupts import interrupts_noted, is_interrupt
 from afl_mujoco.studies.registry import studies
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
@@ -60,21 +63,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 success, 1 a check failed, 2 bad input, 130 interrupted.
     """
-    try:
-        with _warnings_in_one_line():
-            code: int = _parse(arguments).run()
-        return code
-    except BrokenPipeError:  # the reader of the output has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE
-    except AflMujocoError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except BaseException as error:
-        if not _is_interrupt(error):
-            raise
-        print(f"{PROGRAM}: interrupted", file=sys.stderr)
-        return INTERRUPTED
+    output, errors = Output(sys.stdout), Output(sys.stderr)
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        code = _run(arguments)
+        output.flush()
+        if output.failure and code != INTERRUPTED:
+            print(f"{PROGRAM}: stdout cannot be written: {output.failure}", file=sys.stderr)
+            code = BAD_INPUT
+        errors.flush()
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run the command line on streams that do not fail."""
+    with interrupts_noted():
+        try:
+            with _warnings_in_one_line():
+                code: int = _parse(arguments).run()
+            return code
+        except SystemExit as end:  # of the parser
+            return int(end.code or SUCCESS)
+        except BaseException as error:
+            if is_interrupt(error):
+                print(f"{PROGRAM}: interrupted", file=sys.stderr)
+                return INTERRUPTED
+            if not isinstance(error, AflMujocoError | OSError):
+                raise
+            told = error if isinstance(error, AflMujocoError) else _refused_by_the_system(error)
+            print(f"{PROGRAM}: {told}", file=sys.stderr)
+            return BAD_INPUT
 
 
 @contextlib.contextmanager
@@ -88,11 +105,16 @@ def _warnings_in_one_line() -> Iterator[None]:
         warnings.formatwarning = usual
 
 
-def _is_interrupt(error: BaseException | None) -> bool:
-    """Return whether a Ctrl-C caused an error, as while a library is loaded."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
+def _refused_by_the_system(error: OSError) -> FileError:
+    """Return the error of something that no command expects, as a working folder that is gone."""
+    thing = error.filename
+    if thing is None:
+        try:
+            os.getcwd()
+            thing = "the operating system's resource"
+        except OSError:
+            thing = "working directory"
+    return FileError.cannot_be("used", thing, error)
 
 
 def _parse(arguments: Sequence[str] | None) -> Any:
@@ -125,7 +147,8 @@ def _parse(arguments: Sequence[str] | None) -> Any:
             )
     except SystemExit as end:
         if end.code == BAD_INPUT:
-            print(f"{PROGRAM}: {_in_one_line(complaint.getvalue(), given)}", file=sys.stderr)
+            said = _in_one_line(complaint.getvalue(), given)
+            print(f"{PROGRAM}: {printable(said)}", file=sys.stderr)
         raise
     for field in fields(command):
         option = f"--{field.name.replace('_', '-')}"

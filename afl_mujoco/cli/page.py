@@ -61,15 +61,22 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     load_records(folder, leave_out=leave_out)
 
 
-def write_page(folder: Path, films: Path) -> Path:
-    """Write the page of a folder, completely or not at all; nothing is computed."""
+def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
+    """Write the page of a folder, completely or not at all; nothing is computed.
+
+    Parameters
+    ----------
+    ahead
+        Folder of a record and figures that are to replace those of the folder: the page is written
+        there.
+    """
     from afl_mujoco.document.html import to_html
     from afl_mujoco.files import write_text
     from afl_mujoco.films.listing import load_listing
     from afl_mujoco.films.sections import sections as film_sections
     from afl_mujoco.studies.record import PAGE, load_records
 
-    records = load_records(folder)
+    records = load_records(folder, ahead=ahead)
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     found = [section for record in records for section in record.sections]
@@ -86,7 +93,8 @@ def write_page(folder: Path, films: Path) -> Path:
         parts.insert(1, (film_sections(folder, "Films beside this page", "own-films"), folder))
     verdicts = [record.verdict for record in records if record.verdict]
     verdict = min(verdicts, key=lambda one: one.passed, default=None)  # a failure counts
-    write_text(folder / PAGE, to_html(TITLE, parts, folder, lede=LEDE, verdict=verdict))
+    text = to_html(TITLE, parts, folder, lede=LEDE, verdict=verdict, ahead=ahead)
+    write_text((ahead or folder) / PAGE, text)
     return folder / PAGE
 
 

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, progress_bar, say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +45,8 @@ class Regression:
         with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
             fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
         if self.update:
-            print(*update_baselines(self.baselines, baselines, fresh), sep="\n")
+            say(*update_baselines(self.baselines, baselines, fresh))
             return SUCCESS
         comparison = compare(baselines, fresh)
-        print(*comparison.lines(self.baselines), sep="\n")
+        say(*comparison.lines(self.baselines))
         return SUCCESS if comparison.passed else CHECK_FAILED

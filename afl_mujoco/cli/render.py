@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from afl_mujoco.cli.terminal import FILMS, SUCCESS, count_bar, separated, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, count_bar, say, separated, typed
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
@@ -91,7 +91,7 @@ class Render:
         else:
             with count_bar(sum(film.frames for film in films), "filming") as progress:
                 files = make_films(films, folder, workers=self.workers, progress=progress)
-        print(*(f"wrote {file}" for file in files), sep="\n")
+        say(*(f"wrote {file}" for file in files))
         return SUCCESS
 
     def _size(self) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import FILMS, RESULTS, SUCCESS
+from afl_mujoco.cli.terminal import FILMS, RESULTS, SUCCESS, say
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 
@@ -32,5 +32,5 @@ class Report:
         from afl_mujoco.cli.page import write_page
 
         page = write_page(self.folder, self.films)
-        print(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
+        say(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
         return SUCCESS

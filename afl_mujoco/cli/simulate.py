@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, say
 from afl_mujoco.control.names import KNOWN, SUBJECT
 from afl_mujoco.errors import FileError, UnknownNameError
 
@@ -97,7 +97,8 @@ class Simulate:
         own = replace(self, timestep=timestep, integrator=integrator)
         runs = [own._simulate(scenario, controller, kind) for kind in simulators]
         resolved = self.out / f"{scenario.name}.toml"
-        if Path(self.scenario).is_file() and resolved.resolve() == Path(self.scenario).resolve():
+        given = Path(self.scenario)
+        if resolved.is_file() and given.is_file() and resolved.samefile(given):
             rule = "is the input scenario and would be overwritten: choose another --out"
             raise FileError(str(resolved), rule)
         folder = output_folder(self.out)
@@ -123,14 +124,12 @@ class Simulate:
             requirements = Section("Requirements", "requirements", [requirements_table([run])])
             print_sections([requirements], folder)
         for remark in remarks_on(runs[0], scenario, controller):
-            print(f"{controller.name}: {remark}")
+            say(f"{controller.name}: {remark}")
         if scenario.imperfections.drawn and self.simulator == "sampled":
-            print(
-                f"draw 1 of {DRAWS}: noise and encoders act, and afl-mujoco compare runs them all"
-            )
+            say(f"draw 1 of {DRAWS}: noise or encoders act; afl-mujoco compare runs them all")
         if self.log:
             others += [f.name for f in write_run(scenario, runs[0], folder, stem)]
-        print(f"wrote {folder / stem}.npz, {', '.join(others)}")
+        say(f"wrote {folder / stem}.npz, {', '.join(others)}")
         print_verdict(Verdict(not run.missed, tally([run])))
         return CHECK_FAILED if run.missed else SUCCESS
 

@@ -19,6 +19,7 @@ from afl_mujoco.cli.terminal import (
     SUCCESS,
     bars,
     plain_help,
+    say,
     separated,
     typed,
 )
@@ -68,19 +69,28 @@ class StudyCommand:
         study.require_folder(self.out)
         folder = output_folder(self.out)
         inputs = inputs_of(configuration)
+        films: list[Path] = []
         with study_progress() as progress, kept_processes():
             result = study.run(configuration, progress=progress, **who)
             command = typed(study.name, configuration)
             record = Record(study=study, result=result, command=command, inputs=inputs)
+
+            def film() -> None:
+                shown = record.sections
+                print_sections(shown if self.page else [*map(without_figures, shown)], folder)
+                films.extend(study.make_films(result, folder, command))
+
+            def finish(staging: Path) -> None:
+                study.unlist_films(folder, films)
+                if self.page:
+                    films.append(write_page(folder, self.films, staging))
+
             files = save_record(
-                record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
-            )
-        shown = record.sections
-        print_sections(shown if self.page else [*map(without_figures, shown)], folder)
-        files += study.write_films(result, folder, record.command)
-        if self.page:
-            files.append(write_page(folder, self.films))
-        print(f"wrote {_told(files)}")
+                record, folder, figures=self.page, workers=who.get("workers", 1),
+                progress=progress, film=film, finish=finish,
+            )  # fmt: skip
+        files += films
+        say(f"wrote {_told(files)}")
         if record.verdict is None:
             return SUCCESS
         print_verdict(record.verdict)

@@ -13,7 +13,9 @@ from typing import IO, Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
+from afl_mujoco.errors import printable
+
+SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 FILMS, RESULTS = Path("renders"), Path("renders/validation")
 """Default folders of films, and of the results of studies with their page."""
@@ -64,6 +66,12 @@ def plain_help(kind: type[Command]) -> type[Command]:
     return kind
 
 
+def say(*lines: object) -> None:
+    """Print lines that may hold names of files and of what is in them."""
+    for line in lines:
+        print(printable(str(line)))
+
+
 @contextlib.contextmanager
 def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
     """Yield a function that advances a bar by one, given the name of what was done."""
@@ -103,6 +111,7 @@ def bars() -> Iterator[Callable[[str, int], Callable[..., None]]]:
     Bars are on stderr; without a terminal, progress is an occasional line.
     """
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     console = Console(stderr=True)
@@ -112,10 +121,10 @@ def bars() -> Iterator[Callable[[str, int], Callable[..., None]]]:
     with Progress(console=console, transient=True) as shown:
 
         def add(doing: str, total: int) -> Callable[..., None]:
-            task = shown.add_task(doing, total=total)
+            task = shown.add_task(escape(printable(doing)), total=total)
 
             def update(done: int, what: str = doing) -> None:
-                shown.update(task, completed=done, description=what)
+                shown.update(task, completed=done, description=escape(printable(what)))
 
             return update
 
@@ -131,7 +140,7 @@ def _lines(stream: IO[str]) -> Callable[[str, int], Callable[..., None]]:
             nonlocal last
             if time.monotonic() - last >= SECONDS and done < total:
                 last = time.monotonic()
-                print(f"{what}: {done} of {total}", file=stream, flush=True)
+                print(printable(f"{what}: {done} of {total}"), file=stream, flush=True)
 
         return update
 

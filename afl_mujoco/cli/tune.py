@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from afl_mujoco.cli.terminal import SUCCESS, count_bar, plain_help, progress_bar
+from afl_mujoco.cli.terminal import SUCCESS, count_bar, plain_help, progress_bar, say
 
 if TYPE_CHECKING:
     from afl_mujoco.control.gain_table import GainTable
@@ -87,7 +87,7 @@ class Table:
         table = GainTable(np.array(scored, dtype=float), provenance)
         table.save(folder / "gain_table.json")
         _print_rows(table)
-        print(f"wrote {folder / 'gain_table.json'}, {len(table.rows)} plants")
+        say(f"wrote {folder / 'gain_table.json'}, {len(table.rows)} plants")
         return SUCCESS
 
     def _units(self, checkpoints: Path | None) -> list[PairSearch]:
@@ -124,7 +124,7 @@ class Table:
 def _print_rows(table: GainTable) -> None:
     """Print about ten rows of a table."""
     for row in table.rows[:: max(1, len(table.rows) // 10)]:
-        print("M {:.2f} kg, l {:.2f} m: K {:.4f}, lambda {:.4f}, Phi {:.4f}, OF {:.6f},"
+        say("M {:.2f} kg, l {:.2f} m: K {:.4f}, lambda {:.4f}, Phi {:.4f}, OF {:.6f},"
               " in MuJoCo {:.6f}".format(*row))  # fmt: skip
 
 
@@ -157,9 +157,9 @@ class Fit:
         folder = output_folder(self.out)
         with count_bar(FITS, "fitting") as progress:
             fits = fit_table(table, seed=self.seed, progress=progress)
-        print(*(fit.line() for fit in fits), sep="\n")
+        say(*(fit.line() for fit in fits))
         save_fits(folder / "gain_functions.json", table, fits, seed=self.seed)
-        print(f"wrote {folder / 'gain_functions.json'}")
+        say(f"wrote {folder / 'gain_functions.json'}")
         return SUCCESS
 
 

@@ -220,7 +220,7 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
     if (base := name.removesuffix(ESTIMATED)) != name and base in INFORMED:
         controller = find_controller(base, gain_labels)
         return EstimatedController(name=f"{controller.name}{ESTIMATED}", controller=controller)
-    if name.endswith(".toml"):
+    if name.lower().endswith(".toml"):
         rule = "must not be a scenario file: scenarios are given first"
         raise InvalidValueError("controller", rule, name)
     if name not in CONTROLLERS:

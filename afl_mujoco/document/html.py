@@ -39,6 +39,7 @@ def to_html(
     *,
     lede: str = "",
     verdict: blocks.Verdict | None = None,
+    ahead: Path | None = None,
 ) -> str:
     """Return a page, the same bytes each time.
 
@@ -52,6 +53,8 @@ def to_html(
         Text below the title.
     verdict
         Verdict that the title and the contents show.
+    ahead
+        Folder of pictures that are to replace those of the same names.
     """
     sections = [section for found, _ in parts for section in found]
     every = [block for section in sections for block in section.walk()]
@@ -61,7 +64,8 @@ def to_html(
         template.render(
             sections=found, folder=folder, films=films,
             pictures={
-                figure.name: find_picture(figure.files, folder)
+                figure.name: (ahead and find_picture(figure.files, ahead))
+                or find_picture(figure.files, folder)
                 for figure in blocks.figures_of(found)
             },
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from afl_mujoco.errors import FileError
+from afl_mujoco.files import inside
 
 LARGE = 400_000
 """Size above which a bitmap replaces a vector drawing, if it is smaller [bytes]."""
@@ -24,8 +25,8 @@ class Picture:
 
 def find_picture(files: Mapping[str, str], folder: Path) -> Picture | None:
     """Return a figure as vectors unless these are large; None if its files are missing."""
-    paths = {kind: folder / name for kind, name in files.items()}
-    if not all(path.exists() for path in paths.values()):
+    paths = {kind: inside(folder, name) for kind, name in files.items()}
+    if not all(path.is_file() for path in paths.values()):
         return None
     svg, png = (_read(paths[kind]) for kind in ("svg", "png"))
     vectors = len(svg) <= max(LARGE, len(png))

@@ -16,6 +16,7 @@ from rich.text import Text as RichText
 
 from afl_mujoco.document import blocks
 from afl_mujoco.document.markup import CODE, EMPHASIS, spans
+from afl_mujoco.errors import printable
 
 WIDTH = 160
 """Number of columns if there is no terminal with a width."""
@@ -54,25 +55,17 @@ def to_text(found: Sequence[blocks.Block]) -> str:
 def print_verdict(verdict: blocks.Verdict) -> None:
     """Print a verdict in one line."""
     colour = "bold green" if verdict.passed else "bold red"
-    _console().print(RichText(f"{verdict.word}: {verdict.text}", style=colour), soft_wrap=True)
-
-
-class _Console(Console):
-    """A console that lets the program handle a broken pipe."""
-
-    def on_broken_pipe(self) -> None:
-        """Raise the error again."""
-        raise BrokenPipeError
+    _console().print(_text(f"{verdict.word}: {verdict.text}", colour), soft_wrap=True)
 
 
 def _console() -> Console:
     """Return the terminal, or its replacement of a fixed width."""
-    return _Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
 
 
 def _print_section(section: blocks.Section, folder: Path, console: Console) -> None:
     """Print a heading and what follows."""
-    console.print(RichText(f"\n{section.title}", style="bold"))
+    console.print(_text(f"\n{section.title}", "bold"))
     _print_blocks(section.blocks, folder, console)
 
 
@@ -93,33 +86,38 @@ def _print_blocks(found: Sequence[blocks.Block], folder: Path, console: Console)
 def _line(block: blocks.Block, folder: Path) -> RichText:
     """Return a block that is not a table, or the line that replaces a folded table."""
     if isinstance(block, blocks.Finding):
-        return RichText.assemble((f"{block.lead}: ", "bold"), _marked(block.text))
+        return RichText.assemble(_text(f"{block.lead}: ", "bold"), _marked(block.text))
     if isinstance(block, blocks.Text):
         return _marked(block.text)
     if isinstance(block, blocks.Command):  # as it is typed, to be copied
-        return RichText(f"{block.lead}: {block.typed(folder)}")
+        return _text(f"{block.lead}: {block.typed(folder)}")
     if isinstance(block, blocks.Table):
         rows = f"{len(block.rows)} row{'s' * (len(block.rows) != 1)}"
-        return RichText(f"[{block.summary}: {rows}, not shown here]", style="dim")
+        return _text(f"[{block.summary}: {rows}, not shown here]", "dim")
     if isinstance(block, blocks.Figure):
-        return RichText(f"[{block.title}: {folder / block.files['png']}]", style="dim")
+        return _text(f"[{block.title}: {folder / block.files['png']}]", "dim")
     if isinstance(block, blocks.Verdict):
-        return RichText(f"{block.word}: {block.text}", style="bold")
+        return _text(f"{block.word}: {block.text}", "bold")
     if isinstance(block, blocks.Tally):
         said = (f"{count} {meaning}" for (_, meaning), count in block.counts.items())
-        return RichText(f"{block.title}: {', '.join(said)}")
+        return _text(f"{block.title}: {', '.join(said)}")
     if isinstance(block, blocks.Facts):
         return RichText("\n").join(
-            RichText.assemble((f"{fact.label}: ", "bold"), _marked(fact.text))
+            RichText.assemble(_text(f"{fact.label}: ", "bold"), _marked(fact.text))
             for fact in block.facts
         )
     raise TypeError(block)
 
 
+def _text(text: str, style: str = "") -> RichText:
+    """Return a text of one style."""
+    return RichText(printable(text), style=style)
+
+
 def _marked(text: str) -> RichText:
     """Return a paragraph with its markup."""
     found = RichText()
-    for span in spans(text):
+    for span in spans(printable(text)):
         found.append(span.text, STYLES.get(span.style, ""))
     return found
 
@@ -135,7 +133,8 @@ def _tables(table: blocks.Table, width: int) -> Iterator[RichTable]:
     Numbers and words are not broken. A first cell that repeats the one above is left out.
     """
     rows = [
-        [(MARKS[cell.status] + cell.text, _style(cell)) for _, cell in row] for row in table.cells
+        [(printable(MARKS[cell.status] + cell.text), _style(cell)) for _, cell in row]
+        for row in table.cells
     ]
     texts = [[column.title, *(row[k][0] for row in rows)] for k, column in enumerate(table.columns)]
     most = [max(map(cell_len, found)) for found in texts]
@@ -147,12 +146,12 @@ def _tables(table: blocks.Table, width: int) -> Iterator[RichTable]:
     names = 2 if len(set(firsts)) < len(firsts) and len(most) > 2 else 1
     title = table.caption
     for part in _parts(least, names, width - 1):
-        shown = RichTable(box=SIMPLE_HEAD, title=RichText(title), title_justify="left")
+        shown = RichTable(box=SIMPLE_HEAD, title=_text(title), title_justify="left")
         widths = _widths([least[k] for k in part], [most[k] for k in part], width - 1)
         for k, wide in zip(part, widths, strict=True):
             column = table.columns[k]
             side: Any = "right" if column.number else "left"
-            shown.add_column(RichText(column.title), justify=side, overflow="fold", width=wide)
+            shown.add_column(_text(column.title), justify=side, overflow="fold", width=wide)
         above = ""
         for row in rows:
             cells = [RichText(text, style=style) for text, style in (row[k] for k in part)]

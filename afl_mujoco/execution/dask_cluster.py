@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
@@ -47,14 +47,17 @@ def open_cluster(address: str) -> Iterator[Executor]:
             return await asyncio.wait_for(server.identity(), TIMEOUT)
 
     try:
-        asyncio.run(identity())  # a client that fails would stay half open
+        with ThreadPoolExecutor(1) as apart:  # as in a notebook, this thread may have a loop
+            apart.submit(asyncio.run, identity()).result()  # a failing client would stay half open
         client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except Exception as error:  # any error of Dask with the address or the answer there
         raise _error(address, f"cannot be used: {_reason(error)}") from None
 
     def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         try:
-            futures = client.map(function, units, pure=False)
+            # The scheduler, which unpickles what it passes on, need not import a user's modules.
+            packed = [distributed.protocol.pickle.dumps((function, unit)) for unit in units]
+            futures = client.map(_compute, packed, pure=False)
             indices = {future.key: index for index, future in enumerate(futures)}
             for future in distributed.as_completed(futures, loop=client.loop):
                 yield indices[future.key], future.result()
@@ -69,18 +72,32 @@ def open_cluster(address: str) -> Iterator[Executor]:
         yield compute
 
 
+def _compute(packed: bytes) -> Any:
+    """Compute a unit in a worker, or raise in one line if its modules are not there."""
+    import distributed
+
+    try:
+        function, unit = distributed.protocol.pickle.loads(packed)
+    except Exception as error:
+        thing = f"worker {distributed.get_worker().address} of the cluster"
+        rule = f"must be able to import what it computes, as the modules of controllers: {error}"
+        raise AflMujocoError(thing, rule) from None
+    return function(unit)
+
+
 def _require_same_package(client: Any, address: str) -> None:
     """Raise unless there is a worker, and every worker and the scheduler have this version."""
+    place = "scheduler"
     try:
+        there = {client.run_on_scheduler(version, PACKAGE)}
+        place = "workers"
         client.wait_for_workers(1, timeout=TIMEOUT)
-        there = {
-            client.run_on_scheduler(version, PACKAGE),
-            *client.run(version, PACKAGE).values(),
-        }
+        there |= {*client.run(version, PACKAGE).values()}
     except TimeoutError:
         raise _error(address, "has no workers") from None
     except Exception as error:  # another Python there, no such package, a worker that just died
-        raise _error(address, f"cannot run this package: {_reason(error)}") from None
+        rule = f"cannot run this package on its {place}: {_reason(error)}"
+        raise _error(address, rule) from None
     for found in sorted(there - {VERSION}):
         raise _error(address, f"must have {PACKAGE} {VERSION} installed", found)
 

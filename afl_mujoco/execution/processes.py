@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import io
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +19,9 @@ from typing import Any
 
 from afl_mujoco.errors import AflMujocoError, warning_in_one_line
 from afl_mujoco.execution.executors import Executor
+from afl_mujoco.execution.interrupts import interrupts_put_off
+
+SAFE_PATH = "PYTHONSAFEPATH"
 
 MAX_DEATHS = 4
 """Deaths of workers after which the computation is given up, because it seems to kill them."""
@@ -79,9 +84,9 @@ def _new_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool that has no process yet."""
     spawn = multiprocessing.get_context("spawn")
     in_one_line = warnings.formatwarning is warning_in_one_line
-    return ProcessPoolExecutor(
-        workers, spawn, initializer=_prepare, initargs=(in_one_line, gc.get_threshold())
-    )
+    arguments = in_one_line, gc.get_threshold()
+    with _safe_path():  # its locks start a process too
+        return ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=arguments)
 
 
 def _computed(
@@ -95,6 +100,22 @@ def _computed(
 
 
 @contextmanager
+def _safe_path() -> Iterator[None]:
+    """Have processes started within the block import nothing from the working directory at first.
+
+    They get the path of this process later, once Python's own modules are imported.
+    """
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[SAFE_PATH]
+        if before is not None:
+            os.environ[SAFE_PATH] = before
+
+
+@contextmanager
 def interrupts_held() -> Iterator[None]:
     """Put off a Ctrl-C to the end of the block, and block it for good in processes started within.
 
@@ -103,26 +124,24 @@ def interrupts_held() -> Iterator[None]:
     not. In this process the mask alone is not enough: a thread of a numerical library may take the
     signal.
     """
-    ensure_running()  # started within the block, it would let the signal through again
-    came: list[int] = []
-    in_main = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, lambda n, _: came.append(n)) if in_main else None
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        if in_main:
-            signal.signal(signal.SIGINT, handler or signal.SIG_DFL)
-        if came:
-            signal.raise_signal(signal.SIGINT)
+    with _safe_path():
+        ensure_running()  # started within the block, it would let the signal through again
+    with _safe_path(), interrupts_put_off():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _prepare(in_one_line: bool, collected_after: tuple[int, int, int]) -> None:
-    """Have this worker warn and collect garbage as its parent does, and end when that does."""
+    """Have this worker warn, print and collect garbage as its parent does, and end with it."""
     gc.set_threshold(*collected_after)
     if in_one_line:
         warnings.formatwarning = warning_in_one_line
+    for stream in (sys.stdout, sys.stderr):  # what a controller prints must not be its error
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     threading.Thread(target=_exit_after_parent, daemon=True).start()
 
 

@@ -6,11 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from afl_mujoco.files import read_json, write_json
+from afl_mujoco.files import inside, read_json, remove_file, write_json
 from afl_mujoco.films.replay import IDEAL_ODE, Deployment
 
 LISTING = "films.json"
 """File beside the films that says what they show."""
+
+
+MARK = "made by afl_mujoco"
+"""Comment in the metadata of every film."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +84,10 @@ def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Ent
     path = folder / LISTING
     if not path.is_file():
         return ()
-    return read_json(path, Listing, "does not list films", then).films
+    films = read_json(path, Listing, "does not list films", then).films
+    for name in (name for film in films for name in (film.file, film.poster)):
+        inside(folder, name)  # a page must not show what is not of its folder
+    return films
 
 
 REMOVE = "remove it"
@@ -88,12 +95,14 @@ REMOVE = "remove it"
 
 
 def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
-    """Remove some films from a folder and from its list."""
+    """Remove films from the list of a folder, and from the folder those that were made here."""
     entries = load_listing(folder, REMOVE)
     gone = [entry for entry in entries if unwanted(entry)]
     for entry in gone:
-        for name in (entry.file, entry.poster):
-            (folder / name).unlink(missing_ok=True)
+        film = folder / entry.file
+        if film.is_file() and MARK.encode() in film.read_bytes():  # a list may name anyone's file
+            remove_file(film)
+            remove_file(film.with_suffix(".png"))
     if gone:
         write_json(folder / LISTING, Listing(films=tuple(e for e in entries if e not in gone)))
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import shutil
-import tempfile
-import time as clock
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -16,6 +13,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.execution.executors import open_executor
+from afl_mujoco.files import hidden_folder
 from afl_mujoco.films import film as films
 from afl_mujoco.films.listing import REMOVE, list_film, load_listing
 from afl_mujoco.films.plan import COMPARISON, SHOWCASE, SINGLE, Film
@@ -84,8 +82,8 @@ def make_films(
     if workers > 1:  # else each process would draw with as many threads as there are cores
         os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
     load_listing(folder, REMOVE)  # a list that cannot be read is refused before anything is filmed
-    with _hidden(folder) as t:
-        hidden, done = Path(t), itertools.count(1)
+    with hidden_folder(folder, "films") as hidden:
+        done = itertools.count(1)
         each = (lambda: progress(next(done))) if workers == 1 else None
         try:
             with contextlib.closing(_made(planned, hidden, workers, each)) as made:
@@ -95,25 +93,10 @@ def make_films(
                         for _ in range(film.frames):
                             progress(next(done))
         except FileError as error:
-            raise FileError(error.thing.replace(t, str(folder)), error.rule, error.value) from None
+            raise FileError(
+                error.thing.replace(str(hidden), str(folder)), error.rule, error.value
+            ) from None
     return [folder / film.file for film in planned]
-
-
-@contextlib.contextmanager
-def _hidden(folder: Path) -> Iterator[str]:
-    """Yield a hidden folder inside a folder, and remove it afterwards."""
-    try:
-        hidden = tempfile.mkdtemp(dir=folder, prefix=".films-")
-    except OSError as error:
-        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
-    try:
-        yield hidden
-    finally:
-        for wait in (0.0, 0.1, 0.2, 0.4, 0.8, 1.6):  # the encoder of a worker that was stopped may
-            clock.sleep(wait)  # just be making its file
-            shutil.rmtree(hidden, ignore_errors=True)
-            if not os.path.exists(hidden):
-                break
 
 
 def _made(

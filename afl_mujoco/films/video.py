@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import FileError, GraphicsError
 from afl_mujoco.execution.processes import interrupts_held
 from afl_mujoco.files import atomic_file
+from afl_mujoco.films.listing import MARK
 
 QUALITY = 21
 """Constant rate factor of x264: a little better than its default."""
@@ -32,7 +33,8 @@ def write_video(
         Width and height [px], even.
     """
     mediapy.set_ffmpeg(_encoder())
-    arguments = ["-preset", "veryfast", "-movflags", "+faststart", "-metadata", f"title={title}"]
+    arguments = ["-preset", "veryfast", "-movflags", "+faststart"]
+    arguments += ["-metadata", f"title={title}", "-metadata", f"comment={MARK}"]
     with atomic_file(path) as temporary:
         writer = mediapy.VideoWriter(
             temporary, size[::-1], fps=fps, crf=QUALITY, ffmpeg_args=arguments

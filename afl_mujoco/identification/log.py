@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, meant
-from afl_mujoco.files import atomic_file
+from afl_mujoco.files import EncodingError, atomic_file, read_utf8
 from afl_mujoco.identification.description import UNITS, Description
 
 MOST_BYTES = 100_000_000
@@ -91,7 +91,8 @@ def read_log(path: str | Path, description: Description) -> Log:
     Parameters
     ----------
     path
-        The file: a header, then rows of numbers; lines that begin with # are comments.
+        The file: a header, then rows of numbers, separated by commas, semicolons or tabs; with a
+        decimal point or comma; lines that begin with # are comments.
     description
         What its columns mean.
 
@@ -118,7 +119,9 @@ def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log
     """
     files: list[Path] = []
     for path in map(Path, paths):
-        found = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        found = [path]
+        if path.is_dir():
+            found = sorted(one for one in path.iterdir() if one.suffix.lower() == ".csv")
         if not found:
             raise FileError(str(path), "must contain logs, *.csv")
         files += found
@@ -237,28 +240,85 @@ def _require_motion(
 
 def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     """Return some columns of a CSV file."""
+    numbered = _lines(path)
+    lines = [line for _, line in numbered]
+    separator = _separator(lines[0], headers)
+    by = f"separated by {SEPARATORS[separator]}"
     try:
-        size = path.stat().st_size
-        if size > MOST_BYTES:
+        first, *rows = csv.reader(lines, delimiter=separator, strict=True)
+    except csv.Error as error:
+        raise FileError(str(path), f"is not a table of numbers {by}: {error}") from None
+    first = [name.strip() for name in first]
+    _require_columns(path, first, headers, by)
+
+    def fault(row: int, rule: str, got: str) -> FileError:
+        at = f"row {row + 1} (line {numbered[row + 1][0]})"
+        return FileError(f"{path}: {at}", f"{rule}, {by}", got)
+
+    for row, cells in enumerate(rows):
+        if len(cells) < len(first) or any(cells[len(first) :]):
+            got = f"{len(cells)}: {lines[row + 1][:60]!r}"
+            raise fault(row, f"must have {len(first)} values", got)
+    columns = {}
+    for header in headers:
+        texts = [cells[first.index(header)] for cells in rows]
+        if not any("." in text for text in texts):  # else a comma is one between thousands
+            texts = [text.replace(",", ".") for text in texts]
+        try:
+            columns[header] = np.array(texts, dtype=np.float64)
+        except ValueError:
+            row = next(row for row, text in enumerate(texts) if not _is_number(text))
+            got = repr(rows[row][first.index(header)])
+            raise fault(row, f"must have a number in column {header!r}", got) from None
+    return columns
+
+
+def _require_columns(path: Path, there: Sequence[str], headers: Sequence[str], by: str) -> None:
+    """Raise unless each header is there once."""
+    for header in headers:
+        if there.count(header) > 1:
+            raise FileError(f"{path}: column {header!r}", "must occur only once")
+        if header not in there:
+            rule = f"is missing; the columns are {', '.join(there)}{meant(header, there)} ({by})"
+            raise FileError(f"{path}: column {header!r}", rule)
+
+
+def _lines(path: Path) -> list[tuple[int, str]]:
+    """Return the lines of a CSV file that are no comments, each with its number."""
+    try:
+        if (size := path.stat().st_size) > MOST_BYTES:
             rule = f"must be at most {MOST_BYTES // 10**6} MB: split it into logs of a few minutes"
             raise InvalidValueError(str(path), rule, f"{size / 1e6:.0f} MB")
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = csv.reader(line for line in file if line.strip() and not line.startswith("#"))
-            first = [name.strip() for name in next(lines, [])]
-            for header in headers:
-                if first.count(header) > 1:
-                    raise FileError(f"{path}: column {header!r}", "must occur only once")
-                if header not in first:
-                    rule = f"is missing; the columns are {', '.join(first)}{meant(header, first)}"
-                    raise FileError(f"{path}: column {header!r}", rule)
-            places = [first.index(header) for header in headers]
-            rows = [[row[i] for i in places] for row in lines if row]
-    except (UnicodeDecodeError, csv.Error, IndexError):
-        raise FileError(str(path), "is not a table of numbers separated by commas") from None
+        text = read_utf8(path)
     except OSError as error:
         raise FileError.cannot_be("read", path, error) from None
+    except EncodingError as error:
+        raise FileError(str(path), str(error)) from None
+    lines = enumerate(text.splitlines(), start=1)
+    found = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
+    if not found:
+        raise FileError(str(path), "must have a header and rows of numbers: it is empty")
+    return found
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a text is a number."""
     try:
-        values = np.array(rows, dtype=np.float64).reshape(len(rows), len(headers))
-    except ValueError as error:
-        raise FileError(str(path), f"must hold numbers: {error}") from None
-    return {header: values[:, i] for i, header in enumerate(headers)}
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+"""What may separate the values of a row, and its name."""
+
+
+def _separator(header: str, wanted: Sequence[str]) -> str:
+    """Return the separator with which the header of a file has most of the columns wanted."""
+
+    def found(separator: str) -> tuple[int, int]:
+        names = [name.strip(' "') for name in header.split(separator)]
+        return sum(name in names for name in wanted), len(names)
+
+    return max(SEPARATORS, key=found)

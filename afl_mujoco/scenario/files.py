@@ -159,7 +159,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 def find_replay(name: str) -> Replay:
     """Return how a scenario was run, from the table ``[replay]`` of its file."""
-    return _read(Path(name)).replay if name.endswith(".toml") else Replay()
+    return _read(Path(name)).replay if is_toml(name) else Replay()
 
 
 def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
@@ -188,6 +188,11 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
     write_text(Path(path), tomli_w.dumps(table))
 
 
+def is_toml(name: str) -> bool:
+    """Return whether a name is that of a TOML file."""
+    return name.lower().endswith(".toml")
+
+
 def find_scenario(name: str) -> Scenario:
     """Return a scenario of the catalogue, or the one in the TOML file of that name.
 
@@ -203,7 +208,7 @@ def find_scenario(name: str) -> Scenario:
     """
     if name in _NAMED:
         return _NAMED[name]
-    if name.endswith(".toml"):
+    if is_toml(name):
         return load_scenario(name)
     if Path(f"{name}.toml").is_file():
         rule = "must be in the catalogue or end in .toml"

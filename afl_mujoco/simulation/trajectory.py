@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError, reading
-from afl_mujoco.files import atomic_file
+from afl_mujoco.errors import InvalidValueError, printable, reading
+from afl_mujoco.files import atomic_file, read_arrays
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import LARGEST_STATE
 from afl_mujoco.scenario.sampling import instants
@@ -165,7 +165,8 @@ class Trajectory:
 
     def __repr__(self) -> str:
         """Return what was simulated and how it ended, in one line."""
-        return f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
+        said = f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
+        return printable(said)
 
     def _repr_html_(self) -> str:
         """Return HTML for a notebook: how the run ended, and its figures in a table."""
@@ -218,10 +219,9 @@ class Trajectory:
             If the file cannot be read or is not a saved run.
         """
         with reading(path, "is not a saved trajectory"):
-            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                meta = json.loads(str(file["meta"]))
-                kind, time = meta["outcome"]
-                arrays = {name: file[name] for name in _ARRAYS}
+            arrays = read_arrays(Path(path), ("meta", *_ARRAYS))
+            meta = json.loads(str(arrays.pop("meta")))
+            kind, time = meta["outcome"]
             known = {name: meta[name] for name in ("provenance", "effort")}
             return cls(**arrays, outcome=Outcome(kind, float(time)), **known)
 

@@ -17,7 +17,7 @@ A study is a package of this folder:
     that runs controllers on scenarios has ``opening(result)``: what a page shows first.
 ``films.py``
     Only for a study that can film what it ran: ``films(result, command)`` returns what to film,
-    once the result has been written. Films of an earlier run are removed: they do not belong to
+    once its figures are drawn. Films of an earlier run are removed: they do not belong to
     the new numbers.
 ``files.py``
     Only for a study that writes more than figures: ``require(folder)`` raises before the run,
@@ -152,7 +152,7 @@ class Study:
         """Write the study's files besides its figures, if any, and return their paths."""
         return list(self._module("files").write(result, folder)) if self._has("files") else []
 
-    def write_films(self, result: Any, folder: Path, command: str) -> list[Path]:
+    def make_films(self, result: Any, folder: Path, command: str) -> list[Path]:
         """Film what was run, if the study can and films were asked for; return their paths.
 
         Parameters
@@ -160,17 +160,23 @@ class Study:
         command
             Command that made the result, and so the films.
         """
-        if not self._has("films"):
-            return []
-        from afl_mujoco.films.listing import unlist_films
-
-        unlist_films(folder, lambda entry: entry.command.startswith(self.command))
-        films = self._module("films").films(result, command)
+        films = self._module("films").films(result, command) if self._has("films") else []
         if not films:
             return []
         from afl_mujoco.films.renderer import make_films
 
         return list(make_films(films, folder))
+
+    def unlist_films(self, folder: Path, kept: Sequence[Path]) -> None:
+        """Remove the films of an earlier run, except those that were just made."""
+        if not self._has("films"):
+            return
+        from afl_mujoco.films.listing import unlist_films
+
+        names = {path.name for path in kept}
+        unlist_films(
+            folder, lambda one: one.command.startswith(self.command) and one.file not in names
+        )
 
     def _has(self, module: str) -> bool:
         """Return whether its package has a module."""

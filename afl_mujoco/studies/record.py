@@ -5,9 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -30,7 +28,17 @@ from afl_mujoco.document.markdown import to_markdown
 from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.files import atomic_file, remove_file, require_no_folder, write_text
+from afl_mujoco.execution.interrupts import interrupts_put_off, is_interrupt
+from afl_mujoco.files import (
+    array_names,
+    atomic_file,
+    hidden_folder,
+    read_arrays,
+    read_utf8,
+    remove_file,
+    require_no_folder,
+    write_text,
+)
 from afl_mujoco.studies.arrays import packed, unpacked
 from afl_mujoco.studies.contract import Progress, Study, counted, silent
 from afl_mujoco.studies.registry import studies
@@ -109,11 +117,15 @@ def save_record(
     figures: bool = True,
     workers: int = 1,
     progress: Progress = silent,
+    film: Callable[[], None] = lambda: None,
+    finish: Callable[[Path], None] = lambda staging: None,
 ) -> list[Path]:
     """Write a record in place of an older one of its study, and return what was written.
 
     Every file is complete before the older record is removed; the JSON, which names the others, is
-    written last. If a figure cannot be drawn, the rest is still written before the error is raised.
+    moved last. A Ctrl-C before that leaves the older record as it was, or writes the numbers where
+    there is none. If a figure, a film or the page cannot be made, the rest is still written before
+    the error is raised.
 
     Parameters
     ----------
@@ -121,16 +133,32 @@ def save_record(
         Whether to draw the figures.
     workers
         Number of processes that draw them; the files do not depend on it.
+    film
+        Called when all files of the record are complete.
+    finish
+        Called last, with the folder where they are; what it writes there moves with them. A Ctrl-C
+        waits from here on.
     """
     study, sections = record.study, record.sections
     result, arrays = packed(record.result)
+    path = folder / f"{study.stem}.json"
     failure: BaseException | None = None
-    with _staging(folder) as staging:
+
+    def attempt(deed: Callable[[], None]) -> None:
+        """Do something that must not cost the numbers."""
+        nonlocal failure
         try:
-            shown = [Section("", "opening", record.opening), *sections] if figures else []
-            _draw(figures_of(shown), staging, workers, progress)
-        except BaseException as error:  # a figure, or a Ctrl-C, must not cost the numbers
+            if failure is None:
+                deed()
+        except BaseException as error:
+            if is_interrupt(error) and path.is_file():
+                raise
             failure = error
+
+    with hidden_folder(folder, "results") as staging:
+        shown = [Section("", "opening", record.opening), *sections] if figures else []
+        attempt(lambda: _draw(figures_of(shown), staging, workers, progress))
+        if failure is not None:
             for drawn in staging.iterdir():
                 drawn.unlink()
         told = sections if figures else map(without_figures, sections)
@@ -139,14 +167,15 @@ def save_record(
             with atomic_file(staging / f"{study.stem}.npz") as file, file.open("wb") as stream:
                 np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
         staged = {path.name: _digest(path) for path in sorted(staging.iterdir())}
-        text = _as_json(record, result, staged)
-        require_no_folder(folder, (f"{study.stem}.json", PAGE, *staged))
-        remove_record(study, folder)
-        others = study.write_files(record.result, folder)
-        for name in staged:
-            (staging / name).replace(folder / name)
-    path = folder / f"{study.stem}.json"
-    write_text(path, text)  # last: it names the others
+        write_text(staging / path.name, _as_json(record, result, staged))
+        require_no_folder(folder, (path.name, PAGE, *staged))
+        attempt(film)
+        with interrupts_put_off():
+            attempt(lambda: finish(staging))
+            remove_record(study, folder)
+            others = study.write_files(record.result, folder)
+            for one in sorted(staging.iterdir(), key=lambda one: one.name == path.name):
+                one.replace(folder / one.name)
     if failure is not None:
         raise failure
     return [path, *(folder / name for name in staged), *others]
@@ -189,7 +218,7 @@ def load_record(study: Study, folder: Path) -> Record:
     """Return the record of a study in a folder."""
     path, again = folder / f"{study.stem}.json", f"run {study.command}"
     with reading(path, f"is not a result of {study.command}", again):
-        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
+        data = json.loads(read_utf8(path), parse_constant=_no_number)
         found = (data["study"], data["schema"])
         if found != (study.name, study.schema):
             rule = f"it must be of {study.name!r} and have schema {study.schema}"
@@ -198,8 +227,8 @@ def load_record(study: Study, folder: Path) -> Record:
             raise ValueError("command must be a string")
         header = {"inputs": {}} | data  # an older file has none
         versions, inputs, files = (_texts(header, key) for key in ("versions", "inputs", "files"))
-        arrays = _arrays(folder / f"{study.stem}.npz")
         given = {key: value for key, value in data.items() if key not in HEADER}
+        arrays = _arrays(folder / f"{study.stem}.npz", given)
         result = unpacked(study.result_type, given, arrays)
         for name, digest in files.items():
             if _is_of(study, name) and (folder / name).is_file():
@@ -222,21 +251,37 @@ def _texts(header: Mapping[str, Any], key: str) -> dict[str, str]:
     return {str(name): str(value) for name, value in header[key].items()}
 
 
-def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:
-    """Return every record in a folder, except one study's; the folder may be missing."""
-    there = [s for s in studies().values() if (folder / f"{s.stem}.json").is_file()]
-    return [load_record(study, folder) for study in there if study.name != leave_out]
+def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None) -> list[Record]:
+    """Return every record in a folder, except one study's; the folder may be missing.
+
+    Those in the folder `ahead` are taken in place of those of the same studies.
+    """
+    found = []
+    for study in studies().values():
+        places = [place for place in (ahead, folder) if place is not None]
+        there = [place for place in places if (place / f"{study.stem}.json").is_file()]
+        if there and study.name != leave_out:
+            found.append(load_record(study, there[0]))
+    return found
 
 
 def remove_record(study: Study, folder: Path) -> None:
-    """Remove an older record: its JSON, the files beside it that it lists, the page made of it."""
+    """Remove an older record: its JSON, its files beside it as it wrote them, the page made of it.
+
+    Only what the record itself would write again is removed, not whatever its JSON lists: a file of
+    a user's may be named there.
+    """
     path = folder / f"{study.stem}.json"
     try:
         with reading(path, "is not a record"):
-            listed = [str(name) for name in json.loads(path.read_text(encoding="utf-8"))["files"]]
+            listed = dict(json.loads(read_utf8(path))["files"])
+            record = load_record(study, folder)
+            shown = [Section("", "opening", record.opening), *record.sections]
+            drawn = {name for figure in figures_of(shown) for name in figure.files.values()}
     except FileError:
-        listed = []
-    ours = [name for name in listed if _is_of(study, name)]
+        listed, drawn = {}, set()
+    own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}
+    ours = [name for name in listed if _is_of(study, name) and name in own]
     for old in (path, folder / PAGE, *(folder / name for name in ours)):  # the list first
         remove_file(old)
 
@@ -246,25 +291,23 @@ def _is_of(study: Study, name: str) -> bool:
     return Path(name).name == name and name.split(".")[0].split("-")[0] == study.stem
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an npz; none if it is not there."""
+def _arrays(path: Path, data: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an npz that plain data names; none if it is not there."""
     if not path.exists():
         return {}
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    named = set(_texts_in(data))
+    return read_arrays(path, [name for name in array_names(path) if name in named])
+
+
+def _texts_in(data: Any) -> Iterator[str]:
+    """Yield every text in plain data."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, Mapping | list):
+        for value in data.values() if isinstance(data, Mapping) else data:
+            yield from _texts_in(value)
 
 
 def _no_number(name: str) -> NoReturn:
     """Refuse a number that JSON does not have."""
     raise ValueError(f"{name} is not a JSON number")
-
-
-@contextmanager
-def _staging(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder for files that move to `folder` once all of them are written."""
-    try:
-        made = tempfile.TemporaryDirectory(dir=folder, prefix=".", ignore_cleanup_errors=True)
-    except OSError as error:
-        raise FileError.cannot_be("written", folder, error) from None
-    with made as staging:
-        yield Path(staging)

@@ -130,9 +130,13 @@ def test_no_committed_file_names_a_package_index() -> None:
     assert named == []
 
 
-def test_the_lock_pins_names_to_versions_and_says_nothing_else() -> None:
-    pin = re.compile(r"[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+( ; python_version .+)?")
-    lines = (ROOT / "requirements.lock").read_text().splitlines()
+@pytest.mark.parametrize("lock", sorted(ROOT.glob("requirements*.lock")), ids=relative)
+def test_a_lock_pins_versions_and_their_archives_and_says_nothing_else(lock: Path) -> None:
+    pin = re.compile(
+        r"[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+( ; python_version \S+ '[\d.]+')?"
+        r"( --hash=sha256:[0-9a-f]{64})+"
+    )
+    lines = re.sub(r" \\\n +", " ", lock.read_text()).splitlines()
     odd = [line for line in lines if not line.startswith("#") and not pin.fullmatch(line)]
     assert odd == []
 

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
+from afl_mujoco.identification.shipped import DESCRIPTION, FIT
 from afl_mujoco.scenario.files import save_scenario
 from tests.synthetic_logs import RIG
 
@@ -42,3 +44,15 @@ def test_what_cannot_be_is_refused_in_a_line_and_nothing_is_written(
         assert (code, output) == (2, "")
         assert errors.startswith(f"afl-mujoco: {message}") and errors.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_neither_the_name_of_a_log_nor_of_its_rig_steers_the_terminal(
+    command_line, tmp_path: Path
+) -> None:
+    text = DESCRIPTION.read_text().replace('name = "', 'name = "\\u001b[31m')
+    (tmp_path / "rig.toml").write_text(text)
+    shutil.copy(next(FIT.glob("*.csv")), tmp_path / "a\x1b]0;b\x07.csv")
+    code, output, errors = command_line("log", ".", "--description", "rig.toml", "--out", "out")
+    assert (code, errors) == (0, "")
+    assert "\x1b" not in output and "\x07" not in output
+    assert r"\x1b[31m" in output and r"out/a\x1b]0;b\x07.png" in output

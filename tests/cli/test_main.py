@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import shlex
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +16,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.cli.regression import Regression
+from afl_mujoco.errors import GraphicsError
 from tests.program import interrupt, run
 
 SHORT = """
@@ -345,6 +350,33 @@ def test_a_ctrl_c_while_a_library_is_loaded_is_one_line(monkeypatch, capsys) -> 
     assert capsys.readouterr().err == "afl-mujoco: interrupted\n"
 
 
+@pytest.mark.parametrize("error", [ctypes.ArgumentError, FileNotFoundError, GraphicsError])
+def test_a_ctrl_c_of_which_a_library_made_another_error_is_one_line(
+    monkeypatch, capsys, error: type[Exception]
+) -> None:
+    class Argument:
+        @classmethod
+        def from_param(cls, value: object) -> object:
+            signal.raise_signal(signal.SIGINT)
+            return value
+
+    def run(command: Regression) -> int:
+        call = ctypes.CDLL(None).abs
+        call.argtypes = [Argument]
+        try:
+            call(1)
+        except ctypes.ArgumentError as lost:  # no cause, no context
+            if error is ctypes.ArgumentError:
+                raise
+            raise error("x", "y") from lost
+        return 0
+
+    monkeypatch.setattr(Regression, "run", run)
+    assert main(["regression"]) == 130
+    assert capsys.readouterr().err == "afl-mujoco: interrupted\n"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def test_an_error_of_the_program_is_not_taken_for_a_ctrl_c(monkeypatch) -> None:
     def run(command: Regression) -> int:
         raise ImportError("initialization failed")
@@ -352,3 +384,31 @@ def test_an_error_of_the_program_is_not_taken_for_a_ctrl_c(monkeypatch) -> None:
     monkeypatch.setattr(Regression, "run", run)
     with pytest.raises(ImportError, match="initialization failed"):
         main(["regression"])
+
+
+SHADOWS = ("pickle", "mujoco", "numpy", "typing", "scipy", "tyro", "signal", "afl_mujoco_x")
+
+
+@pytest.mark.parametrize("flags", [[], ["-P"]], ids=["", "-P"])
+def test_no_file_of_the_working_folder_hides_a_module(folder: Path, flags: list[str]) -> None:
+    for name in SHADOWS:
+        (folder / f"{name}.py").write_text("raise SystemExit('taken for a module')\n")
+    (folder / "mine.py").write_text("def force(t, state, belief): return 0.0\n")
+    done = subprocess.run(
+        [
+            sys.executable, *flags, "-m", "afl_mujoco", "simulate", "short.toml", "--controller",
+            "mine:force", "--no-page", "--out", "out",
+        ],
+        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, "")  # it falls
+    assert (folder / "out" / "short-mine.force-sampled.npz").is_file()
+
+
+def test_no_file_of_the_working_folder_hides_a_module_from_a_worker(folder: Path) -> None:
+    for name in SHADOWS:
+        (folder / f"{name}.py").write_text("raise SystemExit('taken for a module')\n")
+    (folder / "mine.py").write_text("def force(t, state, belief): return 0.0\n")
+    options = ("--samples", "4", "--workers", "2", "--no-worst-case", "--no-page", "--out", "out")
+    done = run("montecarlo", "short.toml", "--controllers", "mine:force", *options, cwd=folder)
+    assert done.stderr == "" and "wrote out/montecarlo.json" in done.stdout

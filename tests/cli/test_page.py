@@ -284,3 +284,28 @@ def test_text_stands_out_from_its_ground(outline: Outline, place: int) -> None:
             assert contrast(colours[text], colours[f"{text}-ground"]) >= 4.5, text
     for number in range(1, 7):
         assert contrast(colours[f"series-{number}"], colours["paper"]) >= 3.0, number
+
+
+@pytest.mark.parametrize("link", ["a.mp4", "a.png", "margins-delay.svg", "sub"])
+def test_no_link_puts_a_file_from_outside_into_the_page(
+    command_line, tmp_path: Path, link: str
+) -> None:
+    secret = tmp_path / "secret"
+    secret.mkdir()
+    for name in ("a.mp4", "secret"):
+        (secret / name).write_bytes(b"of nobody else")
+    folder = tmp_path / "out"
+    folder.mkdir()
+    save_record(study_results.record("margins"), folder)
+    inside = "sub/a.mp4" if link == "sub" else "a.mp4"
+    write_listing(folder, replace(film_entry("a.mp4"), file=inside, poster="a.png"))
+    (folder / link).unlink(missing_ok=True)
+    (folder / link).symlink_to(secret if link == "sub" else secret / "secret")
+    data = json.loads((folder / "margins.json").read_text())
+    data["files"].pop(link, None)
+    (folder / "margins.json").write_text(json.dumps(data))
+    code, output, errors = command_line("report", "out", "--films", "out")
+    assert (code, output) == (2, "")
+    named = inside if link == "sub" else link
+    assert f"out/{named} must lie in its folder, but leads out of it, got {secret}" in errors
+    assert not (folder / PAGE).exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from afl_mujoco.cli import terminal
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS
 from afl_mujoco.studies.thresholds.imperfections import COMBINED
-from tests.program import COMMAND, run
+from tests.program import run
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(
@@ -23,18 +22,6 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(
             progress(done)
         progress(9)
     assert capsys.readouterr() == ("", "filming: 2 of 9\nfilming: 4 of 9\n")
-
-
-@pytest.mark.slow
-def test_a_reader_that_stops_reading_gets_no_traceback(tmp_path: Path) -> None:
-    command = [*COMMAND, "compare", "nominal", "--controllers", "lqr", "--no-page"]
-    with subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None and process.stderr is not None
-        process.stdout.close()
-        said = process.stderr.read()
-    assert (process.returncode, said) == (141, "")
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:

@@ -10,7 +10,10 @@ import signal
 import sys
 import threading
 import time as clock
+import warnings
 from dataclasses import replace
+from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -85,11 +88,49 @@ def test_a_belief_stands_in_for_the_truth(odd_parameters):
     assert controller_of(own.function).force(STATE, afl.CartPoleParameters()) == 1.0
 
 
+class Brief:
+    """What only `float` takes, as a number of a type that NumPy lacks."""
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+
+    def __float__(self) -> float:
+        return self.value
+
+
+class Tensor:
+    """What a library of gradients returns: NumPy cannot take it before it is detached."""
+
+    def __init__(self, *values: float, graph: bool = False) -> None:
+        self.values, self.graph = values, graph
+        self.shape = (len(values),) if len(values) > 1 else ()
+
+    def detach(self) -> Tensor:
+        return Tensor(*self.values)
+
+    def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
+        raise TypeError("unsupported type BFloat16")
+
+    def __float__(self) -> float:
+        if self.graph:
+            warnings.warn("converting a tensor with a gradient", UserWarning, stacklevel=2)
+        (value,) = self.values
+        return value
+
+
 @pytest.mark.parametrize(
     "value",
-    [3, 3.0, np.float32(3.0), np.array(3.0), np.array([3.0]), [3.0]],
-    ids=["int", "float", "numpy", "0-d", "1-d", "list"],
-)
+    [
+        3, 3.0, np.float32(3.0), np.array(3.0), np.array([3.0]), [3.0], np.full((1, 1), 3.0),
+        np.asmatrix([[3.0]]), [[3]], Decimal(3), Fraction(3), [Decimal(3)], Tensor(3.0),
+        Tensor(3.0, graph=True), [np.array([3.0])], Brief(3.0),
+    ],
+    ids=[
+        "int", "float", "numpy", "0-d", "1-d", "list", "2-d", "matrix", "lists", "Decimal",
+        "Fraction", "list of Decimal", "tensor", "tensor with a gradient", "list of 1-d",
+        "__float__",
+    ],
+)  # fmt: skip
 def test_one_number_in_any_shape_is_a_force(value):
     assert controller_of(lambda *_: value).command(0.0, STATE, ASSUMED) == 3.0
 
@@ -102,7 +143,12 @@ def test_one_number_in_any_shape_is_a_force(value):
         (True, "True"),
         (1j, "1j"),
         ([1.0, 2.0], "an array of shape (2,)"),
-        (np.zeros((1, 1)), "an array of shape (1, 1)"),
+        (np.zeros((1, 2)), "an array of shape (1, 2)"),
+        (b"3", "b'3'"),
+        (np.True_, "np.True_"),
+        (np.array(["3"]), "an array of shape (1,)"),
+        (np.datetime64(3, "s"), "np.datetime64('1970-01-01T00:00:03')"),
+        (Tensor(3.0, 4.0), "an array of shape (2,)"),
         ([], "an array of shape (0,)"),
         ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
     ],

@@ -213,3 +213,18 @@ def test_a_table_that_is_too_wide_goes_on_below_with_no_column_lost_and_no_numbe
     parts = text.count("Scenario")
     assert (parts > 1) == ("(continued)" in text) == (width < 150)
     assert text.count("lqr") == 2 * parts  # what names a row stands in every part
+
+
+def test_no_name_steers_the_terminal() -> None:
+    raw = "x\x1b]0;mine\x07\x9b2J\u202e"
+    blocks = (
+        Verdict(False, raw, raw), Tally(raw, (Tag("T1", "good", "part", raw),)), Finding(raw, raw),
+        Facts((Fact(raw, raw),)), Text(f"`{raw}`"), Command(raw, raw),
+        Table(caption=raw, columns=(Column(raw), Column("b")), rows=((raw, raw), (raw, "c"))),
+        Table(caption=raw, columns=(Column("a"),), rows=((raw,),), summary=raw),
+        Figure(name="a", title=raw, caption=raw, alt=raw, draw=draw),
+        Section(raw, "part", (Text(raw),)),
+    )  # fmt: skip
+    said = terminal(Section(raw, "raw", blocks))
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", said)
+    assert said.count(r"\x1b]0;mine\x07\x9b2J\u202e") >= 15

@@ -6,6 +6,7 @@ where AFL_MUJOCO_REQUIRE_CLUSTER is set.
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import socket
@@ -17,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.execution import dask_cluster
 from afl_mujoco.execution.executors import compute_all, open_executor
@@ -129,6 +131,29 @@ def test_ctrl_c_leaves_the_finished_units(tmp_path: Path, address: str) -> None:
         said, _ = process.communicate(timeout=PATIENCE)
         assert (process.returncode, said) == (130, "")
         awaited(lambda: not group_lives(process))
+
+
+def test_in_a_running_event_loop_as_of_a_notebook_it_is_the_same(
+    tmp_path: Path, address: str
+) -> None:
+    async def cell() -> list[Any]:
+        return computed(noted, tmp_path, address)
+
+    assert repr(asyncio.run(cell())) == repr(SERIAL)
+
+
+def test_a_module_that_only_this_process_has_is_named_with_the_worker(
+    tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "only_here.py").write_text("def force(t, state, belief): return 0.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    controller = find_controller("only_here:force")
+    with pytest.raises(AflMujocoError) as error, open_executor(1, address) as executor:
+        compute_all(repr, [controller], executor)
+    said = str(error.value)
+    assert said.startswith("worker tcp://") and "\n" not in said
+    assert "must be able to import what it computes" in said
+    assert "controller 'only_here:force'" in said and "No module named 'only_here'" in said
 
 
 # What cannot be used

@@ -7,16 +7,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.digests import digests
 from afl_mujoco.document.blocks import Film
 from afl_mujoco.errors import FileError
-from afl_mujoco.films.listing import LISTING, list_film, load_listing
+from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
 from afl_mujoco.films.plan import side_by_side
 from afl_mujoco.films.replay import Deployment
 from afl_mujoco.films.sections import sections
+from afl_mujoco.films.video import write_video
 from tests.verification_result import film_entry, write_listing
 
 
@@ -102,3 +104,19 @@ def test_a_list_that_is_not_understood_is_refused_in_one_line(case: str, tmp_pat
     assert message in said
     assert said.endswith("run afl-mujoco render")
     assert "\n" not in said
+
+
+def test_only_films_that_were_made_here_are_removed_with_their_entries(tmp_path: Path) -> None:
+    frames = [np.zeros((48, 64, 3), np.uint8)] * 3
+    write_video(frames, tmp_path / "a.mp4", (64, 48), 10, "a film")
+    (tmp_path / "a.png").write_text("its poster")
+    (tmp_path / "holiday.mp4").write_bytes(b"mine")
+    (tmp_path / "holiday.png").write_text("mine")
+    write_listing(
+        tmp_path,
+        film_entry("a.mp4", poster="a.png"),
+        film_entry("holiday.mp4", poster="holiday.png"),
+    )
+    unlist_films(tmp_path, lambda one: True)
+    assert load_listing(tmp_path) == ()
+    assert {path.name for path in tmp_path.iterdir()} == {LISTING, "holiday.mp4", "holiday.png"}

@@ -169,6 +169,54 @@ def test_a_file_that_is_no_log(tmp_path: Path, text: str) -> None:
         read_log(path, PLAIN)
 
 
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+@pytest.mark.parametrize("point", [".", ","])
+def test_any_usual_separator_and_decimal_sign_reads_the_same(
+    tmp_path: Path, columns, separator: str, point: str
+) -> None:
+    path = written(tmp_path, columns)
+    here = read_log(path, PLAIN)
+    quote = '"' if point == separator else ""
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    lines = (separator.join(f"{quote}{x.replace('.', point)}{quote}" for x in row) for row in rows)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
+    there = read_log(path, PLAIN)
+    assert (there.phi == here.phi).all() and (there.command == here.command).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "encoding", "message"),
+    [
+        (("0.08,", "0.08,,"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas"),
+        (
+            ("\n0.08,", "\n# a note\n\nx,"),
+            "utf-8",
+            "row 5 (line 8) must have a number in column 't",
+        ),
+        (
+            ("\n0.08,", "\n;"),
+            "utf-8",
+            "row 5 (line 6) must have 4 values, separated by commas, got",
+        ),
+        (("phi", "φ"), "utf-8", "the columns are time, φ, z, command (separated by commas)"),
+        (("phi", "phi [°]"), "latin-1", "not UTF-8 text in line 1, but perhaps Latin-1: save it"),
+        (("", ""), "utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
+        (("time", '"time'), "utf-8", "is not a table of numbers separated by commas"),
+    ],
+    ids=lambda value: value if value in ("latin-1", "utf-16") else "",
+)
+def test_what_is_wrong_in_a_log_names_separator_encoding_or_row(
+    tmp_path: Path, columns, change: tuple[str, str], encoding: str, message: str
+) -> None:
+    regular = {**columns, "time": 0.02 * np.arange(len(columns["time"]))}
+    path = written(tmp_path, regular)
+    text = path.read_text().replace(*change) if change[0] else path.read_text()
+    path.write_text(text, encoding=encoding)
+    with pytest.raises(AflMujocoError) as error:
+        read_log(path, PLAIN)
+    assert message in str(error.value) and str(error.value).startswith(f"{path}")
+
+
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, columns, monkeypatch) -> None:
     monkeypatch.setattr(logs, "MOST_BYTES", 1000)
     with pytest.raises(AflMujocoError, match="must be at most 0 MB"):

@@ -6,6 +6,7 @@ import os
 import pytest
 
 from afl_mujoco.graphics import choose_backend
+from tests.program import run
 
 
 @pytest.fixture
@@ -13,6 +14,7 @@ def installed(monkeypatch):
     """Return a function that says which libraries there are, with MUJOCO_GL unset."""
     monkeypatch.setenv("MUJOCO_GL", "")  # so that what the code sets is undone
     monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "glx")
 
     def say(*libraries):
         monkeypatch.setattr(
@@ -27,6 +29,7 @@ def test_what_the_user_set_is_respected(installed, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     assert choose_backend() == "glfw"
     assert os.environ["MUJOCO_GL"] == "glfw"
+    assert os.environ["PYOPENGL_PLATFORM"] == "glx"
 
 
 @pytest.mark.parametrize(
@@ -45,3 +48,35 @@ def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, insta
     installed(*libraries)
     assert choose_backend() == backend
     assert os.environ["MUJOCO_GL"] == backend
+    platform = "glx" if backend == "disable" else backend
+    assert os.environ["PYOPENGL_PLATFORM"] == platform  # MuJoCo refuses to draw with another
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ("nonsense", "afl-mujoco: MUJOCO_GL must be one of egl, osmesa, glfw, disable, "),
+        ("glx", "afl-mujoco: MUJOCO_GL must be one of egl, osmesa, glfw, disable, "),
+    ],
+)
+def test_a_backend_that_mujoco_does_not_know_is_one_line(tmp_path, asked, message):
+    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL=asked)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith(message) and result.stderr.endswith(f", got {asked}\n")
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(bool(ctypes.util.find_library("OSMesa")), reason="OSMesa is installed")
+def test_a_backend_that_is_not_installed_is_one_line(tmp_path):
+    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL="osmesa")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert "MUJOCO_GL=osmesa must be able to draw; install Debian's" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_film_is_drawn_whatever_platform_pyopengl_is_told(graphics, tmp_path):
+    (tmp_path / "short.toml").write_text("duration = 0.1\n")
+    arguments = ("short.toml", "--controllers", "lqr", "--size", "320x240", "--still", "0")
+    result = run("render", *arguments, "--out", ".", cwd=tmp_path, PYOPENGL_PLATFORM="glx")
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "short-lqr.png").is_file()

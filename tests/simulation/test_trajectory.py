@@ -3,6 +3,7 @@
 import gc
 import math
 import pickle
+import zipfile
 
 import numpy as np
 import pytest
@@ -199,3 +200,16 @@ def test_a_state_with_one_runaway_number_is_beyond_the_limits(axis, value):
     assert within_limits(state)
     state[axis] = value
     assert not within_limits(state)
+
+
+def test_a_run_that_would_fill_the_memory_is_refused_by_its_headers(tmp_path, monkeypatch):
+    path = tmp_path / "run.npz"
+    count = 12_000_000  # 770 MB and the text: 0.8 MB as a file
+    shapes = {"time": (count,), "state": (count, 4), "force": (count,), "cart_mass": (count,)}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, shape in {**shapes, "half_length": (2 * count,), "meta": (1,)}.items():
+            with archive.open(f"{name}.npy", "w") as stream:
+                header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+                np.lib.format.write_array_header_1_0(stream, header)
+    with pytest.raises(FileError, match="its arrays must take at most 800 MB, take 864 MB"):
+        Trajectory.load(path)

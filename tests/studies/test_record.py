@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import hashlib
 import json
 import math
+import signal
+import tracemalloc
+import zipfile
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +18,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from afl_mujoco import files
 from afl_mujoco.document import style
 from afl_mujoco.errors import FileError
+from afl_mujoco.execution.interrupts import interrupts_noted
 from afl_mujoco.studies import record as record_module
 from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record
 from afl_mujoco.studies.registry import find_study
@@ -105,22 +114,96 @@ def test_a_list_that_names_what_is_no_file_of_the_study_removes_nothing(
     assert all(other.exists() for other in others)
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-def test_a_figure_that_cannot_be_drawn_does_not_cost_the_numbers(
-    tmp_path: Path, monkeypatch, error: type[BaseException]
+def stopped(error: type[BaseException]) -> Callable[..., None]:
+    def stop(*arguments: object) -> None:
+        raise error
+
+    return stop
+
+
+@pytest.mark.parametrize(
+    ("error", "older"), [(ValueError, False), (ValueError, True), (KeyboardInterrupt, False)]
+)
+@pytest.mark.parametrize("part", ["figures", "film", "page"])
+def test_what_cannot_be_made_does_not_cost_the_numbers(
+    tmp_path: Path, monkeypatch, error: type[BaseException], older: bool, part: str
 ) -> None:
+    if older:
+        save_record(study_results.record("margins"), tmp_path)
+    new = replace(study_results.record("margins"), command="the new one")
+    later = {"film": "film", "page": "finish"}.get(part)
+    with monkeypatch.context() as patch, pytest.raises(error):
+        if later is None:
+            patch.setattr(style, "save_figure", stopped(error))
+        save_record(new, tmp_path, **({later: stopped(error)} if later else {}))
+    numbers = {"margins.json", "margins.md"}
+    assert names(tmp_path) >= numbers if later else names(tmp_path) == numbers
+    assert all(path.is_file() for path in tmp_path.iterdir())  # nothing is left of what was staged
+    assert load_record(new.study, tmp_path).command == "the new one"
+
+
+@pytest.mark.parametrize("part", ["figures", "film", "page"])
+def test_a_ctrl_c_leaves_the_older_record_its_figures_and_its_page(
+    tmp_path: Path, monkeypatch, part: str
+) -> None:
+    save_record(study_results.record("margins"), tmp_path)
+    (tmp_path / "report.html").write_text("the page")
+    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
+    new = replace(study_results.record("margins"), command="the new one")
+    later = {"film": "film", "page": "finish"}.get(part)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        if later is None:
+            patch.setattr(style, "save_figure", stopped(KeyboardInterrupt))
+        save_record(new, tmp_path, **({later: stopped(KeyboardInterrupt)} if later else {}))
+    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
+    assert all(path.is_file() for path in tmp_path.iterdir())
+
+
+def test_a_ctrl_c_that_a_library_made_another_error_leaves_the_older_record(tmp_path: Path) -> None:
+    save_record(study_results.record("margins"), tmp_path, figures=False)
+    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
+
+    def film() -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise ctypes.ArgumentError
+
+    with interrupts_noted(), pytest.raises(ctypes.ArgumentError):
+        save_record(study_results.record("margins"), tmp_path, figures=False, film=film)
+    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
+    with pytest.raises(ctypes.ArgumentError):  # none came since: it is an error like others
+        save_record(
+            replace(study_results.record("margins"), command="the new one"), tmp_path,
+            figures=False, film=stopped(ctypes.ArgumentError),
+        )  # fmt: skip
+    assert load_record(find_study("margins"), tmp_path).command == "the new one"
+
+
+def test_a_ctrl_c_while_files_are_moved_waits_until_they_are(tmp_path: Path) -> None:
     save_record(study_results.record("margins"), tmp_path)
     new = replace(study_results.record("margins"), command="the new one")
 
-    def interrupted(*arguments: object) -> None:
-        raise error
+    def finish(staging: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        (staging / "report.html").write_text("the new page")
 
-    monkeypatch.setattr(style, "save_figure", interrupted)
-    with pytest.raises(error):
-        save_record(new, tmp_path)
-    assert names(tmp_path) == {"margins.json", "margins.md"}
-    assert len(list(tmp_path.iterdir())) == 2  # nothing is left of what was staged
+    with pytest.raises(KeyboardInterrupt):
+        save_record(new, tmp_path, figures=False, finish=finish)
+    assert names(tmp_path) == {"margins.json", "margins.md", "report.html"}
     assert load_record(new.study, tmp_path).command == "the new one"
+
+
+def test_a_list_that_someone_planted_removes_no_file_of_a_user(tmp_path: Path) -> None:
+    """The list is sound in all else: it names the file with its digest, and is of the study."""
+    save_record(study_results.record("margins"), tmp_path)
+    users = ("margins-notes.png", "margins-delay.txt", "margins-x.npz")
+    data = json.loads((tmp_path / "margins.json").read_text())
+    for name in users:
+        (tmp_path / name).write_text("mine")
+        data["files"][name] = hashlib.sha256(b"mine").hexdigest()
+    (tmp_path / "margins.json").write_text(json.dumps(data))
+    save_record(study_results.record("margins"), tmp_path, figures=False)
+    assert names(tmp_path) == {"margins.json", "margins.md", *users}
 
 
 def test_a_write_that_is_broken_off_leaves_the_older_record(tmp_path: Path, monkeypatch) -> None:
@@ -248,3 +331,34 @@ def test_arrays_are_called_by_their_place(tmp_path: Path) -> None:
         assert {"curves/step-step/fixed/time", "curves/step-step/fixed/states/ode"} <= set(
             file.files
         )
+
+
+def test_arrays_that_no_result_names_are_not_read(tmp_path: Path) -> None:
+    record = study_results.record("attraction")
+    save_record(record, tmp_path, figures=False)
+    path = tmp_path / "attraction.npz"
+    with np.load(path) as file:
+        known = dict(file)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        with archive.open("other.npy", "w") as stream:
+            np.save(stream, np.zeros(20_000_000))  # 160 MB, a file of 0.2 MB
+    data = json.loads((tmp_path / "attraction.json").read_text())
+    data["files"]["attraction.npz"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (tmp_path / "attraction.json").write_text(json.dumps(data))
+    tracemalloc.start()
+    try:
+        again = load_record(record.study, tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
+    assert same(again.result, record.result) and known
+
+
+def test_arrays_that_would_fill_the_memory_are_refused_by_their_headers(
+    tmp_path: Path, monkeypatch
+) -> None:
+    record = study_results.record("attraction")
+    save_record(record, tmp_path, figures=False)
+    monkeypatch.setattr(files, "MOST_ARRAYS", 1000)
+    with pytest.raises(FileError, match=r"its arrays must take at most 0\.001 MB, take "):
+        load_record(record.study, tmp_path)

@@ -112,7 +112,7 @@ class PythonController(Controller):
                 for time, state in _TRIALS:
                     answer = tried(time, np.array(state), belief)
                 alone = _copied(function)(time, np.array(state), belief)
-            return not np.array_equal(answer, alone, equal_nan=True)
+            return not np.array_equal(_as_float(answer), _as_float(alone), equal_nan=True)
         except KeyboardInterrupt:
             raise
         except BaseException:  # the run will tell what it is
@@ -189,14 +189,12 @@ class PythonController(Controller):
     def _number(self, value: Any, time: float) -> float:
         """Return what the controller returned as a float."""
         try:
-            array = np.asarray(value)
-        except Exception:
-            array = np.asarray(None)
-        if array.dtype.kind in "fiu" and array.size == 1 and array.ndim <= 1:
-            return float(array.reshape(()))
-        got = told(value, repr) if array.ndim == 0 else f"an array of shape {array.shape}"
+            return _as_float(value)
+        except Exception:  # of any library
+            shape = _shape(value)
+        got = f"an array of shape {shape}" if shape else told(value, repr)
         rule = f"must return one number at t = {time:g} s"
-        raise ControllerError(f"controller {self.name!r}", rule, got)
+        raise ControllerError(f"controller {self.name!r}", rule, got) from None
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
         """Return the force [N] at one state, NaN where it has none; see `Controller.force`."""
@@ -237,6 +235,36 @@ class PythonController(Controller):
             "source": _source_hash(named),
             "belief": assumed_as_data(self.belief),
         }
+
+
+_NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating)
+"""Types that are not taken as a number, though some convert to one."""
+
+
+def _as_float(value: Any) -> float:
+    """Return a number, or the one element of an array or a tensor of any library, or raise."""
+    if callable(detach := getattr(value, "detach", None)):
+        value = detach()  # a tensor that is part of a graph of gradients
+    try:
+        array = np.asarray(value)
+    except Exception:  # as of a type that NumPy lacks, bfloat16
+        array = np.asarray(None)
+    if array.size != 1:
+        raise ValueError
+    if array.dtype.kind in "fiu":
+        return float(array.reshape(-1)[0])
+    element = value if array.dtype.kind == "O" and array.ndim == 0 else array.reshape(-1)[0]
+    if array.dtype.kind not in "OV" or isinstance(element, _NO_NUMBERS):
+        raise TypeError
+    return float(element)
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Return the shape of an array or a tensor, empty if it has none."""
+    try:
+        return tuple(int(x) for x in getattr(value, "shape", np.shape(value)))
+    except Exception:
+        return ()
 
 
 _TRIALS = tuple((0.01 * k, (0.1, 0.2 * (-1) ** k, -0.3, 0.4)) for k in range(6))

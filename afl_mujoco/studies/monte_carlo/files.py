@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from afl_mujoco.errors import FileError
+from afl_mujoco.files import hidden_folder
 from afl_mujoco.scenario.files import Replay, save_scenario
 from afl_mujoco.scenario.sample_space import sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
@@ -57,21 +56,18 @@ def _replace(
     folder: Path, replays: Mapping[str, Replay], scenarios: Mapping[str, Scenario]
 ) -> None:
     """Write the files into a staging folder, then put them in place of those that are there."""
-    try:
-        staging = Path(tempfile.mkdtemp(dir=folder, prefix=f".{FOLDER}-"))
-    except OSError as error:
-        raise FileError.cannot_be("written", folder, error) from None
-    try:
-        for name in replays:
-            (staging / FOLDER / name).mkdir(parents=True)
-        for file, scenario in scenarios.items():
-            save_scenario(scenario, staging / file, replay=replays[Path(file).parent.name])
-        if (folder / FOLDER).exists():
-            (folder / FOLDER).rename(staging / "before")
-        (staging / FOLDER).rename(folder / FOLDER)
-    except OSError as error:
-        raise FileError.cannot_be("written", folder / FOLDER, error) from None
-    finally:
-        if not (folder / FOLDER).exists() and (staging / "before").exists():  # a Ctrl-C in between
-            (staging / "before").rename(folder / FOLDER)
-        shutil.rmtree(staging, ignore_errors=True)
+    with hidden_folder(folder, FOLDER) as staging:
+        try:
+            for name in replays:
+                (staging / FOLDER / name).mkdir(parents=True)
+            for file, scenario in scenarios.items():
+                save_scenario(scenario, staging / file, replay=replays[Path(file).parent.name])
+            if (folder / FOLDER).exists():
+                (folder / FOLDER).rename(staging / "before")
+            (staging / FOLDER).rename(folder / FOLDER)
+        except OSError as error:
+            raise FileError.cannot_be("written", folder / FOLDER, error) from None
+        finally:
+            before = staging / "before"
+            if not (folder / FOLDER).exists() and before.exists():  # a Ctrl-C in between
+                before.rename(folder / FOLDER)

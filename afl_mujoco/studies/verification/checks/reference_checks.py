@@ -74,8 +74,9 @@ def second_method_difference() -> float:
 
 def differing_runs() -> int:
     """Return how many runs differ in any bit when repeated here and in a fresh process."""
-    script = f"from {__name__} import run_digests; print(*run_digests())"
-    command = [sys.executable, "-c", script]
+    path = f"import sys; sys.path[:] = {sys.path!r}"  # no other module than here
+    script = f"{path}; from {__name__} import run_digests; print(*run_digests())"
+    command = [sys.executable, "-P", "-c", script]
     fresh = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     repeats = zip(run_digests(), run_digests(), fresh, strict=True)
     return sum(len(set(digests)) > 1 for digests in repeats)

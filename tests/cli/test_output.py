@@ -1,0 +1,123 @@
+"""Standard output and error as a shell may leave them: another encoding, full, closed, unread."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco.cli.main import main
+from tests.program import COMMAND
+
+SHORT = """
+duration = 0.2
+[schedule]
+cart_mass = 1.0
+half_length = 0.5
+"""
+WRITTEN = {"short.toml", "short-lqr-sampled.npz"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A working folder with a scenario that asks nothing, and one that no controller meets."""
+    (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "fails.toml").write_text(SHORT + "[requirements]\nmax_force = 1e-9\n")
+    return tmp_path
+
+
+def shell(folder: Path, redirected: str, *arguments: str, **variables: str) -> tuple[int, str]:
+    """Run a command in a shell that redirects; return its exit code and what stderr got."""
+    line = f'exec "$@" {redirected}'
+    done = subprocess.run(
+        ["sh", "-c", line, "sh", *COMMAND, *arguments],
+        cwd=folder,
+        env={**os.environ, **variables},
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    assert b"Traceback" not in done.stderr and b"Exception ignored" not in done.stderr
+    return done.returncode, done.stderr.decode(errors="replace")
+
+
+def simulate(scenario: str) -> tuple[str, ...]:
+    return "simulate", scenario, "--controller", "lqr", "--no-page", "--out", "out"
+
+
+def written(folder: Path) -> set[str]:
+    return {path.name for path in (folder / "out").iterdir()}
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii"])
+def test_an_output_of_another_encoding_gets_every_line(folder: Path, encoding: str) -> None:
+    code, said = shell(folder, ">said", *simulate("short.toml"), PYTHONIOENCODING=encoding)
+    assert (code, said) == (0, "")
+    text = (folder / "said").read_text(encoding)
+    assert "PASS" in text and r"\u222b" in text  # the integral sign of a metric
+    assert written(folder) == WRITTEN
+
+
+def test_what_a_controller_prints_is_not_its_error(folder: Path) -> None:
+    (folder / "mine.py").write_text("def force(t, x, belief):\n    print('φ')\n    return 0.0\n")
+    options = ("--samples", "2", "--no-worst-case", "--no-page", "--out", "out")
+    for workers in ("1", "2"):
+        arguments = ("montecarlo", "short.toml", "--controllers", "mine:force", *options)
+        code, said = shell(
+            folder, ">said", *arguments, "--workers", workers, PYTHONIOENCODING="latin-1"
+        )
+        assert (code, said) == (0, "")
+        assert "UnicodeEncodeError" not in (folder / "out" / "montecarlo.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("redirected", "why"),
+    [(">/dev/full", "no space left on device"), (">&-", "it is closed")],
+)
+def test_an_output_that_takes_nothing_is_2_after_the_files_are_written(
+    folder: Path, redirected: str, why: str
+) -> None:
+    code, said = shell(folder, redirected, *simulate("short.toml"))
+    assert (code, said) == (2, f"afl-mujoco: stdout cannot be written: {why}\n")
+    assert written(folder) == WRITTEN
+
+
+@pytest.mark.parametrize("argument", ["--help", "--version"])
+def test_help_that_cannot_be_shown_is_2(folder: Path, argument: str) -> None:
+    code, said = shell(folder, ">/dev/full", argument)
+    assert (code, said) == (2, "afl-mujoco: stdout cannot be written: no space left on device\n")
+
+
+@pytest.mark.parametrize(("scenario", "verdict"), [("short.toml", 0), ("fails.toml", 1)])
+def test_a_pipe_that_closes_is_silent_and_keeps_the_verdict(
+    folder: Path, scenario: str, verdict: int
+) -> None:
+    with subprocess.Popen(
+        [*COMMAND, *simulate(scenario)], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        said = process.stderr.read()
+    assert (process.returncode, said) == (verdict, b"")
+    assert {Path(name).suffix for name in written(folder)} == {".npz", ".toml"}
+
+
+@pytest.mark.parametrize("redirected", ["2>/dev/full", "2>&-", ">&- 2>&-"])
+def test_a_message_that_cannot_be_said_is_still_2(folder: Path, redirected: str) -> None:
+    code, _ = shell(folder, f">said {redirected}", "simulate", "nosuch")
+    assert code == 2
+    assert not (folder / "said").exists() or (folder / "said").read_text() == ""
+
+
+def test_a_stderr_that_is_full_costs_nothing_else(folder: Path) -> None:
+    code, _ = shell(folder, ">said 2>/dev/full", *simulate("short.toml"))
+    assert code == 0 and "PASS" in (folder / "said").read_text()
+
+
+def test_the_streams_of_a_caller_are_left_as_they_were(capsys) -> None:
+    assert main(["--version"]) == 0
+    assert main(["nosuch"]) == 2
+    output, errors = capsys.readouterr()
+    assert output.startswith("afl-mujoco ") and errors.count("\n") == 1
