@@ -114,7 +114,7 @@ def prepare(
         actuator=actuator_of(r, timestep, count),
         profile=input_profile(s, timestep, changing, count),
         initial_state=np.array(s.initial_state),
-        estimator=controller.estimator_for(s.plants),
+        estimator=controller.estimator_for(s.parameters_at(0.0)),
         inputs=controller.inputs_along_run(
             masses,
             lengths,
