@@ -20,13 +20,17 @@ from afl_mujoco.identification.least_squares import (
     with_uncertainty_of,
 )
 from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.windows import Windows, cut
+from afl_mujoco.identification.windows import LEAST, Windows, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 WINDOW = 0.5
 """Length of the windows that are fitted [s]: three times the time constant of a pole of 0.4 m."""
+
+LEAST_SHARE = 0.5
+"""Share of the duration of the logs from which the rest may be judged: below it, what is lost may
+not be lost at random."""
 
 COARSE = 4
 """The first guess of the drive uses one window in this many."""
@@ -123,6 +127,10 @@ class Identified:
         Total duration of the logs [s].
     period
         Period of their rows [s], the device's own.
+    dropped
+        Number of stretches between lost rows that are in no window.
+    share
+        Share of their duration that lies in a window [1].
     pole, drive
         The two steps; no drive if the command is constant.
     physical
@@ -136,6 +144,8 @@ class Identified:
     pole: Step
     drive: Step | None
     physical: tuple[Estimate, ...]
+    dropped: int = 0
+    share: float = 1.0
 
     @property
     def values(self) -> dict[str, float]:
@@ -186,7 +196,7 @@ def _identify(
     logs: Sequence[Log], description: Description, workers: int, progress: Progress
 ) -> Identified:
     """Identify a cart-pole from its logs, as `identify`."""
-    windows = cut(logs, WINDOW, WINDOW)
+    windows = windows_of(logs)
     progress(0, 4)
     first, starts = identify_pole(windows, description)
     progress(1, 4)
@@ -209,7 +219,31 @@ def _identify(
         pole=_step(first, windows, None),
         drive=None if drive is None else _step(drive, windows, 0),
         physical=() if drive is None else _physical(steps, description),
+        dropped=windows.dropped,
+        share=windows.share,
     )
+
+
+def windows_of(logs: Sequence[Log]) -> Windows:
+    """Return the windows to which a model is fitted, or raise if they hold too little of the logs.
+
+    Parameters
+    ----------
+    logs
+        The logs.
+    """
+    windows = cut(logs, WINDOW, WINDOW)
+    if windows.share < LEAST_SHARE:
+        lost = sum(log.missing for log in logs) / sum(log.slots[-1] + 1 for log in logs)
+        known = np.mean(np.concatenate([log.valid for log in logs]))
+        raise InvalidValueError(
+            "logs",
+            f"must have {100 * LEAST_SHARE:.0f} % of their duration in windows of {LEAST} rows or "
+            "more, without a lost row and with a known angle at the start",
+            f"{100 * windows.share:.0f} % ({100 * lost:.2g} % of the rows are lost, and "
+            f"{100 * (1 - known):.2g} % of the angles are not valid)",
+        )
+    return windows
 
 
 def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Array]:
@@ -386,7 +420,7 @@ def _whole(
     """Return the cart-poles of windows, the measurements, and a mask of the valid ones."""
     w = windows
     measured = np.stack([w.z, w.phi], axis=1)
-    mask = np.stack([np.ones_like(w.valid), w.valid], axis=1)
+    mask = np.stack([w.there, w.valid], axis=1)
     return rig.Rig(windows=w, description=description, workers=workers), measured, mask
 
 
