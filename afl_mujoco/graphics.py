@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes.util
+import functools
+import importlib.util
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 from afl_mujoco.errors import GraphicsError
 
@@ -49,6 +53,8 @@ def choose_backend() -> str:
     MuJoCo and dm_control read it once, when they are imported. Without a display they would pick a
     window system that is not there; so pick the first headless backend whose libraries are
     installed, or ``disable``: simulation works without graphics.
+
+    PyTorch's compiler is loaded first where there is one, see `_load_triton`.
     """
     if "MUJOCO_GL" not in os.environ:
         found = (
@@ -57,7 +63,25 @@ def choose_backend() -> str:
             if all(any(map(ctypes.util.find_library, group)) for group in needed)
         )
         os.environ["MUJOCO_GL"] = next(found, "disable")
+    if os.environ["MUJOCO_GL"] != "disable":
+        _load_triton()
     return os.environ["MUJOCO_GL"]
+
+
+@functools.cache
+def _load_triton() -> None:
+    """Load the library of ``triton``, which comes with PyTorch for GPUs, if it is installed.
+
+    Mesa draws in software by LLVM, which it makes visible to every library that is loaded after it
+    (``RTLD_GLOBAL``), as soon as dm_control opens a display, which it does when it is imported.
+    Triton holds an LLVM of another version and would take functions of Mesa's for its own: Python
+    ends with a segmentation fault. What is loaded first has found its own.
+    """
+    spec = importlib.util.find_spec("triton")  # imports nothing
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        for library in Path(folder, "_C").glob("libtriton*.so"):
+            with contextlib.suppress(OSError):  # what cannot be loaded cannot meet Mesa
+                ctypes.CDLL(str(library))
 
 
 def require_backend() -> str:
