@@ -563,8 +563,8 @@ class Sticky:
     [
         (lambda w, e: w.FrameStackObservation(e, 2), "wrapper FrameStackObservation of the "
          "environment must change observations or actions one by one"),
-        (lambda w, e: w.TimeAwareObservation(w.TimeLimit(e, 10)), "wrapper TimeAwareObservation of the environment "
-         "must depend on the present observation or action alone"),
+        (lambda w, e: w.TimeAwareObservation(w.TimeLimit(e, 10)), "wrapper TimeAwareObservation of "
+         "the environment must depend on the present observation or action alone"),
         (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
         (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
          "must be frozen: set update_running_mean = False"),
