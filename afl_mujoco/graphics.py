@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes.util
+import functools
 import importlib
+import importlib.util
 import os
 import subprocess
 import sys
 from collections.abc import MutableMapping, Sequence
+from pathlib import Path
 
 from afl_mujoco.errors import GraphicsError
 
@@ -54,7 +58,8 @@ def choose_backend() -> str:
 
     MuJoCo and dm_control read it once, when they are imported. Without a display they would pick a
     window system that is not there; so pick the first headless backend whose libraries are
-    installed, or ``disable``: simulation works without graphics.
+    installed, or ``disable``: simulation works without graphics. PyTorch's compiler is loaded first
+    where there is one, see `_load_triton`.
 
     Raises
     ------
@@ -65,6 +70,8 @@ def choose_backend() -> str:
     if asked and asked not in KNOWN:
         raise GraphicsError("MUJOCO_GL", f"must be one of {', '.join(KNOWN)}", asked)
     backend = asked or next(filter(_installed, BACKENDS), "disable")
+    if backend != "disable":
+        _load_triton()
     _use(backend)
     if asked in BACKENDS and not _installed(asked):
         try:  # the libraries may be where only the loader finds them
@@ -89,6 +96,22 @@ def _use(backend: str, environment: MutableMapping[str, str] = os.environ) -> No
 def _undrawable(thing: str, refusals: Sequence[str]) -> GraphicsError:
     """Return the error of what cannot draw."""
     return GraphicsError(thing, f"must be able to draw; {PACKAGES} ({'; '.join(refusals)})")
+
+
+@functools.cache
+def _load_triton() -> None:
+    """Load the library of ``triton``, which comes with PyTorch for GPUs, if it is installed.
+
+    Mesa draws in software by LLVM, which it makes visible to every library that is loaded after it
+    (``RTLD_GLOBAL``), as soon as dm_control opens a display, which it does when it is imported.
+    Triton holds an LLVM of another version and would take functions of Mesa's for its own: Python
+    ends with a segmentation fault. What is loaded first has found its own.
+    """
+    spec = importlib.util.find_spec("triton")  # imports nothing
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        for library in Path(folder, "_C").glob("libtriton*.so"):
+            with contextlib.suppress(OSError):  # what cannot be loaded cannot meet Mesa
+                ctypes.CDLL(str(library))
 
 
 def require_backend() -> str:

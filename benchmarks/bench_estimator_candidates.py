@@ -23,7 +23,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.estimation import estimator
 from afl_mujoco.control.estimation.prediction import moved
 from afl_mujoco.control.estimation.settings import EstimatorSettings
-from afl_mujoco.scenario.parameters import NOMINAL, PlantRange
+from afl_mujoco.scenario.parameters import NOMINAL
 
 Array = NDArray[np.float64]
 Candidate = Callable[[Array, Array, Array, float, float, float], None]
@@ -177,9 +177,6 @@ def least_squares(z, phi, force, noise, out, pole, forgetting):
         out[k, 0], out[k, 1] = 1.0 / theta[0] - POLE_MASS, 1.0 / theta[1]
 
 
-PLANTS = PlantRange.of(NOMINAL)  # the settings widen it to the paper's box
-
-
 @njit
 def of_the_package(z, phi, force, settings, memory, out):
     estimator.start(memory, settings, z[0], phi[0])
@@ -189,7 +186,7 @@ def of_the_package(z, phi, force, settings, memory, out):
 
 def package(z: Array, phi: Array, force: Array, noise: tuple[float, float], out: Array) -> None:
     chosen = EstimatorSettings(position_noise=noise[0], angle_noise=noise[1])
-    settings, _ = chosen.on(PLANTS)
+    settings, _ = chosen.on(NOMINAL)
     of_the_package(z, phi, force, settings, estimator.new_filter(), out)
 
 

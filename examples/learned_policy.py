@@ -38,10 +38,7 @@ def controller(file: Path = POLICY):
     """Return the policy as a controller ``(time, state, belief) -> force``."""
     from stable_baselines3 import PPO
 
-    learned = PPO.load(file, device="cpu")
-    return policy_controller(
-        lambda seen: learned.predict(seen, deterministic=True)[0], CartPoleEnv(**SETTINGS)
-    )
+    return policy_controller(PPO.load(file, device="cpu").predict, CartPoleEnv(**SETTINGS))
 
 
 if __name__ == "__main__":

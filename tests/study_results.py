@@ -294,10 +294,10 @@ def estimation() -> estimation_result.Result:
 
 
 def readings() -> readings_result.Result:
-    """Return a named reading of each goal, and shares that differ from case to case."""
+    """Return a fitted reading of each goal, and shares that differ from case to case."""
     one = random_readings(1, 0)[0]
     named = tuple(
-        readings_result.NamedReading(
+        readings_result.FittedReading(
             name=f"{'round' if is_round else 'nearest'}-{goal}",
             goal=goal,
             round=is_round,

@@ -63,8 +63,14 @@ class Controller(Protocol):
         """Return the controller as compiled loops take it, valid for these plants, or raise."""
         ...
 
-    def estimator_for(self, plants: PlantRange) -> Estimator | None:
-        """Return the estimator of M, l and the state for these plants, None if there is none."""
+    def estimator_for(self, start: CartPoleParameters) -> Estimator | None:
+        """Return the estimator of M, l and the state, None if there is none.
+
+        Parameters
+        ----------
+        start
+            The plant at the start of the run, all that may be known of it.
+        """
         return None
 
     @property
@@ -85,6 +91,18 @@ class Controller(Protocol):
 
     def remarks(self, plants: PlantRange) -> list[str]:
         """Return remarks for readers of its runs on these plants, one sentence each."""
+        return []
+
+    def estimator_remarks(self, start: CartPoleParameters, plants: PlantRange) -> list[str]:
+        """Return remarks on an estimator that cannot follow a run, one sentence each.
+
+        Parameters
+        ----------
+        start
+            The plant at the start of the run.
+        plants
+            The plants of the run.
+        """
         return []
 
     def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

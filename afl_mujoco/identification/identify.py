@@ -14,19 +14,25 @@ from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import (
     Fit,
     Parameter,
+    Residuals,
+    by_cluster,
     fit_to_scatter,
     fitted_starts,
     half_widths,
     with_uncertainty_of,
 )
 from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.windows import Windows, cut
+from afl_mujoco.identification.windows import LEAST, Windows, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 WINDOW = 0.5
 """Length of the windows that are fitted [s]: three times the time constant of a pole of 0.4 m."""
+
+LEAST_SHARE = 0.5
+"""Share of the duration of the logs from which the rest may be judged: below it, what is lost may
+not be lost at random."""
 
 COARSE = 4
 """The first guess of the drive uses one window in this many."""
@@ -37,6 +43,13 @@ ENOUGH = 60
 FINER = 2
 """Factor by which the last fit of the drive has finer steps: a force that changes within a step
 acts as its mean."""
+
+DIFFERENT, SURELY = 0.1, 6.0
+"""Relative difference between two logs, and the same in standard errors, from which they are of
+different cart-poles."""
+
+EARLY = 0.1
+"""Share of a row by which a force may act before its command, as a clock may be off."""
 
 ALIKE = 0.9
 """Correlation above which two estimates are hard to tell apart."""
@@ -123,6 +136,10 @@ class Identified:
         Total duration of the logs [s].
     period
         Period of their rows [s], the device's own.
+    dropped
+        Number of stretches between lost rows that are in no window.
+    share
+        Share of their duration that lies in a window [1].
     pole, drive
         The two steps; no drive if the command is constant.
     physical
@@ -136,6 +153,8 @@ class Identified:
     pole: Step
     drive: Step | None
     physical: tuple[Estimate, ...]
+    dropped: int = 0
+    share: float = 1.0
 
     @property
     def values(self) -> dict[str, float]:
@@ -186,7 +205,7 @@ def _identify(
     logs: Sequence[Log], description: Description, workers: int, progress: Progress
 ) -> Identified:
     """Identify a cart-pole from its logs, as `identify`."""
-    windows = cut(logs, WINDOW, WINDOW)
+    windows = windows_of(logs)
     progress(0, 4)
     first, starts = identify_pole(windows, description)
     progress(1, 4)
@@ -209,7 +228,31 @@ def _identify(
         pole=_step(first, windows, None),
         drive=None if drive is None else _step(drive, windows, 0),
         physical=() if drive is None else _physical(steps, description),
+        dropped=windows.dropped,
+        share=windows.share,
     )
+
+
+def windows_of(logs: Sequence[Log]) -> Windows:
+    """Return the windows to which a model is fitted, or raise if they hold too little of the logs.
+
+    Parameters
+    ----------
+    logs
+        The logs.
+    """
+    windows = cut(logs, WINDOW, WINDOW)
+    if windows.share < LEAST_SHARE:
+        lost = sum(log.missing for log in logs) / sum(log.slots[-1] + 1 for log in logs)
+        known = np.mean(np.concatenate([log.valid for log in logs]))
+        raise InvalidValueError(
+            "logs",
+            f"must have {100 * LEAST_SHARE:.0f} % of their duration in windows of {LEAST} rows or "
+            "more, without a lost row and with a known angle at the start",
+            f"{100 * windows.share:.0f} % ({100 * lost:.2g} % of the rows are lost, and "
+            f"{100 * (1 - known):.2g} % of the angles are not valid)",
+        )
+    return windows
 
 
 def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Array]:
@@ -239,6 +282,7 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     found = fit_to_scatter(
         errors, w.valid[:, None], parameters, starts, w.log, start_scale=pole.START_SCALE
     )
+    _require_one_rig(errors, w.valid[:, None], found, "gravity_term", w, pole.START_SCALE)
     off = [
         one.title
         for one, ratio in (
@@ -259,6 +303,40 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     whole = w.starts.copy()
     whole[:, [1, 3]] = found.starts
     return found, whole
+
+
+def _require_one_rig(
+    errors: Residuals, mask: Array, found: Fit, name: str, windows: Windows, start_scale: Array
+) -> None:
+    """Raise if logs differ in a parameter, each by itself with the others as found.
+
+    Parameters
+    ----------
+    errors, mask, start_scale
+        As in `fit_to_scatter`.
+    found
+        The fit to all logs.
+    name
+        The parameter.
+    """
+    one = next(one for one in found.parameters if one.name == name)
+    values, sizes = by_cluster(errors, mask, found, name, windows.log, start_scale=start_scale)
+    names = [windows.logs[number].name for number in np.unique(windows.log)]
+    by_log = list(zip(values.tolist(), sizes.tolist(), names, strict=True))
+    sure = [x for x in by_log if x[1] < 0.5 * DIFFERENT * abs(x[0])]
+    if not sure:
+        return
+    (low, low_error, low_name), (high, high_error, high_name) = min(sure), max(sure)
+    apart = high - low
+    if apart > DIFFERENT * abs(found.by_name[name]) and apart > SURELY * np.hypot(
+        low_error, high_error
+    ):
+        raise InvalidValueError(
+            "logs",
+            "must be of one cart-pole",
+            f"{one.title} {low:.4g} {one.unit} in {low_name} and {high:.4g} {one.unit} in "
+            f"{high_name}",
+        )
 
 
 def pole_starts(errors: Callable[[Array, Array], Array], shared: Array, guess: Array) -> Array:
@@ -294,8 +372,13 @@ def _identify_drive(
     parameters = rig.parameters_of(description)
     some = max(1, min(COARSE, windows.count // ENOUGH))
     without = {one.name: one.low for one in parameters if one.name == "lag"}
-    free = [one for one in parameters if one.name not in without]
+    free = [
+        replace(one, low=-one.high) if one.name == "delay" else one
+        for one in parameters
+        if one.name not in without
+    ]
     found = _fit_drive(windows, some, description, {**known, **without}, free, starts, workers)
+    _require_cause(found, description)
     progress(2, 4)
     guess = {**found.by_name, "lag": 0.05 * description.period}
     lagging = [replace(one, start=guess[one.name]) for one in parameters]
@@ -306,6 +389,19 @@ def _identify_drive(
         if _shows(final, "lag"):
             return final
     return _finished(windows, description, known, first, found, without, starts, workers)
+
+
+def _require_cause(found: Fit, description: Description) -> None:
+    """Raise if the force acts before the row of its command."""
+    at = [one.name for one in found.parameters].index("delay")
+    delay, half = float(found.values[at]), float(found.half_widths[at])
+    if delay < -half and delay < -EARLY * description.period:
+        raise InvalidValueError(
+            description.command.column,
+            "must be in the row from which on it acts",
+            f"a force that acts {-1e3 * delay:.3g} ms before its row: shift the column by "
+            f"{-delay / description.period:.2g} rows and more",
+        )
 
 
 def _shows(fit: Fit, name: str) -> bool:
@@ -336,12 +432,24 @@ def _finished(
     whole, measured, mask = _whole(fine, description, workers)
     names, others = [one.name for one in free], [one.name for one in first.parameters]
 
-    def errors(shared: Array, pole_values: Array, own: Array) -> Array:
-        values = dict(zip(others, pole_values.tolist(), strict=True))
-        values |= {**bound, **dict(zip(names, shared.tolist(), strict=True))}
-        return whole.readings(values, own) - measured
+    def fitted(shared: Array, own: Array) -> Array:
+        values = {**known, **bound, **dict(zip(names, shared.tolist(), strict=True))}
+        return mask * (whole.readings(values, own) - measured)
 
-    final = with_uncertainty_of(errors, mask, final, first, start_scale=rig.START_SCALE)
+    _require_one_rig(fitted, mask, final, "gain", fine, rig.START_SCALE)
+
+    def errors_of(model: rig.Rig) -> Callable[[Array, Array, Array], Array]:
+        def errors(shared: Array, pole_values: Array, own: Array) -> Array:
+            values = dict(zip(others, pole_values.tolist(), strict=True))
+            values |= {**bound, **dict(zip(names, shared.tolist(), strict=True))}
+            return model.readings(values, own) - measured
+
+        return errors
+
+    final = with_uncertainty_of(
+        errors_of(replace(whole, exact=True)), mask, final, first,
+        start_scale=rig.START_SCALE, smooth=errors_of(whole),
+    )  # fmt: skip
     return _with_bound(final, parameters, bound)
 
 
@@ -366,18 +474,25 @@ def _fit_drive(
     starts: Array,
     workers: int,
 ) -> Fit:
-    """Fit some parameters of cart and drive to every n-th window, with n = `every`."""
+    """Fit some parameters of cart and drive to every n-th window, with n = `every`.
+
+    Dry friction is exact, and the model that softens it gives the derivatives.
+    """
     w = windows.some(every)
     whole, measured, mask = _whole(w, description, workers)
     names = [one.name for one in parameters]
 
-    def errors(shared: Array, own: Array) -> Array:
-        values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
-        return mask * (whole.readings(values, own) - measured)
+    def errors_of(model: rig.Rig) -> Residuals:
+        def errors(shared: Array, own: Array) -> Array:
+            values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
+            return mask * (model.readings(values, own) - measured)
+
+        return errors
 
     return fit_to_scatter(
-        errors, mask, parameters, starts[::every], w.log, start_scale=rig.START_SCALE
-    )
+        errors_of(replace(whole, exact=True)), mask, parameters, starts[::every], w.log,
+        start_scale=rig.START_SCALE, smooth=errors_of(whole),
+    )  # fmt: skip
 
 
 def _whole(
@@ -386,7 +501,7 @@ def _whole(
     """Return the cart-poles of windows, the measurements, and a mask of the valid ones."""
     w = windows
     measured = np.stack([w.z, w.phi], axis=1)
-    mask = np.stack([np.ones_like(w.valid), w.valid], axis=1)
+    mask = np.stack([w.there, w.valid], axis=1)
     return rig.Rig(windows=w, description=description, workers=workers), measured, mask
 
 

@@ -145,6 +145,7 @@ def fit_to_scatter(
     *,
     start_scale: Array,
     evaluations: int = 8,
+    smooth: Residuals | None = None,
 ) -> Fit:
     """Estimate parameters and the unknown scatter of the signals, alternately.
 
@@ -158,6 +159,8 @@ def fit_to_scatter(
         As in `fit`.
     evaluations
         Largest number of evaluations of the Jacobian in a round.
+    smooth
+        As `errors`, of a model near it, for the derivatives of one that has none everywhere.
     """
     count, signals = len(starts), mask.shape[1]
     now, scatter = list(parameters), np.full(signals, np.inf)
@@ -169,7 +172,14 @@ def fit_to_scatter(
         def scaled(shared: Array, own: Array, scatter: Array = scatter) -> Array:
             return (mask * errors(shared, own) / scatter[:, None]).reshape(count, -1)
 
-        found = fit(scaled, now, starts, clusters, start_scale=start_scale, evaluations=evaluations)
+        def smoothed(shared: Array, own: Array, scatter: Array = scatter) -> Array:
+            near = errors if smooth is None else smooth
+            return (mask * near(shared, own) / scatter[:, None]).reshape(count, -1)
+
+        found = fit(
+            scaled, now, starts, clusters, start_scale=start_scale, evaluations=evaluations,
+            smooth=smoothed,
+        )  # fmt: skip
         starts, done = found.starts, done + found.evaluations
         now = [
             replace(one, start=float(value)) for one, value in zip(now, found.values, strict=True)
@@ -194,6 +204,7 @@ def fit(
     *,
     start_scale: Array,
     evaluations: int = 20,
+    smooth: Residuals | None = None,
 ) -> Fit:
     """Estimate parameters by the Levenberg-Marquardt method.
 
@@ -211,7 +222,10 @@ def fit(
         Scale of the changes of a start, shape (L,).
     evaluations
         Largest number of evaluations of the Jacobian.
+    smooth
+        Residuals of a model near it, whose derivatives are taken; by default the residuals.
     """
+    near = residuals if smooth is None else smooth
     scales = np.array([one.scale for one in parameters])
     steps, own_steps = STEP * scales, STEP * start_scale
     low, high = (np.array([getattr(one, end) for one in parameters]) for end in ("low", "high"))
@@ -219,7 +233,7 @@ def fit(
     rest = residuals(values, starts)
     cost, damping, done = _cost(rest), FIRST_DAMPING, 0
     while done < evaluations and damping < LARGEST_DAMPING:
-        slopes = derivatives(residuals, values, starts, rest, steps, own_steps)
+        slopes = derivatives(near, values, starts, steps, own_steps)
         system = _reduced(*slopes, rest, _weights(rest))
         done += 1
         stuck = ((values <= low) & (system.gradient > 0.0)) | (
@@ -239,7 +253,7 @@ def fit(
             break
     on_bound = np.minimum(values - low, high - values) <= 1e-3 * scales
     covariance, degrees = _covariance(
-        *derivatives(residuals, values, starts, rest, steps, own_steps), rest, clusters, ~on_bound
+        *derivatives(near, values, starts, steps, own_steps), rest, clusters, ~on_bound
     )
     return Fit(
         parameters=parameters, values=values, covariance=covariance, on_bound=on_bound,
@@ -311,6 +325,7 @@ def with_uncertainty_of(
     known: Fit,
     *,
     start_scale: Array,
+    smooth: Callable[[Array, Array, Array], Array] | None = None,
 ) -> Fit:
     """Return a fit whose covariance includes that of the parameters taken as known.
 
@@ -325,24 +340,74 @@ def with_uncertainty_of(
     known
         Fit of the known parameters to other data or signals, whose errors are taken to be
         independent.
-    start_scale
-        As in `fit`.
+    start_scale, smooth
+        As in `fit_to_scatter`.
     """
     p = len(fit.values)
     scales = np.array([one.scale for one in (*fit.parameters, *known.parameters)])
+    near = errors if smooth is None else smooth
 
     def scaled(shared: Array, own: Array) -> Array:
-        rest = mask * errors(shared[:p], shared[p:], own) / fit.scatter[:, None]
+        rest = mask * near(shared[:p], shared[p:], own) / fit.scatter[:, None]
         return rest.reshape(len(own), -1)
 
     values = np.concatenate([fit.values, known.values])
-    rest = scaled(values, fit.starts)
-    slopes = derivatives(scaled, values, fit.starts, rest, STEP * scales, STEP * start_scale)
+    rest = mask * errors(fit.values, known.values, fit.starts) / fit.scatter[:, None]
+    rest = rest.reshape(len(fit.starts), -1)
+    slopes = derivatives(scaled, values, fit.starts, STEP * scales, STEP * start_scale)
     matrix = _reduced(*slopes, rest, _weights(rest)).matrix
     free = np.flatnonzero(~fit.on_bound)
     shift = np.zeros((p, len(known.values)))
     shift[free] = -np.linalg.pinv(matrix[np.ix_(free, free)]) @ matrix[free, p:]
     return replace(fit, covariance=fit.covariance + shift @ known.covariance @ shift.T)
+
+
+def by_cluster(
+    errors: Residuals,
+    mask: Array,
+    fit: Fit,
+    name: str,
+    clusters: NDArray[np.int64],
+    *,
+    start_scale: Array,
+) -> tuple[Array, Array]:
+    """Return an estimate from each cluster alone, and its standard error, to first order.
+
+    The other parameters stay as fitted to all; the windows of a cluster count as independent.
+
+    Parameters
+    ----------
+    errors, mask, start_scale
+        As in `fit_to_scatter`, of the fit.
+    name
+        The parameter that is estimated.
+    clusters
+        Index of the cluster of each window, shape (B,).
+    """
+    at = [one.name for one in fit.parameters].index(name)
+
+    def scaled(shared: Array, own: Array) -> Array:
+        values = fit.values.copy()
+        values[at] = shared[0]
+        rest = mask * errors(values, own) / fit.scatter[:, None]
+        return rest.reshape(len(own), -1)
+
+    value = fit.values[at : at + 1]
+    rest = scaled(value, fit.starts)
+    steps = np.array([STEP * fit.parameters[at].scale])
+    slopes = derivatives(scaled, value, fit.starts, steps, STEP * start_scale)
+    system = _reduced(*slopes, rest, _weights(rest))
+    slope = system.slopes[..., 0]
+    values, sizes = [], []
+    for cluster in np.unique(clusters):
+        mine = clusters == cluster
+        curvature = float(np.sum(slope[mine] ** 2))
+        step = -float(np.sum(slope[mine] * system.rest[mine])) / curvature
+        scores = np.sum(slope[mine] * (system.rest[mine] + step * slope[mine]), axis=1)
+        spread = np.sqrt(np.sum(scores**2) * len(scores) / max(1, len(scores) - 1))
+        values.append(float(value[0]) + step)
+        sizes.append(float(spread) / curvature)
+    return np.array(values), np.array(sizes)
 
 
 def fitted_starts(
@@ -374,7 +439,6 @@ def derivatives(
     residuals: Residuals,
     shared: Array,
     starts: Array,
-    base: Array,
     steps: Array,
     own_steps: Array,
 ) -> tuple[Array, Array]:
@@ -382,8 +446,6 @@ def derivatives(
 
     Parameters
     ----------
-    base
-        The residuals at the point, shape (B, R).
     steps, own_steps
         Steps of the shared parameters and of the starts, shapes (p,) and (L,).
 
@@ -392,6 +454,7 @@ def derivatives(
     shared, own
         The derivatives, shapes (B, R, p) and (B, R, L).
     """
+    base = residuals(shared, starts)
     by_shared = np.empty((*base.shape, len(shared)))
     for i, step in enumerate(steps):
         ahead = shared.copy()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,13 @@ LARGEST = 1e20
 
 JITTER = 0.05
 """Scatter of time stamps about a regular period up to which the device is taken to be regular and
-its stamps to be late at random [period]."""
+its stamps to be late at random [period]; beyond it, its readings tell."""
+
+FOLLOWED = 0.2
+"""Share of the difference of a stamp by which the clock follows it, until its period is known."""
+
+LEAST_ROUGHNESS = 1e-12
+"""Readings that are smoother than this are taken to be alike [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,10 +61,11 @@ class Log:
         Position of the cart [m], shape (N,).
     command
         Command, held from the time of a row to that of the next, shape (N,).
+    slots
+        Number of periods from the first row to each, whole, shape (N,): more than one more than
+        that of the row before where rows are missing.
     period, jitter
         Time between two rows, and the scatter of the stamps about it [s].
-    missing
-        Number of missing rows.
     """
 
     name: str
@@ -68,9 +75,14 @@ class Log:
     valid: NDArray[np.bool_]
     z: NDArray[np.float64]
     command: NDArray[np.float64]
+    slots: NDArray[np.int64]
     period: float
     jitter: float
-    missing: int
+
+    @property
+    def missing(self) -> int:
+        """Number of missing rows."""
+        return int(self.slots[-1]) - (len(self.time) - 1)
 
     @property
     def duration(self) -> float:
@@ -175,7 +187,7 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
             raise InvalidValueError(d.columns[signal], rule, f"{values[row - 1]:g} in row {row}")
     if len(columns["time"]) < LEAST_ROWS:
         raise InvalidValueError("rows", f"must be at least {LEAST_ROWS}", len(columns["time"]))
-    time, period, jitter, missing = _clock(columns["time"], d)
+    stamps, slots, period = _stamps(columns["time"], d)
     raw = columns["phi"]
     zone = d.phi.dead_zone
     valid = np.ones(len(raw), bool) if zone is None else (raw <= zone[0]) | (raw >= zone[1])
@@ -194,16 +206,17 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
     there = np.flatnonzero(valid)
     whole = np.round((np.unwrap(phi[there]) - phi[there]) / (2.0 * math.pi))
     turns = np.interp(np.arange(len(phi)), there, whole).round()
-    return Log(
-        name=name, time=time, phi=phi, turns=turns, valid=valid, z=z, command=command,
-        period=period, jitter=jitter, missing=missing,
+    log = Log(
+        name=name, time=stamps, phi=phi, turns=turns, valid=valid, z=z, command=command,
+        slots=slots, period=period, jitter=0.0,
     )  # fmt: skip
+    return _on_its_clock(log)
 
 
-def _clock(
+def _stamps(
     stamps: NDArray[np.float64], description: Description
-) -> tuple[NDArray[np.float64], float, float, int]:
-    """Return time, period and jitter [s], and the number of missing rows, or raise."""
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
+    """Return the time stamps [s], their slots and the usual time between them [s], or raise."""
     d = description
     time = UNITS["time"][d.time.unit] * (stamps - stamps[0])
     steps = np.diff(time)
@@ -216,13 +229,69 @@ def _clock(
     if abs(period / d.period - 1.0) > PERIOD_DIFFERENCE:
         rule = f"must be near the period of the description, {d.period:g} s"
         raise InvalidValueError(f"time between rows ({d.time.column})", rule, f"{period:g} s")
-    counts = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(steps / period)))])
-    missing = int(counts[-1]) - (len(time) - 1)
-    slope, origin = np.polyfit(counts, time, 1)
-    jitter = float(np.std(time - (origin + slope * counts)))
-    if jitter <= JITTER * period:
-        time, period = slope * counts, float(slope)
-    return time, period, jitter, missing
+    slots = _slots(time, period, 0.0, FOLLOWED)
+    slope, origin = np.polyfit(slots, time, 1)
+    return time, _slots(time, float(slope), float(origin), 0.25 * FOLLOWED), period
+
+
+def _slots(
+    time: NDArray[np.float64], period: float, clock: float, followed: float
+) -> NDArray[np.int64]:
+    """Return how many periods each stamp is after the first.
+
+    The clock follows the stamps slowly: rounding each step by itself would take a late stamp and an
+    early one after it for a lost row.
+
+    Parameters
+    ----------
+    period, clock
+        Period, and time on the clock at the first row [s].
+    followed
+        Share of the difference of a stamp by which the clock follows it.
+    """
+    found = [0]
+    for stamp in time[1:].tolist():
+        ahead = round((stamp - clock) / period)
+        if ahead < 1 and len(found) > 1 and found[-1] - found[-2] > 1:
+            found[-1] -= 1  # the row before was late, and none was lost
+            clock -= period
+            ahead += 1
+        ahead = max(1, ahead)
+        found.append(found[-1] + ahead)
+        clock += ahead * period
+        clock += followed * (stamp - clock)
+    return np.array(found, dtype=np.int64)
+
+
+def _on_its_clock(log: Log) -> Log:
+    """Return a log on the clock of its device: regular, unless its readings follow the stamps."""
+    slope, origin = np.polyfit(log.slots, log.time, 1)
+    jitter = float(np.std(log.time - (origin + slope * log.slots)))
+    regular = np.asarray(slope * log.slots, dtype=np.float64)
+    if jitter > JITTER * log.period and _smoother(log, log.time) < _smoother(log, regular):
+        return replace(log, jitter=jitter)
+    return replace(log, time=regular, period=float(slope), jitter=jitter)
+
+
+def _smoother(log: Log, time: NDArray[np.float64]) -> float:
+    """Return how far the readings are from cubics through their neighbours, for some times [1].
+
+    The logarithms of the medians over both signals: only differences between two times matter.
+    """
+    at = np.flatnonzero(log.slots[4:] - log.slots[:-4] == 4) + 2
+    far = 0.0
+    for values, known in ((log.z, np.ones_like(log.valid)), (log.angle, log.valid)):
+        rows = at[known[at]]
+        off = values[rows].copy()
+        around = (-2, -1, 1, 2)
+        for i in around:
+            weight = np.ones(len(rows))
+            for j in around:
+                if j != i:
+                    weight *= (time[rows] - time[rows + j]) / (time[rows + i] - time[rows + j])
+            off -= weight * values[rows + i]
+        far += math.log(float(np.median(np.abs(off))) + LEAST_ROUGHNESS) if len(rows) else 0.0
+    return far
 
 
 def _require_motion(

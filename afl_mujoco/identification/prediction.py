@@ -71,7 +71,7 @@ def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) ->
     spacing = stride_of(period) * period
     rows = round(past / spacing) + 1
     length = (rows - 1) * spacing + longest
-    windows = cut(logs, length, every, seen=SEEN, head=rows, gap=LONG_GAP)
+    windows = cut(logs, length, every, seen=SEEN, head=rows, gap=LONG_GAP, least=None)
     return Starts(windows=windows, past=rows)
 
 
@@ -141,7 +141,7 @@ def errors_of(
     found = []
     for horizon in horizons:
         rows, near = starts.rows(horizon)
-        near = near & w.whole if whole else near
+        near = near & (w.there[there, rows] > 0.0) & (w.whole if whole else True)
         good = near & (w.valid[there, rows] > 0.0)
         off = (predicted[there, 1, rows] - w.phi[there, rows])[good]
         away = (np.abs(angle[there, rows]) > AWAY) & (np.abs(angle[:, first]) > AWAY)
@@ -219,7 +219,7 @@ def predicted_by_rig(
     past = rig.Rig(windows=_first_rows(w, starts.past), description=description, workers=workers)
     measured = np.stack([w.z, w.phi], axis=1)[..., : starts.past]
     before = starts.before[:, : starts.past]
-    weights = np.stack([np.ones_like(before), before], axis=1) / np.array(scatter)[:, None]
+    weights = np.stack([past.windows.there, before], axis=1) / np.array(scatter)[:, None]
     guess = w.starts.copy()
 
     def errors(own: Array) -> Array:
@@ -261,7 +261,7 @@ def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> A
 
 def _first_rows(windows: Windows, rows: int) -> Windows:
     """Return the first rows of windows."""
-    names = ("time", "phi", "turns", "z", "valid")
+    names = ("time", "phi", "turns", "z", "there", "valid")
     return replace(windows, **{name: getattr(windows, name)[:, :rows] for name in names})
 
 

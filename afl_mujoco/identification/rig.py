@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
+from afl_mujoco.execution.threads import Task, share
 from afl_mujoco.identification import pole
+from afl_mujoco.identification.coulomb import coulomb_motion
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import Parameter
 from afl_mujoco.identification.windows import Windows
@@ -120,17 +122,22 @@ class Rig:
         Description of the cart-pole.
     workers
         Number of threads; the results do not depend on it.
+    exact
+        Whether dry friction is that of Coulomb, as in `coulomb`, or softened, as by MuJoCo: the
+        exact one has no derivative by the speed of a cart that sticks.
     """
 
     windows: Windows
     description: Description
     workers: int = 1
-    _model: CartPoleModel = field(init=False, repr=False)
+    exact: bool = False
+    _models: Sequence[CartPoleModel] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Compile the model; its parameters are written for every motion."""
-        model = CartPoleModel(NOMINAL, timestep=self.windows.step)
-        object.__setattr__(self, "_model", model)
+        """Compile the models; their parameters are written for every motion."""
+        count = min(self.workers, self.windows.count) if self.exact else 1
+        models = [CartPoleModel(NOMINAL, timestep=self.windows.step) for _ in range(count)]
+        object.__setattr__(self, "_models", models)
 
     def readings(self, values: Mapping[str, float], starts: Array) -> Array:
         """Return the readings of the sensors at the rows of the windows, shape (B, 2, n).
@@ -180,7 +187,9 @@ class Rig:
         """
         forces = self.forces(values)
         plant, imperfections = model_of(values, self.description)
-        model = self._model
+        if self.exact and imperfections.rail_friction > 0.0:
+            return self._exact_motion(plant, imperfections, starts, forces)
+        model = self._models[0]
         model.set_imperfections(imperfections, plant)
         model.compute_only(imperfections)
         full = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -190,6 +199,32 @@ class Rig:
         data = [mujoco.MjData(model.mj_model) for _ in range(threads)]
         found, _ = rollout.rollout(model.mj_model, data, initial, forces[..., None])
         return np.concatenate([starts[:, None], found[..., 1:5]], axis=1)
+
+    def _exact_motion(
+        self,
+        plant: CartPoleParameters,
+        imperfections: Imperfections,
+        starts: Array,
+        forces: Array,
+    ) -> Array:
+        """Return the states under the dry friction of Coulomb; arguments as MuJoCo gets them."""
+        track = np.empty((len(starts), forces.shape[1] + 1, 4))
+        smooth, friction = replace(imperfections, rail_friction=0.0), imperfections.rail_friction
+
+        def task_on(model: CartPoleModel) -> Task:
+            model.set_imperfections(smooth, plant)
+            model.compute_only(smooth)
+
+            def run(part: slice) -> None:
+                coulomb_motion(
+                    model.addresses, starts[part], forces[part], friction, self.windows.step,
+                    track[part],
+                )  # fmt: skip
+
+            return run
+
+        share(len(starts), [task_on(model) for model in self._models], part=8)
+        return track
 
     def forces(self, values: Mapping[str, float]) -> Array:
         """Return the mean force of the drive over each step [N], shape (B, steps)."""

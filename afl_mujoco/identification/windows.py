@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,10 @@ STEP = 5e-3
 """Approximate step of a simulation [s]: a whole fraction of the time between two readings."""
 
 
+LEAST = 10
+"""Rows that a window must have: a lost row ends it, since the command after it is not known."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:
     """Windows of logs.
@@ -35,15 +40,22 @@ class Windows:
     log, first
         Index of the log of each window, and its first row in the log, shape (B,).
     time, phi, turns, z
-        As in `Log`, shape (B, n).
+        As in `Log`, shape (B, n); where there is no row, the time that it would have.
+    there
+        1 where there is a row of the window, else 0, shape (B, n).
     valid
-        1 where the reading of the angle is valid, else 0, shape (B, n).
+        1 where there is one whose reading of the angle is valid, else 0, shape (B, n).
     starts
         First guess of the initial states (z, phi, z_dot, phi_dot), shape (B, 4).
     spacing
         Time between two rows that are used [s].
     step
         Step of a simulation [s].
+    dropped
+        Number of stretches that would have been windows, but whose angle is not known at the start
+        or that are too short.
+    share
+        Share of the duration of the logs that lies in a window [1].
     """
 
     logs: Sequence[Log]
@@ -53,16 +65,18 @@ class Windows:
     phi: NDArray[np.float64]
     turns: NDArray[np.float64]
     z: NDArray[np.float64]
+    there: NDArray[np.float64]
     valid: NDArray[np.float64]
     starts: NDArray[np.float64]
     spacing: float
     step: float
+    dropped: int
+    share: float
 
     @property
     def whole(self) -> NDArray[np.bool_]:
         """Which windows lack no row, shape (B,)."""
-        found: NDArray[np.bool_] = np.diff(self.time, axis=1).max(axis=1) < GAP * self.spacing
-        return found
+        return np.asarray((self.there > 0.0).all(axis=1))
 
     @property
     def count(self) -> int:
@@ -71,7 +85,7 @@ class Windows:
 
     def some(self, every: int) -> Windows:
         """Return every n-th window, with n = `every`."""
-        names = ("log", "first", "time", "phi", "turns", "z", "valid", "starts")
+        names = ("log", "first", "time", "phi", "turns", "z", "there", "valid", "starts")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
     def finer(self, times: int) -> Windows:
@@ -99,8 +113,12 @@ def cut(
     seen: int = SEEN,
     head: int = 2 * SEEN,
     gap: float = GAP,
+    least: int | None = LEAST,
 ) -> Windows:
     """Cut logs into windows.
+
+    A lost row ends a window, and the next begins after it: the command in between is not known, and
+    to hold the one before it is off by as much as the command changes in a row.
 
     Parameters
     ----------
@@ -112,49 +130,80 @@ def cut(
         Number of readings of the angle that a window must have among its first `head` rows; a
         window with fewer is left out.
     gap
-        Gap between two rows, in units of their spacing, from which a window is left out: the
-        command in the gap is not known.
+        Gap between two rows, in units of their spacing, that ends a window. Over a shorter one the
+        command is held.
+    least
+        Rows that a window must have; None where it must have all.
     """
     period = min(log.period for log in logs)
     stride = stride_of(period)
     rows = max(2, round(length / (stride * period))) + 1
-    reach, apart = stride * (rows - 1) + 1, stride * max(1, round(every / (stride * period)))
-    head = min(rows, head)
-    places = [
-        (number, first)
-        for number, log in enumerate(logs)
-        for first in range(0, len(log.time) - reach + 1, apart)
-        if log.valid[first : first + reach : stride][:head].sum() >= min(head, seen)
-        and np.diff(log.time[first : first + reach : stride]).max() < gap * stride * log.period
-    ]
+    apart = stride * max(1, round(every / (stride * period)))
+    least, head = rows if least is None else min(least, rows), min(rows, head)
+    columns: dict[str, list[NDArray[Any]]] = {name: [] for name in _COLUMNS}
+    places, starts, dropped, covered = [], [], 0, 0.0
+    for number, log in enumerate(logs):
+        ends = np.flatnonzero(np.diff(log.slots) > gap * stride)
+        for first, last in zip([0, *(ends + 1)], [*ends, len(log.time) - 1], strict=True):
+            for slot in range(log.slots[first], log.slots[last], apart):
+                row = int(np.searchsorted(log.slots, slot))
+                part = _part(log, row, last, stride * np.arange(rows))
+                there = np.flatnonzero(part["there"])
+                if len(there) < least or part["valid"][:head].sum() < min(head, seen):
+                    dropped += 1
+                    continue
+                for name, column in part.items():
+                    columns[name].append(column)
+                places.append((number, row))
+                starts.append(_start(log, row, last, stride))
+                covered += float(part["time"][there[-1]] - part["time"][0])
     if not places:
-        rule = f"must include one longer than {length:g} s whose angle is known at its start"
+        what = f"one longer than {length:g} s" if least == rows else f"{least} rows without a gap"
+        rule = f"must include {what} whose angle is known at the start"
         raise InvalidValueError("logs", rule)
-    parts = [slice(first, first + reach, stride) for _, first in places]
-
-    def taken(name: str) -> NDArray[np.float64]:
-        arrays = [getattr(logs[n], name)[part] for (n, _), part in zip(places, parts, strict=True)]
-        return np.array(arrays, dtype=np.float64).reshape(len(places), rows)
-
-    starts = [_start(logs[n], part) for (n, _), part in zip(places, parts, strict=True)]
     return Windows(
         logs=logs,
         log=np.array([n for n, _ in places], dtype=np.int64),
         first=np.array([first for _, first in places], dtype=np.int64),
-        time=taken("time"),
-        phi=taken("phi"),
-        turns=taken("turns"),
-        z=taken("z"),
-        valid=taken("valid"),
+        **{name: np.array(found, dtype=np.float64) for name, found in columns.items()},
         starts=np.array(starts).reshape(len(places), 4),
         spacing=stride * period,
         step=stride * period / max(1, round(stride * period / STEP)),
+        dropped=dropped,
+        share=min(1.0, covered / sum(log.duration for log in logs)),
     )
 
 
-def _start(log: Log, part: slice) -> list[float]:
-    """Return a state near that of the first row, from parabolas through the rows that follow."""
-    near = slice(part.start, min(part.start + SEEN * part.step, part.stop), part.step)
-    time = log.time[near] - log.time[part.start]
+_COLUMNS = ("time", "phi", "turns", "z", "there", "valid")
+
+
+def _part(
+    log: Log, row: int, last: int, ahead: NDArray[np.int64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of a window from a row on, at most to a last row.
+
+    Parameters
+    ----------
+    ahead
+        How many periods after the first each of its rows is, shape (n,).
+    """
+    slots = log.slots[row] + ahead
+    rows = np.minimum(np.searchsorted(log.slots, slots), last)
+    there = (log.slots[rows] == slots).astype(float)
+    beyond = log.period * np.maximum(0, slots - log.slots[-1])
+    return {
+        "time": np.interp(slots, log.slots, log.time) + beyond,
+        "phi": log.phi[rows],
+        "turns": log.turns[rows],
+        "z": log.z[rows],
+        "there": there,
+        "valid": there * log.valid[rows],
+    }
+
+
+def _start(log: Log, row: int, last: int, stride: int) -> list[float]:
+    """Return a state near that of a row, from parabolas through the rows that follow."""
+    near = slice(row, min(row + SEEN * stride, last + 1), stride)
+    time = log.time[near] - log.time[row]
     phi, z = (np.polyfit(time, values[near], 2) for values in (log.angle, log.z))
     return [float(z[2]), float(phi[2]), float(z[1]), float(phi[1])]

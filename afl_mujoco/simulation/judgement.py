@@ -286,6 +286,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
     """Return remarks on a run that no requirement makes, one sentence each."""
     return [
         *controller.remarks(scenario.assumed_plants),
+        *controller.estimator_remarks(scenario.parameters_at(0.0), scenario.plants),
         *_unreached(scenario),
         *_without_effect(scenario),
         *unit_remarks(scenario, run.control_period),

@@ -219,7 +219,7 @@ class Trajectory:
             If the file cannot be read or is not a saved run.
         """
         with reading(path, "is not a saved trajectory"):
-            arrays = read_arrays(Path(path), ("meta", *_ARRAYS))
+            arrays: dict[str, Any] = dict(read_arrays(Path(path), ("meta", *_ARRAYS)))
             meta = json.loads(str(arrays.pop("meta")))
             kind, time = meta["outcome"]
             known = {name: meta[name] for name in ("provenance", "effort")}

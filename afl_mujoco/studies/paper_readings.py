@@ -271,7 +271,7 @@ def shipped_study() -> Any:
 
 
 def shipped_readings() -> dict[str, Array]:
-    """Return the named readings of `shipped_study`."""
+    """Return the fitted readings of `shipped_study`."""
     return {
         one["name"]: np.array([one["values"][axis.name] for axis in AXES])
         for one in shipped_study()["readings"]

@@ -13,6 +13,7 @@ from afl_mujoco.identification.log import log_of, read_logs
 from afl_mujoco.identification.shipped import DESCRIPTION, FIT, load_estimates
 from afl_mujoco.identification.windows import cut
 from afl_mujoco.studies.identify.result import shown_of
+from tests.coulomb_rig import RIGS, description_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -99,6 +100,32 @@ def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
         i = [one.name for one in found.parameters].index(name)
         half = found.half_widths[i]
         assert abs(found.values[i] - shipped.find(name).value) < 3.0 * half
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(RIGS)))
+def test_dry_friction_does_not_bias_the_masses(number: int) -> None:
+    """Against rigs of exact Coulomb friction that share no code with the package."""
+    truth = RIGS[number]
+    d = description_of(truth)
+    logs = [log_of(f"log-{i}", truth.log(100 * number + i), d) for i in range(8)]
+    found = identify(logs, d, workers=2)
+    for name, value in truth.physical.items():
+        one = found.find(name)
+        half = 0.5 * (one.high - one.low)
+        assert abs(one.value - value) < 1.5 * half, name  # seven intervals of 95 %, three rigs
+        assert half < 0.04 * value, name
+    assert found.drive is not None and found.drive.scatter_z is not None
+    assert found.drive.scatter_z < 2.0 * truth.position_count
+
+
+@pytest.mark.slow
+def test_logs_of_two_carts_are_told_apart() -> None:
+    heavy = replace(TRUTH, cart_mass=1.1)
+    some = [log_of(f"a{i}", swing(TRUTH, i, 3.0), TRUTH.description) for i in range(2)]
+    some += [log_of(f"b{i}", swing(heavy, 9 + i, 3.0), TRUTH.description) for i in range(2)]
+    with pytest.raises(AflMujocoError, match="logs must be of one cart-pole, got acceleration of"):
+        identify(some, TRUTH.description, workers=2)
 
 
 @pytest.mark.slow

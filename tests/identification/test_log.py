@@ -53,10 +53,31 @@ def test_missing_rows_are_counted_and_time_goes_on(columns) -> None:
     assert log.time[30] - log.time[29] == pytest.approx(3.0 * log.period)
 
 
-def test_uneven_stamps_are_kept(columns) -> None:
-    time = columns["time"] + 0.008 * np.sin(np.arange(len(columns["time"])))
-    log = log_of("mine", {**columns, "time": time}, PLAIN)
-    assert log.time == pytest.approx(time - time[0], abs=1e-9)
+def test_stamps_that_the_readings_follow_are_kept_and_others_are_not() -> None:
+    even = 0.02 * np.arange(300)
+    uneven = even + np.random.default_rng(0).normal(0.0, 0.004, 300)  # a fifth of the period
+
+    def read(at, stamps):
+        columns = {"phi": np.sin(5.0 * at), "z": 0.3 * np.cos(3.0 * at), "command": 0.0 * at}
+        return log_of("mine", {"time": stamps, **columns}, PLAIN)
+
+    followed, late = read(uneven, uneven), read(even, uneven)
+    assert followed.time == pytest.approx(uneven - uneven[0], abs=1e-9)
+    assert np.ptp(np.diff(late.time)) < 1e-9
+    for log in (followed, late):
+        assert log.missing == 0 and log.jitter == pytest.approx(0.004, rel=0.1)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.1, 0.3])
+def test_lost_rows_are_found_however_the_stamps_scatter(columns, scatter) -> None:
+    rng = np.random.default_rng(1)
+    count = len(columns["time"])
+    kept = rng.random(count) > 0.05
+    kept[[0, -1]] = True
+    time = 1e4 + 0.02 * (np.arange(count) + rng.uniform(-scatter, scatter, count))
+    table = {name: values[kept] for name, values in {**columns, "time": time}.items()}
+    log = log_of("mine", table, PLAIN)
+    assert list(log.slots) == list(np.flatnonzero(kept))
 
 
 def test_units_and_signs(columns) -> None:

@@ -46,7 +46,7 @@ def test_friction_takes_energy_as_it_says() -> None:
 
 def test_a_recorded_motion_of_the_cart_predicts_the_recorded_pole() -> None:
     truth = Truth()
-    windows = cut([log_of("a", swing(truth, 3), truth.description)], 0.5, 0.5)
+    windows = cut([log_of("a", swing(truth, 3), truth.description)], 0.5, 0.5, least=None)
     values = {**truth.expected, "friction": 0.0, "compliance": 0.0}
     driven = pole.Drive(windows=windows, gravity=9.81)
 

@@ -18,7 +18,7 @@ VALUES = {
 
 @pytest.fixture(scope="module")
 def windows():
-    return cut([log_of("a", swing(TRUTH, 5), TRUTH.description)], 0.5, 0.5).finer(2)
+    return cut([log_of("a", swing(TRUTH, 5), TRUTH.description)], 0.5, 0.5, least=None).finer(2)
 
 
 def test_ratios_become_masses_and_forces_of_the_given_pole() -> None:

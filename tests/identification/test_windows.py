@@ -20,7 +20,9 @@ def log():
 
 def test_windows_share_their_ends_and_reach_the_last_row(log) -> None:
     windows = cut([log], 0.5, 0.5)
-    assert windows.time.shape == (7, 26)
+    assert windows.time.shape == (8, 26)
+    assert list(windows.there.sum(axis=1)) == [26.0] * 7 + [25.0]  # of 200 rows
+    assert (windows.dropped, windows.share) == (0, 1.0)
     assert windows.time[1:, 0] == pytest.approx(windows.time[:-1, -1])
     assert windows.steps * windows.step >= windows.time[0, -1] - windows.time[0, 0] + log.period
     assert windows.finer(2).step == windows.step / 2
@@ -31,7 +33,8 @@ def test_a_window_that_begins_where_the_angle_is_unknown_is_left_out(log) -> Non
     valid = log.valid.copy()
     valid[25:40] = False
     windows = cut([replace(log, valid=valid)], 0.5, 0.5)
-    assert list(windows.first) == [0, 50, 75, 100, 125, 150]
+    assert list(windows.first) == [0, 50, 75, 100, 125, 150, 175]
+    assert windows.dropped == 1
 
 
 def test_of_readings_that_are_close_together_some_are_read(log) -> None:
@@ -42,6 +45,21 @@ def test_of_readings_that_are_close_together_some_are_read(log) -> None:
     assert np.diff(windows.time[0]).min() == pytest.approx(0.01, rel=1e-3)
 
 
+def test_a_lost_row_ends_a_window_and_the_next_begins_after_it() -> None:
+    columns = swing(TRUTH, 5)
+    kept = np.delete(np.arange(200), [12, 60, 65, 130])
+    log = log_of("a", {name: values[kept] for name, values in columns.items()}, TRUTH.description)
+    windows = cut([log], 0.5, 0.5)
+    spans = [(float(t[0]), float(t[m > 0.0][-1])) for t, m in zip(
+        windows.time / log.period, windows.there, strict=True)]  # fmt: skip
+    assert np.round(spans).tolist() == [
+        *([0.0, 11.0], [13.0, 38.0], [38.0, 59.0], [66.0, 91.0], [91.0, 116.0], [116.0, 129.0]),
+        *([131.0, 156.0], [156.0, 181.0], [181.0, 199.0]),
+    ]
+    assert windows.dropped == 1  # rows 61 to 64
+    assert windows.share == pytest.approx(1.0 - 11.0 / 199.0, abs=1e-3)
+
+
 def test_logs_shorter_than_a_window(log) -> None:
     with pytest.raises(AflMujocoError, match="logs must include one longer than 9 s"):
-        cut([log], 9.0, 1.0)
+        cut([log], 9.0, 1.0, least=None)

@@ -1,8 +1,13 @@
 """The drawing backend: what the user set, else what is installed, else none."""
 
 import ctypes.util
+import importlib.util
 import os
+import shutil
+import subprocess
+import sys
 
+import numba._dynfunc
 import pytest
 
 from afl_mujoco.graphics import choose_backend
@@ -80,3 +85,27 @@ def test_a_film_is_drawn_whatever_platform_pyopengl_is_told(graphics, tmp_path):
     result = run("render", *arguments, "--out", ".", cwd=tmp_path, PYOPENGL_PLATFORM="glx")
     assert result.returncode == 0, result.stderr
     assert (tmp_path / "short-lqr.png").is_file()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("backend", ["egl", "disable"])
+def test_pytorch_s_compiler_is_loaded_before_mesa_s_where_it_is_installed(tmp_path, backend):
+    """Mesa's LLVM would take the place of its own. Any library stands for it here."""
+    (folder := tmp_path / "triton" / "_C").mkdir(parents=True)
+    (tmp_path / "triton" / "__init__.py").write_text("raise SystemExit('imported')")
+    shutil.copy(numba._dynfunc.__file__, folder / "libtriton.so")
+    program = (
+        "from afl_mujoco.graphics import choose_backend; choose_backend(); "
+        "print(open('/proc/self/maps').read().count('libtriton') > 0)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "MUJOCO_GL": backend}
+    ended = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True
+    )
+    assert ended.stdout.split() == [str(backend != "disable")], ended.stderr
+
+
+@pytest.mark.skipif(importlib.util.find_spec("triton") is None, reason="needs the extra rl")
+def test_the_environment_and_pytorch_s_compiler_live_in_one_process(graphics):
+    program = "import afl_mujoco.simulation.gym_env.environment, torch, triton"
+    assert subprocess.run([sys.executable, "-c", program]).returncode == 0

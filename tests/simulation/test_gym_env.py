@@ -498,6 +498,97 @@ def test_a_policy_is_a_controller_and_repeats_its_episode(parameters: str) -> No
     np.testing.assert_array_equal(found, states[: len(found)])
 
 
+SLOPES = np.array([-0.3, 2.0, -0.5, 1.0, 0.01, 0.01])
+
+
+def share_of(seen):
+    """A policy: the share of the largest force for an observation."""
+    return np.array([np.tanh(-SLOPES @ np.asarray(seen, dtype=float))])
+
+
+def normalised(environment):
+    """An environment whose statistics were learned and are frozen."""
+    found = gymnasium.wrappers.NormalizeObservation(environment)
+    for seed in range(2):
+        found.reset(seed=seed)
+        found.step(np.zeros(1))
+    found.update_running_mean = False
+    return found
+
+
+def wrapped(name):
+    """Return an environment in wrappers, and a policy that was trained with them."""
+    w, env = gymnasium.wrappers, CartPoleEnv("trapezoid-step")
+    scaled = gymnasium.spaces.Box(-np.inf, np.inf, (6,))
+    if name == "action":
+        return w.RescaleAction(env, np.array([-64.0]), np.array([64.0])), lambda o: 64 * share_of(o)
+    if name == "observation":
+        return w.TransformObservation(env, lambda o: 10 * o, scaled), lambda o: share_of(o / 10)
+    if name == "statistics":
+        env = normalised(env)
+        return env, lambda o: share_of(o * np.sqrt(env.obs_rms.var) + env.obs_rms.mean)
+    if name == "order":  # of observations from the inside out, of actions from the outside in
+        env = w.TransformObservation(env, lambda o: o + 0.01, scaled)
+        env = w.TransformObservation(env, lambda o: 2 * o, scaled)
+        env = w.TransformAction(env, lambda a: a**3, env.action_space)
+        env = w.TransformAction(env, lambda a: a + 0.01, env.action_space)
+        return w.RecordEpisodeStatistics(w.TimeLimit(w.ClipAction(env), 1000)), share_of
+    return env, lambda o, deterministic=False: (share_of(o) if deterministic else None, None)
+
+
+@needs_gymnasium
+@pytest.mark.parametrize("name", ["action", "observation", "statistics", "order", "predict"])
+def test_a_policy_acts_through_the_wrappers_it_was_trained_with(name: str) -> None:
+    environment, predict = wrapped(name)
+    policy = policy_controller(predict, environment)
+    scenario = afl.SCENARIOS["trapezoid-step"]
+    run = afl.simulate_mujoco(scenario, policy, "sampled", control_period=CONTROL_PERIOD)
+    seen, _ = environment.reset()
+    forces, ended = [], False
+    while not ended:
+        action = predict(seen, deterministic=True)[0] if name == "predict" else predict(seen)
+        seen, _, terminated, truncated, told = environment.step(action)
+        forces.append(told["force"])
+        ended = terminated or truncated
+    assert len(forces) > 20
+    np.testing.assert_array_equal(run.force[:-1:20][: len(forces)], forces)
+
+
+class Sticky:
+    """A policy that returns a state."""
+
+    def predict(self, seen, state=None):
+        return np.zeros(1), (1.0,)
+
+
+@needs_gymnasium
+@pytest.mark.parametrize(
+    ("wrap", "message"),
+    [
+        (lambda w, e: w.FrameStackObservation(e, 2), "wrapper FrameStackObservation of the "
+         "environment must change observations or actions one by one"),
+        (lambda w, e: w.TimeAwareObservation(w.TimeLimit(e, 10)), "wrapper TimeAwareObservation of "
+         "the environment must depend on the present observation or action alone"),
+        (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
+        (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
+         "must be frozen: set update_running_mean = False"),
+        (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a CartPoleEnv or "),
+    ],
+    ids=["frames", "time", "sticky", "learning", "vector"],
+)  # fmt: skip
+def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, message: str) -> None:
+    environment = wrap(gymnasium.wrappers, CartPoleEnv("nominal"))
+    with pytest.raises(InvalidValueError, match=message):
+        policy_controller(share_of, environment)
+
+
+@needs_gymnasium
+def test_a_policy_with_memory_is_refused() -> None:
+    policy = policy_controller(Sticky().predict, CartPoleEnv("nominal"))
+    with pytest.raises(InvalidValueError, match="must not return a state: a recurrent policy"):
+        policy(0.0, np.zeros(4), afl.CartPoleParameters())
+
+
 @needs_gymnasium
 def test_a_picture_shows_the_cart_the_pole_and_the_force(graphics: None) -> None:
     heavy = replace(afl.SCENARIOS["nominal"], cart_mass=afl.constant(2.0))

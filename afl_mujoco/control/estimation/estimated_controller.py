@@ -68,9 +68,9 @@ class EstimatedController(Controller):
         rule = 'uses the estimator; only mode "sampled" supports it'
         return InvalidValueError(f"controller {self.name!r}", rule)
 
-    def estimator_for(self, plants: PlantRange) -> Estimator:
+    def estimator_for(self, start: CartPoleParameters) -> Estimator:
         """Return controller and settings as compiled loops take them."""
-        settings, assumed = self.settings.on(plants)
+        settings, assumed = self.settings.on(start)
         masses, lengths = (np.linspace(*ends, GRID) for ends in assumed[:2])
         self.controller.inputs_along_run(  # raises if a gain is not positive
             *np.meshgrid(masses, lengths), assumed.pole_mass, assumed.gravity
@@ -80,6 +80,20 @@ class EstimatedController(Controller):
     def remarks(self, plants: PlantRange) -> list[str]:
         """Return the remarks of the controller inside."""
         return self.controller.remarks(plants)
+
+    def estimator_remarks(self, start: CartPoleParameters, plants: PlantRange) -> list[str]:
+        """Return where the plant leaves the range of the estimates."""
+        _, assumed = self.settings.on(start)
+        return [
+            f"{symbol} goes to {value:g} {unit}, beyond the {least:g} to {largest:g} {unit} that "
+            f"the estimator may assume ({name} of EstimatorSettings)"
+            for symbol, unit, name, (least, largest), ends in (
+                ("M", "kg", "cart_mass_range", assumed.cart_mass, plants.cart_mass),
+                ("l", "m", "half_length_range", assumed.half_length, plants.half_length),
+            )
+            for value in sorted({*ends})
+            if not least <= value <= largest
+        ]
 
     def without_estimator(self) -> Controller:
         """Return the controller inside, which sees the true M and l."""

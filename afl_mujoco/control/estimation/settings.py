@@ -13,6 +13,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import (
     CART_MASSES,
     HALF_LENGTHS,
+    CartPoleParameters,
     PlantRange,
     require_positive,
     require_type,
@@ -72,8 +73,10 @@ class EstimatorSettings:
     speed_spread, rate_spread
         Standard deviation of the velocities, which are assumed to be zero then [m/s, rad/s].
     cart_mass_range, half_length_range
-        Least and largest M [kg] and l [m] that are ever assumed: by default the box of the paper
-        and the plants of the scenario, widened by a quarter at either end.
+        Least and largest M [kg] and l [m] that are ever assumed, as one knows them of the hardware
+        and its loads. By default the box of the paper, widened by a quarter at either end, and half
+        to twice the M and l at the start of a run: the plant as it is set up is known, what it
+        becomes is not. A plant beyond them is estimated at the bound, which a remark says.
     pole_mass, gravity
         m [kg] and g [m/s^2], which are known: by default those of the scenario.
     force_sensed
@@ -123,13 +126,14 @@ class EstimatorSettings:
                 rule = f"must lie in {name}_range, {least:g} to {largest:g}"
                 raise InvalidValueError(f"initial_{name}", rule, value)
 
-    def on(self, plants: PlantRange) -> tuple[Any, PlantRange]:
+    def on(self, start: CartPoleParameters) -> tuple[Any, PlantRange]:
         """Return the settings as the compiled estimator takes them, and the plants it may assume.
 
         Parameters
         ----------
-        plants
-            The plants of the scenario, used for settings that are not given.
+        start
+            The plant at the start of a run, used for settings that are not given. What the plant
+            becomes later must not be known here: the estimator would see the future.
 
         Returns
         -------
@@ -137,26 +141,15 @@ class EstimatorSettings:
             A record with the fields of `SETTINGS`.
         assumed
             The plants that the controller is designed for.
-
-        Raises
-        ------
-        InvalidValueError
-            If a range that is given does not hold the plants.
         """
-        masses = _covering(
-            "cart_mass_range",
-            self.cart_mass_range,
-            plants.cart_mass,
-            (*CART_MASSES, self.initial_cart_mass),
+        masses = self.cart_mass_range or _around(
+            start.cart_mass, (*CART_MASSES, self.initial_cart_mass)
         )
-        lengths = _covering(
-            "half_length_range",
-            self.half_length_range,
-            plants.half_length,
-            (*HALF_LENGTHS, self.initial_half_length),
+        lengths = self.half_length_range or _around(
+            start.half_length, (*HALF_LENGTHS, self.initial_half_length)
         )
-        pole_mass = plants.pole_mass if self.pole_mass is None else self.pole_mass
-        gravity = plants.gravity if self.gravity is None else self.gravity
+        pole_mass = start.pole_mass if self.pole_mass is None else self.pole_mass
+        gravity = start.gravity if self.gravity is None else self.gravity
         assumed = PlantRange(masses, lengths, pole_mass, gravity)
         return self._record(assumed), assumed
 
@@ -187,23 +180,16 @@ class EstimatorSettings:
 
 
 MORE = 1.25
-"""Factor by which an estimate may go beyond the plants at either end."""
+"""Factor by which an estimate may go beyond the usual plants at either end."""
+
+CHANGED = 2.0
+"""Factor by which an estimate may go beyond the plant at the start of a run: a load as heavy as the
+cart, a pole drawn out to twice its length."""
 
 
-def _covering(
-    name: str,
-    given: tuple[float, float] | None,
-    plants: tuple[float, float],
-    usual: tuple[float, ...],
-) -> tuple[float, float]:
-    """Return the range in which an estimate is kept, or raise if a given one leaves plants out."""
-    if given is None:
-        return min(*plants, *usual) / MORE, max(*plants, *usual) * MORE
-    for value in plants:
-        if not given[0] <= value <= given[1]:
-            rule = f"must hold the scenario's {value:g}"
-            raise InvalidValueError(f"{name} of the estimator", rule, given)
-    return given
+def _around(start: float, usual: tuple[float, ...]) -> tuple[float, float]:
+    """Return the range in which an estimate of M or l is kept if none is given."""
+    return min(start / CHANGED, min(usual) / MORE), max(start * CHANGED, max(usual) * MORE)
 
 
 def _range(name: str, value: object) -> tuple[float, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ from afl_mujoco.scenario.ranges import SCHEDULES
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
+from afl_mujoco.simulation.gym_env.wrappers import changes_of
 from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
@@ -249,28 +252,62 @@ def _scale_of(scenario: Scenario, space: SampleSpace | None) -> NDArray[np.float
 
 
 def policy_controller(
-    predict: Callable[[NDArray[np.float64]], ArrayLike], environment: gymnasium.Env
+    predict: Callable[..., Any], environment: gymnasium.Env
 ) -> Callable[[float, NDArray[np.float64], CartPoleParameters], float]:
     """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
 
-    It acts as in the environment: held for the same control period, it repeats the episode.
+    It acts as in the environment, through its wrappers: held for the same control period, it
+    repeats the episode. It has no memory: the policy is read and not copied.
 
     Parameters
     ----------
     predict
-        Function that takes an observation and returns an action, shape (1,).
+        Function that takes an observation and returns an action, or an action and a state, which
+        must be None, as ``predict`` of Stable-Baselines3's models does. One with an argument
+        ``deterministic`` is called with True.
     environment
-        The environment on which the policy was trained, a `CartPoleEnv` or a wrapper of one.
+        The environment on which the policy was trained, a `CartPoleEnv` or wrappers of one that
+        change observations or actions one by one.
+
+    Raises
+    ------
+    InvalidValueError
+        If the environment is none, or a wrapper cannot be repeated outside it.
     """
-    env: CartPoleEnv = environment.unwrapped
-    scale, limit = env.scale, env.force_limit
+    env = getattr(environment, "unwrapped", environment)
+    if not isinstance(env, CartPoleEnv):
+        rule = "must be a CartPoleEnv or wrappers of one, not a vector of them"
+        raise InvalidValueError("environment of a policy", rule, type(env).__name__)
+    scale, limit = env.scale.copy(), env.force_limit
+    see, act = changes_of(environment)
+    if _asks_whether_deterministic(predict):
+        predict = functools.partial(predict, deterministic=True)
 
     def policy(time: float, state: NDArray[np.float64], belief: CartPoleParameters) -> float:
         values = np.array([*state, belief.cart_mass, belief.half_length])[: len(scale)]
-        (action,) = np.asarray(predict(observed(values, scale)), dtype=np.float64).ravel()
-        return limit * min(max(float(action), -1.0), 1.0)
+        action = predict(see(observed(values, scale)))
+        if isinstance(action, tuple):
+            action, memory = action
+            if memory is not None:
+                rule = "must not return a state: a recurrent policy has memory"
+                raise InvalidValueError("predict of a policy", rule)
+        share = np.asarray(act(action), dtype=np.float64).ravel()
+        if share.shape != (1,):
+            rule = "must give one number, the share of the largest force"
+            raise InvalidValueError("action of a policy", rule, f"{len(share)}")
+        return limit * min(max(float(share[0]), -1.0), 1.0)
 
     return policy
+
+
+def _asks_whether_deterministic(predict: Callable[..., Any]) -> bool:
+    """Return whether a function takes ``deterministic``, and it is not given yet."""
+    if isinstance(predict, functools.partial) and "deterministic" in predict.keywords:
+        return False
+    try:
+        return "deterministic" in inspect.signature(predict).parameters
+    except (TypeError, ValueError):  # of a builtin
+        return False
 
 
 def initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:

@@ -205,7 +205,9 @@ def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> Prepa
         actuator=actuator_of(r, timing.timestep, count),
         profile=input_profile(s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
-        estimator=controller.estimator_for(s.plants._replace(pole_mass=pole_mass, gravity=gravity)),
+        estimator=controller.estimator_for(
+            replace(s.parameters_at(0.0), pole_mass=pole_mass, gravity=gravity)
+        ),
         inputs=controller.inputs_along_run(*told, pole_mass, gravity),
     )
 

@@ -13,10 +13,10 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.export import certain
 from afl_mujoco.identification.identify import (
-    WINDOW,
     Identified,
     identify_pole,
     require_radians,
+    windows_of,
 )
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import (
@@ -28,7 +28,6 @@ from afl_mujoco.identification.prediction import (
     starts_of,
     straight_on,
 )
-from afl_mujoco.identification.windows import cut
 from afl_mujoco.studies.contract import Progress, silent
 from afl_mujoco.studies.hardware.outlook import outlook
 from afl_mujoco.studies.hardware.protocol import Prediction, load_protocol
@@ -123,7 +122,7 @@ def validate(
 
 def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
     """Return the terms of the pole's equation, estimated again from the recordings alone."""
-    found, _ = identify_pole(cut(logs, WINDOW, WINDOW), identified.description)
+    found, _ = identify_pole(windows_of(logs), identified.description)
     expected = {
         "gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0,
     }  # fmt: skip

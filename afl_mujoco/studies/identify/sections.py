@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import PurePath
 
 from afl_mujoco.document.blocks import Block, Command, Figure, Finding, Section, Text
-from afl_mujoco.document.numbers import short
+from afl_mujoco.document.numbers import percent, short
 from afl_mujoco.identification.identify import WINDOW
 from afl_mujoco.identification.least_squares import FEW_CLUSTERS
 from afl_mujoco.studies.identified_parts import (
@@ -69,8 +69,11 @@ def _what(result: Result) -> str:
     left += f" ({short(one.pole.scatter_phi / d.angle_count, 2)} counts)" if d.angle_count else ""
     text = (
         f"{len(one.logs)} log{'s' * (len(one.logs) > 1)}, {short(one.seconds, 3)} s in all, one "
-        f"row every {short(1e3 * one.period)} ms. The model is fitted to windows of "
-        f"{short(WINDOW)} s, each with its own initial state. Residuals: {left} for the pole "
+        f"row every {short(1e3 * one.period)} ms. The model is fitted to {one.pole.windows} "
+        f"windows of at most {short(WINDOW)} s, each with its own initial state, which hold "
+        f"{percent(one.share, 3)} of that; {one.dropped or 'no'} "
+        f"{'stretches are' if one.dropped != 1 else 'stretch is'} left out, too short between lost "
+        f"rows or without a known angle at the start. Residuals: {left} for the pole "
         "alone, driven by the recorded motion of the cart"
     )
     if one.drive is not None:

@@ -1,4 +1,4 @@
-"""The scenario files of the named readings, one for each case."""
+"""The scenario files of the fitted readings, one for each case."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from afl_mujoco.studies.readings.sensitivity import Sensitivity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NamedReading:
+class FittedReading:
     """The reading found nearest to a goal.
 
     Attributes
@@ -90,7 +90,7 @@ class Result:
     """
 
     seed: int
-    readings: tuple[NamedReading, ...]
+    readings: tuple[FittedReading, ...]
     draws: int
     sensitivity: Sensitivity
     optima: tuple[Optima, ...]
@@ -102,7 +102,7 @@ def named_readings(
     found: Sequence[Found],
     started: Sequence[str],
     descended: Sequence[Found],
-) -> tuple[NamedReading, ...]:
+) -> tuple[FittedReading, ...]:
     """Return the best reading of each goal, searched freely and among round numbers.
 
     Parameters
@@ -121,12 +121,12 @@ def named_readings(
     return tuple(named)
 
 
-def _named(goal: str, is_round: bool, found: Sequence[Found]) -> NamedReading:
+def _named(goal: str, is_round: bool, found: Sequence[Found]) -> FittedReading:
     """Return the best of the readings found for a goal."""
     values, error, _ = min(found, key=lambda one: one[1])
     one = np.array(values)[None]
     objectives = scaled(terms_of(one).objectives(one))
-    return NamedReading(
+    return FittedReading(
         name=f"{'round' if is_round else 'nearest'}-{goal}",
         goal=goal,
         round=is_round,

@@ -32,7 +32,7 @@ from afl_mujoco.studies.paper_readings import (
 from afl_mujoco.studies.paper_tables import OPTIMAL, PUBLISHED_RMSE, published_rows
 from afl_mujoco.studies.readings.figures import draw_sensitivity
 from afl_mujoco.studies.readings.optima import Optima
-from afl_mujoco.studies.readings.result import NamedReading, Result
+from afl_mujoco.studies.readings.result import FittedReading, Result
 from afl_mujoco.studies.readings.search import GOALS, round_count
 
 IMPROVEMENTS = ("improvements-d4", "improvements")
@@ -54,24 +54,30 @@ def sections(result: Result) -> list[Section]:
     blocks = (
         Finding("Table 3", _table_3(result)),
         text,
-        _nearest(result),
-        _values(result),
-        _schedules(result),
-        Text(
-            "A case in MuJoCo (a minute; a pole of 5 cm is stiff, so that fixed steps need to be "
-            "shorter than 1 ms):"
-        ),
-        Command(
-            "Validate a case",
-            ["afl-mujoco", "validate", file, "--timestep", "0.00025"],
-        ),
         Section(
             "Random readings",
             "random-readings",
             (
-                Finding("The first levels decide", _drivers(result)),
                 _random(result),
+                Finding("The first levels decide", _drivers(result)),
                 _figure(result),
+            ),
+        ),
+        Section(
+            "Fitted readings",
+            "fitted-readings",
+            (
+                _nearest(result),
+                _values(result),
+                _schedules(result),
+                Text(
+                    "A case in MuJoCo (a minute; a pole of 5 cm is stiff, so that fixed steps need "
+                    "to be shorter than 1 ms):"
+                ),
+                Command(
+                    "Validate a case",
+                    ["afl-mujoco", "validate", file, "--timestep", "0.00025"],
+                ),
             ),
         ),
         Section("Table 1 under every scale", "readings-optima", _optima(result)),
@@ -81,7 +87,7 @@ def sections(result: Result) -> list[Section]:
 
 
 def _table_3(result: Result) -> str:
-    """Say how near readings come to Table 3, and how rare that is."""
+    """Say how rare a reading near Table 3 is, and that one can be fitted."""
     found = result.sensitivity
     improved, valued = (
         min((one for one in result.readings if one.goal in goals), key=lambda one: one.error)
@@ -89,11 +95,12 @@ def _table_3(result: Result) -> str:
     )
     in_round = min(one.error for one in result.readings if one.round and one.goal in IMPROVEMENTS)
     return (
-        f"The four improvements can be had: under the reading {improved.name} they are within "
-        f"{short(improved.error, 2)} percentage points of the paper's (rms), in round numbers "
-        f"within {short(in_round, 2)}. Such readings are rare: of {short(found.samples)} drawn at "
-        f"random {found.all_near} have all four within {NEAR:g} points, {short(found.all_half)} "
-        "at least half of every improvement. The eight values of the objective are met to "
+        f"Of {short(found.samples)} readings drawn at random {found.all_near or 'none'} "
+        f"{'has' if found.all_near == 1 else 'have'} all four improvements within {NEAR:g} points "
+        f"of the paper's, {short(found.all_half)} at least half of every one. A reading can be "
+        f"fitted to Table 3, which is no evidence for it: {improved.name} comes within "
+        f"{short(improved.error, 2)} percentage points (rms), one in round numbers within "
+        f"{short(in_round, 2)}, and the eight values of the objective are met to "
         f"{short(valued.error, 2)} % (rms) under {valued.name}."
     )
 
@@ -104,7 +111,7 @@ def _reading_columns() -> tuple[Column, ...]:
 
 
 def _nearest(result: Result) -> Table:
-    """Return the named readings with their improvements."""
+    """Return the fitted readings with their improvements."""
     rows: list[tuple[Cell | str, ...]] = [
         ("Table 3", "", "", "", *(fixed(x, 2) for x in PUBLISHED_IMPROVEMENTS))
     ]
@@ -120,8 +127,9 @@ def _nearest(result: Result) -> Table:
     ]
     return Table(
         caption=(
-            "The readings found nearest to Table 3, and the improvement of the objective in % "
-            "under each. Round: times in half seconds, levels from the paper's grids, one of "
+            "Readings fitted to Table 3 (the error is what the search made least), and the "
+            "improvement of the objective in % under each. Round: times in half seconds, levels "
+            "from the paper's grids, one of "
             f"{scientific(float(round_count()), 1)} readings without their scales; descents from "
             f"the best of {result.draws} drawn and from the nearest found freely, so a nearer one "
             "may exist. Each case of each reading is a scenario file beside this result"
@@ -138,7 +146,7 @@ def _nearest(result: Result) -> Table:
 
 
 def _values(result: Result) -> Table:
-    """Return the objectives under the named readings."""
+    """Return the objectives under the fitted readings."""
 
     def pairs(values: Iterable[Iterable[float]]) -> list[str]:
         return [", ".join(fixed(x, 3) for x in pair) for pair in values]
@@ -146,7 +154,7 @@ def _values(result: Result) -> Table:
     rows: list[tuple[Cell | str, ...]] = [("Table 3", *pairs(PUBLISHED.tolist()))]
     rows += [(Cell(one.name, code=True), *pairs(one.objectives)) for one in result.readings]
     return Table(
-        summary="Objectives under the named readings",
+        summary="Objectives under the fitted readings",
         caption=(
             "Objective with fixed and with adaptive gains, at the common scale that brings the "
             "eight values nearest to Table 3"
@@ -157,9 +165,9 @@ def _values(result: Result) -> Table:
 
 
 def _schedules(result: Result) -> Table:
-    """Return what the named readings are."""
+    """Return what the fitted readings are."""
     return Table(
-        summary="What the named readings are",
+        summary="What the fitted readings are",
         caption=(
             "Levels and times of the schedules, horizon, scales relative to D4's, labels of K and "
             "Φ (D2) and largest force (D5)"
@@ -187,7 +195,7 @@ def _schedules(result: Result) -> Table:
     )
 
 
-def _schedule(one: NamedReading, symbol: str, shape: str) -> str:
+def _schedule(one: FittedReading, symbol: str, shape: str) -> str:
     """Return a schedule of a reading in few words."""
     times, levels = (one.vector[columns].tolist() for columns in SCHEDULES[symbol, shape])
     if len(times) > len(levels):

@@ -21,7 +21,7 @@ class Readings:
     and scales of the objective, labels of two columns, the sign of the largest force. Searches for
     the readings nearest to Table 3, freely and among round numbers; draws random readings and says
     what drives the improvement; counts the rows of Table 1 that are optima. Writes readings.json,
-    figures, and a scenario file of each case of each named reading, which validate and simulate
+    figures, and a scenario file of each case of each fitted reading, which validate and simulate
     take. A full run takes about fifteen minutes on two cores.
     """
 

@@ -42,7 +42,10 @@ def by_hand(scenario, controller):
     run = prepare(scenario, controller, timing_of(scenario, model, timestep=1e-3))
     pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 6))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
-    filtering, settings = estimator.new_filter(), controller.settings.on(scenario.plants)[0]
+    filtering, settings = (
+        estimator.new_filter(),
+        controller.settings.on(scenario.parameters_at(0.0))[0],
+    )
     loop.start(*plant, rows, run.initial_state)
     tick, command = 0, 0.0
     while memory["status"] == loop.RUNNING:
@@ -61,7 +64,7 @@ def by_hand(scenario, controller):
             scenario.gravity,
         )
         state = estimator.filtered_state(filtering)
-        compiled = controller.estimator_for(scenario.plants).compiled
+        compiled = controller.estimator_for(scenario.parameters_at(0.0)).compiled
         command = compiled_force(*compiled, *state, assumed_parameters)
         loop.advance(*plant[:2], run.actuator, *plant[2:], pending, rows, command)
         tick += 1

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 
@@ -46,6 +48,62 @@ def test_the_command_writes_estimates_a_scenario_and_a_figure(rig: Path, command
     assert scenario.imperfections.delay == found["delay"]["value"]
     assert (rig / "out" / "identify-log.png").is_file()
     assert 'id="identify"' in (rig / "out" / "report.html").read_text()
+
+
+def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> None:
+    path = rig / "logs" / "one.csv"
+    rows = path.read_text().splitlines()
+    rng = np.random.default_rng(3)
+    for share, code_due in ((0.05, 0), (0.2, 2)):
+        lost = rng.random(len(rows)) < share
+        path.write_text("\n".join([rows[0], *(r for r, x in zip(rows[1:], lost[1:], strict=True)
+                                              if not x)]))  # fmt: skip
+        code, output, errors = command_line(
+            "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1",
+            "--no-page",
+        )  # fmt: skip
+        assert code == code_due, output + errors
+        if code == 0:
+            said = re.search(r"(\d+) windows of at most 0.5 s.* hold ([\d.]+) %", " ".join(
+                output.split()))  # fmt: skip
+            assert said is not None and float(said[2]) > 80.0
+        else:
+            assert "logs must have 50 % of their duration in windows" in errors
+            assert "of the rows are lost" in errors
+
+
+def identify_logs(folder: Path, command_line, columns: dict) -> str:
+    """Write logs and identify them; return the error, which there must be."""
+    for name, c in columns.items():
+        write_log(folder / "logs" / f"{name}.csv", c["time"], c["phi"], c["z"], c["command"])
+    code, output, errors = command_line(
+        "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1"
+    )
+    assert code == 2, output
+    return errors
+
+
+def test_logs_of_two_poles_are_told_apart(rig: Path, command_line) -> None:
+    other = replace(TRUTH, half_length=0.24)
+    errors = identify_logs(rig, command_line, {"other": swing(other, 7, 1.6)})
+    assert re.search(
+        r"logs must be of one cart-pole, got gravity term w2 3\d.* in other and 3\d.* in one",
+        errors,
+    )
+
+
+def test_a_command_that_comes_after_its_force_is_named(rig: Path, command_line) -> None:
+    columns = {}
+    for name in ("one", "two"):
+        columns[name] = swing(TRUTH, len(name) + ord(name[0]), 2.0)
+        late = np.concatenate([[0.0], columns[name]["command"][:-1]])
+        columns[name]["command"] = late
+    errors = identify_logs(rig, command_line, columns)
+    said = re.search(
+        r"command must be in the row from which on it acts, got a force that acts ([\d.]+)", errors
+    )
+    assert said is not None, errors
+    assert float(said[1]) == pytest.approx(1e3 * (0.02 - TRUTH.delay), abs=1.0)
 
 
 def test_every_part_of_a_result_is_said() -> None:

@@ -20,11 +20,12 @@ from afl_mujoco.simulation.scoring import with_objective
 from afl_mujoco.studies.verification.claims import gains, schedules
 from afl_mujoco.studies.verification.claims.claim import (
     EVERY,
+    FITTED,
     IN_PART,
     NONE,
     NOT_REPRODUCED,
+    RANDOM,
     REPRODUCED,
-    SOME,
     UNDETERMINED,
     verdict,
 )
@@ -37,7 +38,7 @@ from afl_mujoco.studies.verification.claims.readings import Tried, try_readings
 from afl_mujoco.studies.verification.claims.search import search_claim
 
 PAPER = np.array(list(PUBLISHED_IMPROVEMENT.values()))
-TRIED = Tried(names=("one",), named=PAPER[None], random=np.repeat(PAPER[None], 3, axis=0))
+TRIED = Tried(names=("one",), fitted=PAPER[None], random=np.repeat(PAPER[None], 3, axis=0))
 SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
 
 
@@ -75,7 +76,7 @@ def test_runs_as_published_reproduce_every_claim_on_performance() -> None:
 
 @pytest.mark.parametrize(
     ("objective", "expected"),
-    [(0.66, EVERY), (0.75, SOME), (None, SOME)],
+    [(0.66, EVERY), (0.75, f"{RANDOM} in 100.0 %"), (None, f"{RANDOM} in 100.0 %")],
 )
 def test_an_improvement_is_judged_under_every_reading(objective, expected) -> None:
     runs = as_published()
@@ -86,16 +87,19 @@ def test_an_improvement_is_judged_under_every_reading(objective, expected) -> No
 def test_an_improvement_that_no_reading_has_holds_under_none() -> None:
     runs = as_published()
     runs["step-step", "adaptive"] = figures(0.85, 0.5, 4.0)
-    far = Tried(names=("one",), named=TRIED.named + 6.0, random=TRIED.random - 6.0)
+    far = Tried(names=("one",), fitted=TRIED.fitted + 6.0, random=TRIED.random - 6.0)
     claim = next(c for c in performance_claims(runs, far) if c.id == "C3")
     assert claim.verdict == NONE
-    assert "0 of the 1 named ones" in claim.why and "0.0 % of 3 drawn" in claim.why
+    assert "as 0 of 1 of" in claim.why and "0.0 % of 3 readings drawn" in claim.why
     lost = replace(far, random=np.full((3, 4), -np.inf))
     assert next(c for c in performance_claims(runs, lost) if c.id == "C3").verdict == NONE
-    one = replace(far, named=TRIED.named)
+    one = replace(far, fitted=TRIED.fitted)
     claim = next(c for c in performance_claims(runs, one) if c.id == "C3")
-    assert claim.verdict == SOME and "1 of the 1 named ones" in claim.why
+    assert claim.verdict == FITTED and "as 1 of 1 of" in claim.why and "is no evidence" in claim.why
     assert "on the schedules of D3 with the scales of D4 it is 15.0 %" in claim.why
+    half = replace(one, random=np.concatenate([TRIED.random, far.random]))
+    claim = next(c for c in performance_claims(runs, half) if c.id == "C3")
+    assert claim.verdict == "holds under random readings in 50.0 %"
 
 
 def test_a_run_that_never_settles_takes_from_c2_c7_and_c8() -> None:
@@ -190,14 +194,14 @@ def test_table_1_would_be_optimal_if_it_were_our_table(monkeypatch: pytest.Monke
         ).T,
         {},
     )
-    assert gains.optima_claim(table, SCALES).verdict == SOME
+    assert gains.optima_claim(table, SCALES).verdict == FITTED
     judged = gains.optima_claim(GainTable.shipped(), SCALES)
     assert judged.verdict == NONE
     assert "0 of 40 rows" in judged.why
     found = {"optima": [{"best": 40, "column_error": 0.1}]}
     monkeypatch.setattr(gains, "shipped_study", lambda: found)
     assert gains.optima_claim(table, SCALES).verdict == EVERY
-    assert gains.optima_claim(GainTable.shipped(), SCALES).verdict == SOME
+    assert gains.optima_claim(GainTable.shipped(), SCALES).verdict == FITTED
 
 
 def test_the_motion_does_not_depend_on_the_mass() -> None:

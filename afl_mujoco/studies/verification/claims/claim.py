@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 REPRODUCED, IN_PART = "reproduced", "reproduced in part"
 NOT_REPRODUCED, UNDETERMINED = "not reproduced", "cannot be determined"
-EVERY, SOME, NONE = (
-    f"holds under {which}" for which in ("every reading tried", "some readings", "no reading tried")
-)
-"""Verdicts on what hangs on what the paper leaves open (`studies.paper_readings`)."""
+EVERY, NONE = (f"holds under {which} reading tried" for which in ("every", "no"))
+RANDOM, FITTED = "holds under random readings", "some reading can be fitted"
+"""Verdicts on what hangs on what the paper leaves open (`studies.paper_readings`). To `RANDOM` the
+share is added. That a reading can be fitted, of so many unknowns, is no evidence that it is so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,10 +42,33 @@ class Claim:
     why: str
 
 
-def verdict_on_readings(holds: Iterable[bool]) -> str:
-    """Return the verdict on a claim from whether it holds under each reading tried."""
+def verdict_on_fits(holds: Iterable[bool]) -> str:
+    """Return the verdict on a claim from whether it holds under readings fitted to it."""
     found = list(holds)
-    return EVERY if all(found) else SOME if any(found) else NONE
+    return EVERY if all(found) else FITTED if any(found) else NONE
+
+
+def verdict_on_readings(assumed: bool, fitted: Iterable[bool], random: Sequence[bool]) -> str:
+    """Return the verdict on a claim from whether it holds under readings.
+
+    Parameters
+    ----------
+    assumed
+        Whether it holds under D3 and D4, which were chosen before any was tried.
+    fitted
+        Whether it does under each reading that was searched for so that it would.
+    random
+        Whether it does under each of those drawn at random.
+    """
+    if any(random):
+        share = sum(random) / len(random)
+        return EVERY if assumed and share == 1.0 else f"{RANDOM} in {100.0 * share:.1f} %"
+    return FITTED if assumed or any(fitted) else NONE
+
+
+def kind(verdict: str) -> str:
+    """Return a verdict without the share in it."""
+    return RANDOM if verdict.startswith(RANDOM) else verdict
 
 
 def verdict(share: float, enough: float = 1.0, least: float = 0.0) -> str:

@@ -28,7 +28,7 @@ from afl_mujoco.studies.verification.claims.claim import (
     REPRODUCED,
     UNDETERMINED,
     Claim,
-    verdict_on_readings,
+    verdict_on_fits,
 )
 
 EXACT = 1e-10
@@ -82,7 +82,7 @@ def optima_claim(table: GainTable, scales: ObjectiveScales) -> Claim:
         figure="median excess of the published gains over our optimum, 40 rows [%]",
         paper=0.0,
         here=100.0 * float(np.median(excess)),
-        verdict=verdict_on_readings([good == len(rows), *(n == len(rows) for n in at_best)]),
+        verdict=verdict_on_fits([good == len(rows), *(n == len(rows) for n in at_best)]),
         why=f"under D4 {good} of {len(rows)} rows come within {100 * OPTIMAL:g} % of our optimum "
         f"(better reading of the columns), excess {100 * excess.min():.0f} to "
         f"{100 * excess.max():.0f} %; lambda rises with M in the paper (rank correlation "

@@ -1,4 +1,4 @@
-"""Table 3 under readings of what the paper leaves open: those that are named, and random ones."""
+"""Table 3 under readings of what the paper leaves open: those fitted to it, and random ones."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ class Tried:
     Attributes
     ----------
     names
-        Names of the readings that `afl-mujoco readings` found, shape (K,).
-    named, random
+        Names of the readings that `afl-mujoco readings` fitted to Table 3, shape (K,).
+    fitted, random
         Improvements under those and under random readings [%], shapes (K, 4) and (N, 4); not finite
         where a run was lost.
     """
 
     names: tuple[str, ...]
-    named: NDArray[np.float64]
+    fitted: NDArray[np.float64]
     random: NDArray[np.float64]
 
 
 def try_readings(count: int) -> Tried:
-    """Return the improvements under the named readings and under random ones, computed anew."""
+    """Return the improvements under the fitted readings and under random ones, computed anew."""
     shipped = shipped_readings()
     readings = np.stack([*shipped.values(), *random_readings(count, SEED)])
     found = improvements(terms_of(readings).objectives(readings))
-    return Tried(names=tuple(shipped), named=found[: len(shipped)], random=found[len(shipped) :])
+    return Tried(names=tuple(shipped), fitted=found[: len(shipped)], random=found[len(shipped) :])
 
 
 def near(found: NDArray[np.float64], case: int) -> NDArray[np.bool_]:

@@ -22,20 +22,23 @@ from afl_mujoco.document.style import (
 )
 from afl_mujoco.studies.verification.claims.claim import (
     EVERY,
+    FITTED,
     IN_PART,
     NONE,
     NOT_REPRODUCED,
+    RANDOM,
     REPRODUCED,
-    SOME,
     UNDETERMINED,
     Claim,
+    kind,
 )
 
 VERDICTS: Mapping[str, tuple[str, str]] = {
     REPRODUCED: ("o", BLUE),
     EVERY: ("P", BLUE),
     IN_PART: ("D", ORANGE),
-    SOME: ("^", ORANGE),
+    RANDOM: ("^", ORANGE),
+    FITTED: ("^", ORANGE),
     NOT_REPRODUCED: ("X", VERMILION),
     NONE: ("v", VERMILION),
     UNDETERMINED: ("$?$", GREY),
@@ -57,7 +60,7 @@ def claims_figure(claims: Sequence[Claim], interval: Sequence[float] | None) -> 
     interval
         95 % confidence interval of the share in C9, if known.
     """
-    counts = {verdict: [c.id for c in claims if c.verdict == verdict] for verdict in VERDICTS}
+    counts = {verdict: [c.id for c in claims if kind(c.verdict) == verdict] for verdict in VERDICTS}
     said = "; ".join(f"{verdict}: {', '.join(ids)}" for verdict, ids in counts.items() if ids)
     return blocks.Figure(
         name="report-claims",
@@ -97,7 +100,7 @@ def _draw(claims: Sequence[Claim], interval: Sequence[float] | None) -> Figure:
 
 def _draw_words(axis: Axes, row: int, claim: Claim) -> None:
     """Draw the verdict's mark, the claim's name, what it says, and what its numbers count."""
-    marker, colour = VERDICTS[claim.verdict]
+    marker, colour = VERDICTS[kind(claim.verdict)]
     axis.plot(0.015, row, marker=marker, color=colour, markersize=9.0, clip_on=False)
     axis.text(0.045, row, claim.id, va="center", fontweight="bold")
     said, counted = (
@@ -110,7 +113,7 @@ def _draw_words(axis: Axes, row: int, claim: Claim) -> None:
 def _draw_numbers(axis: Axes, row: int, claim: Claim, interval: Sequence[float] | None) -> None:
     """Draw the two numbers of a claim that is counted in percent."""
     paper, here = claim.paper, claim.here
-    _, colour = VERDICTS[claim.verdict]
+    _, colour = VERDICTS[kind(claim.verdict)]
     if paper is not None and here is not None:
         axis.plot([paper, here], [row, row], color=GREY, linewidth=1.0, zorder=2)
     if interval is not None:
@@ -165,7 +168,7 @@ def _draw_legend(figure: Figure, claims: Sequence[Claim]) -> None:
     handles = {
         verdict: Line2D([], [], marker=marker, color=colour, linestyle="none", markersize=8.0)
         for verdict, (marker, colour) in VERDICTS.items()
-        if any(claim.verdict == verdict for claim in claims)
+        if any(kind(claim.verdict) == verdict for claim in claims)
     }
     handles["paper"] = Line2D(
         [], [], marker="o", color=BLACK, markerfacecolor="white", linestyle="none", markersize=8.0

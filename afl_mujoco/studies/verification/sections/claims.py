@@ -21,13 +21,15 @@ from afl_mujoco.document.numbers import fixed, interval, listed, percent, senten
 from afl_mujoco.studies.gain_figures import gains_figure
 from afl_mujoco.studies.verification.claims.claim import (
     EVERY,
+    FITTED,
     IN_PART,
     NONE,
     NOT_REPRODUCED,
+    RANDOM,
     REPRODUCED,
-    SOME,
     UNDETERMINED,
     Claim,
+    kind,
 )
 from afl_mujoco.studies.verification.claims.schedules import Comparison
 from afl_mujoco.studies.verification.figures.claims import claims_figure
@@ -38,7 +40,8 @@ STATUSES: Mapping[str, Status] = {
     REPRODUCED: "good",
     EVERY: "good",
     IN_PART: "neutral",
-    SOME: "neutral",
+    RANDOM: "neutral",
+    FITTED: "open",
     NOT_REPRODUCED: "bad",
     NONE: "bad",
     UNDETERMINED: "open",
@@ -49,7 +52,8 @@ WORDS = {
     REPRODUCED: "hold here",
     EVERY: "hold under every reading tried",
     IN_PART: "hold in part",
-    SOME: "hold under some readings of what the paper leaves open",
+    RANDOM: "hold under a share of random readings of what the paper leaves open",
+    FITTED: "hold under readings fitted to them",
     NOT_REPRODUCED: "do not hold",
     NONE: "hold under no reading tried",
     UNDETERMINED: "cannot be determined",
@@ -72,7 +76,7 @@ def claims_section(result: Result) -> Section:
             Finding("The paper's claims", _summary(result.claims)),
             Tally(
                 f"The paper's {len(result.claims)} claims",
-                [Tag(c.id, STATUSES[c.verdict], c.id, c.verdict) for c in result.claims],
+                [Tag(c.id, STATUSES[kind(c.verdict)], c.id, c.verdict) for c in result.claims],
             ),
             Text(
                 "What the paper says, its number, the number found here with the controller as "
@@ -112,7 +116,7 @@ def _table(result: Result) -> Table:
                 Cell(sentence(claim.claim), note=_note(result, claim)),
                 short(claim.paper),
                 short(claim.here, 3),
-                Cell(claim.verdict, status=STATUSES[claim.verdict]),
+                Cell(claim.verdict, status=STATUSES[kind(claim.verdict)]),
             )
             for claim in result.claims
         ],
@@ -161,7 +165,7 @@ def _summary(claims: Sequence[Claim]) -> str:
     """Say how many of the paper's claims hold."""
     told = []
     for verdict, words in WORDS.items():
-        ids = [claim.id for claim in claims if claim.verdict == verdict]
+        ids = [claim.id for claim in claims if kind(claim.verdict) == verdict]
         if len(ids) == 1:
             words = words.replace("do not", "does not").replace("hold ", "holds ", 1)
         if ids:

@@ -1,0 +1,95 @@
+"""Nothing before an instant depends on what comes after it: of every controller, in every mode."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.names import ESTIMATED, INFORMED, NAMES
+from afl_mujoco.scenario.disturbances import ForcePulse
+from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, Imperfections
+
+CHANGE = 0.6
+"""When the futures part [s]."""
+
+ESTIMATING = tuple(f"{name}{ESTIMATED}" for name in INFORMED)
+
+
+def imperfect():
+    """Every field of `Imperfections` alone, at its reference level, and all of them together."""
+    plain = {"velocity_filter": 0.01, "hinge_friction": 1e-3, "seed": 3}
+    found = {}
+    for field in fields(Imperfections):
+        declaration = DECLARATIONS[field.name]
+        if declaration.swept:
+            found[field.name] = declaration.swept[0].options(declaration.swept[0].reference)
+        elif declaration.drawn is not None:
+            found[field.name] = {field.name: declaration.drawn.range[1]}
+        else:
+            found[field.name] = {field.name: plain[field.name]}
+    together = {name: value for one in found.values() for name, value in one.items()}
+    return {"ideal": IDEAL} | {
+        name: Imperfections(**options) for name, options in {**found, "all": together}.items()
+    }
+
+
+IMPERFECT = imperfect()
+
+NEAR = afl.Scenario(
+    name="near",
+    duration=0.9,
+    initial_state=(0.0, 0.1, 0.0, 0.0),
+    cart_mass=afl.staircase((CHANGE,), (3.0, 3.0001)),
+    half_length=afl.staircase((CHANGE,), (1.2, 1.2001)),
+)
+FAR = replace(
+    NEAR,
+    name="far",
+    duration=1.2,
+    cart_mass=afl.staircase((CHANGE,), (3.0, 12.0)),
+    half_length=afl.staircase((CHANGE,), (1.2, 0.3)),
+    disturbances=(ForcePulse(force=60.0, start=0.7, duration=0.1),),
+)
+
+
+def differing(controller, mode, imperfections=IDEAL):
+    """Return the times before the change at which state or force differ, and one run."""
+    found = afl.find_controller(controller)
+    scenarios = [replace(one, imperfections=imperfections) for one in (NEAR, FAR)]
+    if mode == "ode":
+        runs = [afl.simulate_ode(one, found) for one in scenarios]
+    else:
+        runs = [afl.simulate_mujoco(one, found, mode) for one in scenarios]
+    count = int(np.searchsorted(runs[0].time, CHANGE))
+    assert all(len(run.time) >= count for run in runs), [str(run.outcome) for run in runs]
+    time, state, force = (
+        [getattr(run, name)[:count] for run in runs] for name in ("time", "state", "force")
+    )
+    np.testing.assert_array_equal(*time)
+    unequal = (state[0] != state[1]).any(axis=1) | (force[0] != force[1])
+    return time[0][unequal], runs[0]
+
+
+@pytest.mark.parametrize("controller", [*NAMES, *ESTIMATING])
+def test_two_futures_give_the_same_past_to_the_last_bit(controller):
+    leaking = {
+        name: times[0]
+        for name, imperfections in IMPERFECT.items()
+        if len(times := differing(controller, "sampled", imperfections)[0])
+    }
+    assert leaking == {}
+
+
+def test_a_plant_that_leaves_the_range_of_the_estimator_is_remarked_on():
+    said = afl.compare(FAR, ["lqr-estimated", "lqr"]).runs
+    (remark,) = [one for one in said[0].remarks if "estimator" in one]
+    assert remark.startswith("M goes to 12 kg, beyond the 0.08 to 6 kg that the estimator may")
+    assert not [one for one in said[1].remarks if "estimator" in one]
+
+
+@pytest.mark.parametrize("mode", ["exact", "continuous", "ode"])
+@pytest.mark.parametrize("controller", INFORMED)
+def test_nor_does_the_past_of_the_other_modes_know_the_future(controller, mode):
+    times, _ = differing(controller, mode)
+    assert times.size == 0
