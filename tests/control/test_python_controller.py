@@ -101,6 +101,9 @@ class Brief:
 class Tensor:
     """What a library of gradients returns: NumPy cannot take it before it is detached."""
 
+    def __str__(self):
+        return "Tensor"  # the same test in every worker
+
     def __init__(self, *values: float, graph: bool = False) -> None:
         self.values, self.graph = values, graph
         self.shape = (len(values),) if len(values) > 1 else ()
