@@ -11,7 +11,7 @@ from tests.planted_faults import load_faults
 
 def test_every_imperfection_and_result_file_has_a_row() -> None:
     found = tables()
-    assert all(f"| `{name}` |" in found["imperfections"] for name in DECLARATIONS)
+    assert all(f"| `{name}` |" in found["imperfections"] for name in vars(IDEAL.__class__)["__dataclass_fields__"])
     assert all(f"`{study.stem}.json`" in found["result files"] for study in studies().values())
 
 

@@ -206,6 +206,7 @@ def test_a_run_that_would_fill_the_memory_is_refused_by_its_headers(tmp_path, mo
     path = tmp_path / "run.npz"
     count = 12_000_000  # 770 MB and the text: 0.8 MB as a file
     shapes = {"time": (count,), "state": (count, 4), "force": (count,), "cart_mass": (count,)}
+    shapes["command"] = (0,)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, shape in {**shapes, "half_length": (2 * count,), "meta": (1,)}.items():
             with archive.open(f"{name}.npy", "w") as stream:
