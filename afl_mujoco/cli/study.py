@@ -23,7 +23,7 @@ from afl_mujoco.cli.terminal import (
     separated,
     typed,
 )
-from afl_mujoco.studies.contract import Progress, Study
+from afl_mujoco.studies.contract import Interrupted, Progress, Study
 from afl_mujoco.studies.registry import studies
 
 MOST_TOLD = 4
@@ -60,7 +60,7 @@ class StudyCommand:
         from afl_mujoco.document.terminal import print_sections, print_verdict
         from afl_mujoco.execution.processes import kept_processes
         from afl_mujoco.files import output_folder, require_no_folder
-        from afl_mujoco.studies.record import PAGE, Record, save_record
+        from afl_mujoco.studies.record import PAGE, Record, save_partial, save_record
 
         names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
         require_no_folder(self.out, (*names, PAGE))
@@ -71,8 +71,13 @@ class StudyCommand:
         inputs = inputs_of(configuration)
         films: list[Path] = []
         with study_progress() as progress, kept_processes():
-            result = study.run(configuration, progress=progress, **who)
             command = typed(study.name, configuration)
+            try:
+                result = study.run(configuration, progress=progress, **who)
+            except Interrupted as early:
+                record = Record(study=study, result=early.result, command=command, inputs=inputs)
+                say(f"interrupted: wrote {save_partial(record, folder, early.done)}")
+                raise
             record = Record(study=study, result=result, command=command, inputs=inputs)
 
             def film() -> None:
@@ -155,12 +160,13 @@ def _told(files: Sequence[Path]) -> str:
 def study_progress() -> Iterator[Progress]:
     """Yield a function that shows a bar for each task of a study."""
     with bars() as shown:
-        tasks: dict[str, Callable[[int], None]] = {}
+        tasks: dict[str, Callable[[int, str], None]] = {}
 
         def report(doing: str, done: int, total: int) -> None:
-            if doing not in tasks:
-                tasks[doing] = shown(doing, total)
-            tasks[doing](done)
+            task = doing.partition(":")[0]
+            if task not in tasks:
+                tasks[task] = shown(doing, total)
+            tasks[task](done, doing)
 
         yield report
 

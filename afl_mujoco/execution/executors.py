@@ -64,14 +64,16 @@ def compute_all(
     executor: Executor,
     progress: Callable[[int], None] = lambda index: None,
     store: Store | None = None,
+    kept: dict[int, Result] | None = None,
 ) -> list[Result]:
     """Return the results of all units, in their order, whichever is done first.
 
     `progress` is called with the index of each unit as it is done. A store has the results of units
     that are already done and keeps the others; results must then be lists, texts and finite
-    numbers.
+    numbers. What is done is in `kept` at once, also if an error or a Ctrl-C ends the rest.
     """
-    results = dict(store.results) if store else {}
+    results: dict[int, Result] = {} if kept is None else kept
+    results |= store.results if store else {}
     for index in results:
         progress(index)
     missing = [index for index in range(len(units)) if index not in results]

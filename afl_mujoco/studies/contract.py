@@ -44,7 +44,10 @@ if TYPE_CHECKING:
     from afl_mujoco.document.blocks import Block, Section, Verdict
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how many parts of it are done, and how many there are."""
+"""Called with what is being done, how many parts of it are done, and how many there are.
+
+Behind a colon, what is being done may name the part that was done last.
+"""
 
 ScenarioNames = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")
@@ -61,14 +64,41 @@ ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by
 """Controllers by name."""
 
 
+class Interrupted(KeyboardInterrupt):
+    """A Ctrl-C during a study that keeps what it has found until then.
+
+    Attributes
+    ----------
+    result
+        A result of the parts that were done.
+    done
+        How much that is, in words.
+    """
+
+    def __init__(self, result: Any, done: str) -> None:
+        super().__init__(done)
+        self.result, self.done = result, done
+
+
 def silent(doing: str, done: int, total: int) -> None:
     """Report no progress."""
 
 
-def counted(progress: Progress, doing: str, total: int) -> Callable[[object], None]:
-    """Return a function that reports one more part done at each call and ignores its argument."""
+def counted(
+    progress: Progress, doing: str, total: int, names: Sequence[str] = ()
+) -> Callable[[Any], None]:
+    """Return a function that reports one more part done at each call.
+
+    Its argument is the name of the part, or its place among the names if there are any.
+    """
     done = itertools.count(1)
-    return lambda _: progress(doing, next(done), total)
+
+    def advance(part: Any) -> None:
+        name = names[part] if names else part
+        what = f"{doing}: {name}" if isinstance(name, str) else doing
+        progress(what, next(done), total)
+
+    return advance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

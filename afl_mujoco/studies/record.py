@@ -181,6 +181,21 @@ def save_record(
     return [path, *(folder / name for name in staged), *others]
 
 
+def save_partial(record: Record, folder: Path, done: str) -> Path:
+    """Write what an interrupted study has found, beside an older record, and return the file.
+
+    Parameters
+    ----------
+    done
+        How much of the study was done, in words.
+    """
+    result, _ = packed(record.result)
+    path = folder / f"{record.study.stem}-partial.json"
+    content = {"partial": done, "command": record.command, "versions": dict(record.versions)}
+    write_text(path, json.dumps({**content, "result": result}, indent=1) + "\n")
+    return path
+
+
 def _judged(record: Record) -> list[Section]:
     """Return the verdict as a section, if there is one."""
     return [Section("Verdict", "verdict", (record.verdict,))] if record.verdict else []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from afl_mujoco.scenario.imperfections import DECLARATIONS
+from dataclasses import fields
+
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies.registry import studies
 from docs.tables import cells_as_table, tables
 from tests.docs.test_content import CONTENT
@@ -11,7 +13,7 @@ from tests.planted_faults import load_faults
 
 def test_every_imperfection_and_result_file_has_a_row() -> None:
     found = tables()
-    assert all(f"| `{name}` |" in found["imperfections"] for name in vars(IDEAL.__class__)["__dataclass_fields__"])
+    assert all(f"| `{one.name}` |" in found["imperfections"] for one in fields(Imperfections))
     assert all(f"`{study.stem}.json`" in found["result files"] for study in studies().values())
 
 

@@ -226,18 +226,21 @@ def run(configuration: Attraction, *, progress: Progress = silent, workers: int 
     each = 2 * sum(len(grid.starts) for grid in maps)
     if starts is not None:
         each = len(starts[0]) * len(starts[1])
-    done, total = 0, len(controllers) * each
+    done, total, doing = 0, len(controllers) * each, "mapping"
     progress("mapping", 0, total)
 
     def advance(points: int) -> None:
         nonlocal done
         done += points
-        progress("mapping", done, total)
+        progress(doing, done, total)
 
     steps: Any = {"timestep": timestep, "integrator": c.integrator}
     if scenario is not None and starts is not None:
         how: Any = {**steps, "threads": workers, "progress": advance}
-        found = [map_starts(scenario, one, *starts, **how) for one in controllers]
+        found = []
+        for one in controllers:
+            doing = f"mapping: {one.name}"
+            found.append(map_starts(scenario, one, *starts, **how))
         return Result(maps=(), starts=tuple(found))
     shared: Any = {"settling": settling, "threads": workers, "progress": advance}
     return result_of(

@@ -106,7 +106,7 @@ def run_campaign(
     seed: int,
     settings: Settings,
     executor: Executor,
-    progress: Callable[[int], None] = lambda runs: None,
+    progress: Callable[[int, str], None] = lambda runs, controller: None,
 ) -> Campaign:
     """Run every controller on the same samples; the result does not depend on the workers."""
     require_campaign(controllers, space, samples=samples, seed=seed, settings=settings)
@@ -121,7 +121,7 @@ def run_campaign(
     def advance(index: int) -> None:
         nonlocal done
         done += len(units[index].indices)
-        progress(done)
+        progress(done, units[index].controller.name)
 
     found = compute_all(run_samples, units, executor, advance)
     trials: dict[str, list[Trial]] = {controller.name: [] for controller in controllers}

@@ -159,7 +159,7 @@ def run(
             seed=configuration.seed,
             settings=settings,
             executor=executor,
-            progress=lambda done: progress("sampling", done, total),
+            progress=lambda done, name: progress(f"sampling: {name}", done, total),
         )
         for controller in controllers if configuration.worst_case else []:
             found += search_worst(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,8 +29,8 @@ from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import DIVERGED, FELL
 from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
-from afl_mujoco.studies.contract import Progress, counted, silent
-from afl_mujoco.studies.delay_margin import least_margin
+from afl_mujoco.studies.contract import Interrupted, Progress, counted, silent
+from afl_mujoco.studies.delay_margin import LeastMargin, least_margin
 from afl_mujoco.studies.thresholds.classes import times_reference
 from afl_mujoco.studies.thresholds.imperfections import (
     COMBINED,
@@ -296,34 +296,75 @@ def find_thresholds(
     """Find the thresholds of some controllers."""
     names = require(controllers, scenarios, settings, imperfections)
     asked = [(controller, scenarios, settings) for controller in controllers]
-    with open_executor(workers, cluster) as executor:
-        bare = compute_all(run_bare, asked, executor)
-        each = [unit for unit, verdict in zip(asked, bare, strict=True) if verdict.survives]
-        sound = [controller for controller, _, _ in each]
-        units = [(name, *one) for name in names for one in each]
-        combine = each if COMBINED.name in names else []
-        total = len(units) + len(combine)
-        progress("sweeping", 0, total)
-        advance = counted(progress, "sweeping", total)
-        sweeps = compute_all(sweep, units, executor, advance)
-        verdicts = compute_all(sweep_combined, combine, executor, advance)
-        linear = [one for one in sound if not one.estimates and not one.interpreted]
-        alone = DELAY in names and all(s.imperfections == IDEAL for s in scenarios)
-        plants = [(controller, scenarios) for controller in linear if alone]
-        margins = compute_all(least_margin, plants, executor)
+    found: dict[int, Sweep] = {}
+    combined_found: dict[int, tuple[Verdict, ...]] = {}
+    units: list[Unit] = []
+    bare: list[Verdict] = []
+    margins: list[LeastMargin | None] = []
+    try:
+        with open_executor(workers, cluster) as executor:
+            bare = compute_all(run_bare, asked, executor)
+            each = [unit for unit, verdict in zip(asked, bare, strict=True) if verdict.survives]
+            units = [(name, *one) for name in names for one in each]
+            combine = each if COMBINED.name in names else []
+            total = len(units) + len(combine)
+            told = [f"{one.name}, {find_imperfection(name).title}" for name, one, *_ in units]
+            progress("sweeping", 0, total)
+            advance = counted(
+                progress, "sweeping", total, [*told, *(f"{one.name}, added" for one, *_ in combine)]
+            )
+            compute_all(sweep, units, executor, advance, kept=found)
+            compute_all(
+                sweep_combined, combine, executor, lambda i: advance(len(units) + i),
+                kept=combined_found,
+            )  # fmt: skip
+            linear = [one for one, *_ in each if not one.estimates and not one.interpreted]
+            alone = DELAY in names and all(s.imperfections == IDEAL for s in scenarios)
+            plants = [(controller, scenarios) for controller in linear if alone]
+            margins = compute_all(least_margin, plants, executor)
+    except KeyboardInterrupt:
+        done = _whole(names, len(units) // max(len(names), 1), found)
+        if not done:
+            raise
+        partial = _result(controllers, scenarios, settings, done, bare, found, {}, ())
+        count = f"{len(found)} of {len(units)} sweeps"
+        raise Interrupted(partial, f"{count}; whole: {', '.join(done)}") from None
+    known = tuple(margin for margin in margins if margin is not None)
+    return _result(controllers, scenarios, settings, names, bare, found, combined_found, known)
+
+
+def _whole(names: Sequence[str], each: int, found: Mapping[int, Sweep]) -> tuple[str, ...]:
+    """Return the imperfections of which every controller was swept, by their names."""
+    return tuple(
+        name
+        for row, name in enumerate(names)
+        if each and all(row * each + column in found for column in range(each))
+    )
+
+
+def _result(
+    controllers: Sequence[Controller],
+    scenarios: Scenarios,
+    settings: Settings,
+    names: Sequence[str],
+    bare: Sequence[Verdict],
+    found: Mapping[int, Sweep],
+    combined_found: Mapping[int, tuple[Verdict, ...]],
+    margins: tuple[LeastMargin, ...],
+) -> Result:
+    """Put together the sweeps of some imperfections, all of them unless it was interrupted."""
+    verdicts = dict(zip((one.name for one in controllers), bare, strict=True))
+    sound = tuple(name for name, verdict in verdicts.items() if verdict.survives)
+    sweeps = {(one.imperfection, one.controller): one for one in found.values()}
     return Result(
         settings=replace(settings, scenarios=tuple(scenario.name for scenario in scenarios)),
         scenarios=tuple(scenarios),
-        controllers=tuple(controller.name for controller in sound),
-        failing={
-            one.name: verdict
-            for one, verdict in zip(controllers, bare, strict=True)
-            if not verdict.survives
-        },
+        controllers=sound,
+        failing={name: verdict for name, verdict in verdicts.items() if not verdict.survives},
         imperfections=tuple(referred(find_imperfection(name), scenarios) for name in names),
-        sweeps=tuple(sweeps),
+        sweeps=tuple(sweeps[name, controller] for name in names for controller in sound),
         added=tuple(one.name for one in added()),
-        combined={one.name: v for (one, *_), v in zip(combine, verdicts, strict=True)},
-        bare=tuple(verdict for verdict in bare if verdict.survives),
-        delay_margins=tuple(margin for margin in margins if margin is not None),
+        combined={sound[index]: verdicts for index, verdicts in sorted(combined_found.items())},
+        bare=tuple(verdicts[name] for name in sound),
+        delay_margins=margins,
     )
