@@ -100,5 +100,5 @@ def _requirements(result: Result) -> list[Section]:
     table = requirements_table(runs, scenarios=len(result.scenarios) > 1)
     hardware = any(one != one.ideal for one in result.scenarios)
     codes = ", with the imperfections of the file; the codes are compared without them" * hardware
-    deployed = Text(f"Judged in MuJoCo as deployed, in sampled mode{codes}.", note=True)
+    deployed = Text(f"Judged in MuJoCo as deployed, in sampled mode{codes}.", note=not hardware)
     return [Section("Requirements", "requirements", [*by_scenario, table, deployed])]

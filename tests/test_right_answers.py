@@ -1,0 +1,250 @@
+"""Small inputs that once had wrong answers, through the public face, with the right ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import afl_mujoco as afl
+from afl_mujoco.cli.main import main
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
+
+LEAN = (0.0, 0.1, 0.0, 0.0)
+
+
+def test_a_jump_one_rounding_after_a_tick_is_learned_at_the_tick() -> None:
+    """It was learned a control period late: the cart went 2.04 m and not 0.77 m."""
+    runs = [
+        afl.simulate_mujoco(
+            afl.Scenario(
+                name="jump", duration=4.0, pole_mass=0.2, initial_state=(0.0, 0.15, 0.0, 0.0),
+                cart_mass=afl.staircase([at], [8.0, 1.0]), half_length=afl.constant(0.3),
+                imperfections=afl.Imperfections(control_period=0.05),
+            ),
+            "lqr",
+        )
+        for at in (0.3, 0.1 + 0.2, 0.3 - 1e-13)
+    ]  # fmt: skip
+    assert np.abs(runs[0].state[:, 0]).max() == pytest.approx(0.772, abs=1e-3)
+    assert all(np.array_equal(run.state, runs[0].state) for run in runs)
+
+
+def test_a_joined_schedule_jumps_at_the_instant_that_its_pieces_say(tmp_path: Path) -> None:
+    head = (
+        "duration = 2.0\npole_mass = 0.2\ninitial_state = [0.0, 0.15, 0.0, 0.0]\n"
+        "[imperfections]\ncontrol_period = 0.02\n[schedule]\nhalf_length = 0.3\ncart_mass = "
+    )
+    piece = "{shape = 'staircase', times = [0.2], values = [8.0, 1.0]}"
+    joined = f"{{shape = 'joined', starts = [0.0, 0.1], pieces = [8.0, {piece}]}}"
+    (tmp_path / "joined.toml").write_text(head + joined)
+    (tmp_path / "plain.toml").write_text(head + piece.replace("0.2", "0.3"))
+    one, other = (afl.simulate_mujoco(tmp_path / f"{x}.toml", "lqr") for x in ("joined", "plain"))
+    assert np.array_equal(one.state, other.state)
+
+
+def test_a_pulse_may_end_one_rounding_after_the_horizon() -> None:
+    pulse = afl.ForcePulse(force=1.0, start=0.1, duration=0.2)  # 0.1 + 0.2 > 0.3
+    scenario = afl.Scenario(name="end", disturbances=(pulse,), duration=0.3)
+    assert afl.simulate_mujoco(scenario, "lqr").outcome.kind == "completed"
+
+
+@pytest.mark.parametrize("period", [1 / 60, 0.0166666667, 0.0166667, 1 / 400, 0.0013])
+def test_any_control_period_runs_in_every_study(period: float, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hz.toml").write_text(
+        "pole_mass = 0.2\nduration = 0.5\ninitial_state = [0.0, 0.1, 0.0, 0.0]\n"
+        "[schedule]\ncart_mass = 4.0\nhalf_length = 0.6\n"
+        f"[imperfections]\ncontrol_period = {period}\n"
+    )
+    run = afl.simulate_mujoco("hz.toml", "lqr")
+    settings = run.provenance["settings"]
+    hold = round(period / settings["timestep"])
+    assert hold * settings["timestep"] == pytest.approx(period, rel=1e-12)
+    assert settings["timestep"] <= 1e-3
+    assert run.time[-1] == pytest.approx(0.5, abs=1e-9)
+    assert set(np.flatnonzero(np.diff(run.command[:-1])) + 1) <= set(range(0, len(run.time), hold))
+    quick = ("--controllers", "lqr", "--no-page", "--out", "out", "--workers", "1")
+    assert main(["montecarlo", "hz.toml", "--samples", "2", "--no-worst-case", *quick]) == 0
+    assert main(["attraction", "hz.toml", "--grid", "2", *quick]) == 0
+    if period > 0.01:
+        sweep = ("--imperfections", "delay", "--scan", "2", "--tolerance", "1", "--seeds", "1")
+        assert main(["thresholds", "hz.toml", *sweep, *quick]) == 0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0005, 0.001, 0.0015])
+def test_the_force_is_the_one_exerted_and_not_its_mean_over_a_step(delay: float) -> None:
+    """With half a step of delay spikes of 29.8 N were reported as 19.8 N."""
+    scenario = afl.Scenario(
+        name="spikes", initial_state=LEAN, duration=2.0,
+        requirements=afl.Requirements(max_force=24.0),
+        imperfections=afl.Imperfections(delay=delay, noise_phi_dot=0.3, seed=1),
+    )  # fmt: skip
+    run = afl.simulate_mujoco(scenario, "lqr")
+    commands = run.command[:-3]
+    arrived = commands[: len(commands) - round(delay / 1e-3)]
+    found = run.metrics
+    assert found["max_command"] == np.abs(run.command[:-1]).max()
+    assert found["max_force"] == pytest.approx(np.abs(arrived).max(), rel=0.02)
+    assert found["force_squared"] == pytest.approx(1e-3 * (arrived**2).sum(), rel=0.02)
+    assert found["force_variation"] == pytest.approx(np.abs(np.diff(arrived)).sum(), rel=0.02)
+    many = afl.run_rollouts([scenario], "lqr")
+    assert not all(one.met for one in many.requirements[0])
+    assert many.max_force[0] == found["max_force"]
+
+
+@pytest.mark.parametrize("start", [1.0004, 1.0006, 1.001], ids=str)
+def test_all_of_a_pulse_acts_in_sampled_as_in_exact_mode(start: float) -> None:
+    """The force of the middle of each step lost it, or acted with 2 N s in place of 1.6."""
+    pulse = afl.ForcePulse(force=2000.0, start=start, duration=0.0008)
+    scenario = afl.Scenario(
+        name="pulse", initial_state=(0.0,) * 4, duration=3.0, disturbances=(pulse,)
+    )
+    peaks = [
+        np.abs(afl.simulate_mujoco(scenario, "lqr", mode).state[:, 0]).max()
+        for mode in ("sampled", "exact")
+    ]
+    assert peaks == pytest.approx([0.1293, 0.1293], abs=2e-4)
+
+
+def test_a_stiff_damper_holds_the_pole() -> None:
+    """RK4 at 1 ms is unstable there, and the pole was said to have fallen at 0.03 s."""
+    m, half, g, damping = 0.05, 0.05, 9.81, 0.5
+
+    def slopes(t, x):
+        phi, w = x[1], x[3]
+        mass = np.array([[1.0 + m, -m * half * np.cos(phi)],
+                         [-m * half * np.cos(phi), 4 / 3 * m * half**2]])  # fmt: skip
+        loads = [-m * half * w * w * np.sin(phi), m * g * half * np.sin(phi) - damping * w]
+        return [x[2], w, *np.linalg.solve(mass, loads)]
+
+    truth = solve_ivp(slopes, (0.0, 2.0), LEAN, method="Radau", rtol=1e-9, atol=1e-11).y[:, -1]
+    assert truth[1] == pytest.approx(0.110, abs=5e-4)
+    stiff = afl.Scenario(
+        name="stiff", duration=2.0, initial_state=LEAN, half_length=afl.constant(half),
+        imperfections=afl.Imperfections(hinge_damping=damping),
+    )  # fmt: skip
+    for integrator in ("RK4", "implicit"):
+        run = afl.simulate_mujoco(stiff, lambda t, x, b: 0.0, integrator=integrator)
+        assert run.outcome.kind == "completed"
+        assert run.state[-1, 1] == pytest.approx(truth[1], rel=2e-4)
+    (row,) = afl.compare(stiff, "lqr").runs
+    assert any(remark.startswith("the physics step is 0.25 ms") for remark in row.remarks)
+    env = afl.load(stiff)
+    assert env.control_timestep() == pytest.approx(1e-3) and env.physics.hold == 4
+
+
+FALLS = "duration = 1.0\ninitial_state = [0.0, 0.5, 0.0, 0.0]\n[requirements]\ncompletes = false\n"
+RAIL = "duration = 5.0\ninitial_state = [0, -0.1, 0, 0]\nimperfections.rail_half_length = 0.2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "word"),
+    [
+        (FALLS, 0, ""),
+        (FALLS.replace("false", "true"), 1, "fell"),
+        (RAIL, 1, "end_stops"),
+        (RAIL + "requirements.end_stops_allowed = true\n", 0, ""),
+    ],
+    ids=["nothing required", "falls", "end stop", "end stop allowed"],
+)
+def test_every_study_says_the_same_word(
+    text: str, code: int, word: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = "lqr" if "rail" in text else "idle_law:zero"
+    Path("idle_law.py").write_text("def zero(t, x, b):\n    return 0.0\n")
+    z = "[ranges]\nz_dot = [0.0, 1e-9]\n"
+    Path("case.toml").write_text(text + z)
+    common = ("--no-page", "--out", "out", "case.toml")
+    assert main(["simulate", *common, "--controller", name]) == code
+    assert main(["compare", *common, "--controllers", name]) == code
+    said = capsys.readouterr().out
+    assert ("completes = false and nothing else is required" in said) == (text is FALLS)
+    (run,) = json.loads(Path("out/compare.json").read_text())["runs"]
+    assert run["failure"] == word
+    main(
+        [
+            "montecarlo",
+            *common,
+            "--controllers",
+            name,
+            "--samples",
+            "2",
+            "--no-worst-case",
+            "--workers",
+            "1",
+        ]
+    )
+    (rates,) = json.loads(Path("out/montecarlo.json").read_text())["controllers"]
+    assert rates["failures_by_kind"] == ({word: 2} if word else {})
+    sweep = ("--imperfections", "delay", "--scan", "2", "--tolerance", "1", "--workers", "1")
+    main(["thresholds", *common, "--controllers", name, *sweep])
+    failing = json.loads(Path("out/thresholds.json").read_text())["failing"]
+    assert [one["failure"] for one in failing.values()] == [word] * bool(word)
+    found = afl.run_rollouts(["case.toml"], name)
+    assert found.failure(0) == word
+
+
+def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn() -> None:
+    """Told the truth, a controller that was tuned by hand answers another question."""
+    seen = []
+
+    def spy(time, state, belief):
+        seen.append((belief.cart_mass, belief.pole_mass, belief.half_length, belief.gravity))
+        return 0.0
+
+    scenario = afl.Scenario(
+        name="told", duration=0.2, cart_mass=afl.staircase([0.1], [8.0, 10.0]), pole_mass=0.2,
+        ranges=Ranges(varied={"cart_mass": (2.0, 4.0), "pole_mass": (0.3, 0.4)}, changes=0),
+    )  # fmt: skip
+    for belief, expected in (
+        ("nominal", {(8.0, 0.2, 0.5, 9.81)}),
+        ({"cart_mass": "nominal", "gravity": {"value": 9.8, "error": 0.1}}, None),
+    ):
+        seen.clear()
+        drawn = sample_scenario(SampleSpace(replace(scenario, belief=belief)), 0, 1)
+        afl.simulate_mujoco(drawn, spy)
+        if expected is None:
+            truth = drawn.parameters_at(0.0)
+            expected = {(8.0, truth.pole_mass, 0.5, 9.8 * 1.1)}
+            assert truth.cart_mass < 4.0 and truth.pole_mass > 0.3
+        assert set(seen) == expected
+
+
+@pytest.mark.parametrize(
+    ("belief", "message"),
+    [
+        ("belief = 'nominl'", "belief.value must be one of true, nominal, a number"),
+        ("belief.mass = 1.0", "belief.key must be one of cart_mass, pole_mass, half_length, grav"),
+        ("belief.cart_mass = -1.0", "belief.cart_mass value must be positive, got -1.0"),
+        ("belief.cart_mass = { error = -1 }", "belief.cart_mass error must be above -1, got -1.0"),
+        ("belief.cart_mass = { eror = 1 }", "belief.cart_mass key must be one of value, error"),
+    ],
+)
+def test_a_belief_that_breaks_its_rule_is_one_line(tmp_path: Path, belief: str, message) -> None:
+    (tmp_path / "b.toml").write_text(f"duration = 1.0\n{belief}\n")
+    with pytest.raises(afl.AflMujocoError) as caught:
+        afl.load_scenario(tmp_path / "b.toml")
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_validate_compares_the_ideal_part_of_a_file_and_judges_the_deployed_run(
+    tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("rig.toml").write_text(
+        "duration = 2.0\ninitial_state = [0, 0.1, 0, 0]\n[imperfections]\ndelay = 0.3\n"
+        "control_period = 0.01\n"
+    )
+    arguments = ("validate", "rig.toml", "--controllers", "lqr", "--no-page", "--workers", "1")
+    assert main([*arguments, "--out", "out"]) == 1
+    report = json.loads(Path("out/report.json").read_text())
+    assert all(check["passed"] for check in report["checks"])  # of the loop without the delay
+    assert report["requirements"][0]["failure"] in ("fell", "diverged")
+    assert "the codes are compared without" in " ".join(capsys.readouterr().out.split())
