@@ -183,7 +183,7 @@ def _margins(result: Result) -> list[Block]:
             draw=partial(draw_margins, result),
         ),
         Table(
-            caption="Quantiles of the least margin over the runs that have one [%]",
+            caption="Quantiles of the least margin over the runs that have one",
             columns=(
                 Column("Controller"),
                 *(Column(share, number=True) for share in shares),
