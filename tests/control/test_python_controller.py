@@ -125,7 +125,7 @@ class Tensor:
     "value",
     [
         3, 3.0, np.float32(3.0), np.array(3.0), np.array([3.0]), [3.0], np.full((1, 1), 3.0),
-        np.asmatrix([[3.0]]), [[3]], Decimal(3), Fraction(3), [Decimal(3)], Tensor(3.0),
+        np.array([[3.0]]).view(np.matrix), [[3]], Decimal(3), Fraction(3), [Decimal(3)], Tensor(3.0),
         Tensor(3.0, graph=True), [np.array([3.0])], Brief(3.0),
     ],
     ids=[
