@@ -20,7 +20,7 @@ import numpy as np
 import afl_mujoco as afl
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.sampled.runs import perform, prepare
+from afl_mujoco.simulation.sampled.runs import perform, prepare, timing_of
 from afl_mujoco.simulation.task import controller_policy
 
 TIMESTEP = 1e-3
@@ -50,8 +50,9 @@ def scenarios(steps: int) -> tuple[Scenario, Scenario]:
 
 def loop(scenario: Scenario, integrator: str) -> Callable[[], object]:
     """Return a call of the compiled loop alone, everything it needs prepared."""
-    prepared = prepare(scenario, CONTROLLER, timestep=TIMESTEP)
     model = CartPoleModel(scenario.parameters_at(0.0), timestep=TIMESTEP, integrator=integrator)
+    timing = timing_of(scenario, model, timestep=TIMESTEP)
+    prepared = prepare(scenario, CONTROLLER, timing)
     return lambda: perform(model, prepared, CONTROLLER, record=True)
 
 
