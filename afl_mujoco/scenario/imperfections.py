@@ -57,7 +57,7 @@ class Imperfection:
     seeded
         Whether it draws random numbers, so that the loop must survive several seeds.
     quantum
-        Levels are multiples of this, which is then MuJoCo's timestep too; 0 for any level.
+        Levels are multiples of this; 0 for any level.
     """
 
     name: str

@@ -96,6 +96,9 @@ def _meaning(result: Result) -> str:
                 "reference hardware, it is the reference. Errors of the belief are added to its "
                 "own. "
             )
+    damped = {"rail-damping", "hinge-damping"} & {one.name for one in result.imperfections}
+    if damped and result.settings.integrator == "RK4":
+        text += "Where a damping is too fast for RK4 at the timestep, the run takes a finer one. "
     several = [one for one in result.imperfections if len(one.fields) > 1]
     return (text + " ".join(_keys(one) for one in several)).rstrip()
 
