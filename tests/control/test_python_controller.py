@@ -14,6 +14,7 @@ import warnings
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache, partial, wraps
 
 import numpy as np
 import pytest
@@ -646,6 +647,8 @@ STATEFUL = {
     "instance with reset()": Resettable(),
     "instance": Integrating(),
     "method": Integrating().__call__,
+    "partial of an instance": partial(Integrating()),
+    "partial of a method": partial(Integrating().__call__),
 }
 
 
@@ -673,30 +676,235 @@ def test_memory_is_refused_where_it_is_undefined(smooth_scenario, given, simulat
         assert simulate in (SIMULATORS["sampled"], SIMULATORS["held"])
 
 
-class Gains:
-    """Remembers nothing that changes an answer; keeps a gain that it computes once."""
+@pytest.mark.parametrize("given", ["instance", "method", "partial of an instance"])
+def test_an_instance_that_was_used_before_is_reset_in_each_run(smooth_scenario, given):
+    used = Resettable()
+    used.count = 40
+    mine = {"instance": used, "method": used.__call__, "partial of an instance": partial(used)}
+    scenario = replace(smooth_scenario, duration=0.01)
+    run = afl.simulate_mujoco(scenario, mine[given], "sampled", control_period=0.005)
+    assert run.force.tolist()[::5] == [1.0, 2.0, 2.0][: len(run.force[::5])]
+    assert used.count == 40
 
-    def __init__(self, gain):
-        self.gain, self.calls = gain, None
+
+class Locked(Integrating):
+    """Keeps a lock, as a driver or a solver does, which nothing can copy."""
+
+    def __init__(self):
+        super().__init__()
+        self.lock = threading.Lock()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        Locked(),
+        Locked().__call__,
+        partial(Locked()),
+        partial(Locked().__call__),
+        partial(lambda kept, time, state, belief: 0.0, Locked()),
+    ],
+    ids=["instance", "method", "partial", "partial of a method", "argument of a partial"],
+)
+def test_what_cannot_be_copied_is_refused_and_not_shared(given):
+    with pytest.raises(InvalidValueError) as caught:
+        controller_of(given)
+    said = str(caught.value)
+    assert said.startswith("controller 'mine' must be copied for each run, but cannot be: TypeErr")
+    assert said.endswith("give its class, or set stateless = True on it if it remembers nothing")
+    assert "\n" not in said
+    assert controller_of(Locked).start().command(0.0, STATE, ASSUMED) == 1.0
+
+
+class Policy:
+    """Remembers nothing that changes an answer, and says so; a lock is in it."""
+
+    stateless = True
+
+    def __init__(self):
+        self.lock, self.calls = threading.Lock(), 0
 
     def __call__(self, time, state, belief):
-        self.calls = (self.calls or 0) + 1
-        return self.gain * state[1] + time
+        self.calls += 1
+        return 3.0 * state[1] + time
+
+    def reset(self):
+        raise AssertionError
+
+    def act(self, time, state, belief):
+        return self(time, state, belief)
 
 
-class Lost(Gains):
-    def __call__(self, time, state, belief):
-        raise SystemExit
+STATELESS = {
+    "function": lambda time, state, belief: 3.0 * state[1] + time,
+    "partial": partial(lambda gain, time, state, belief: gain * state[1] + time, 3.0),
+    "instance that says so": Policy(),
+    "its method": Policy().act,
+    "partial of it": partial(Policy()),
+}
 
 
-def test_an_instance_that_remembers_nothing_runs_everywhere(smooth_scenario):
-    given = Gains(3.0)
+@pytest.mark.parametrize("given", STATELESS.values(), ids=list(STATELESS))
+def test_what_remembers_nothing_runs_everywhere(smooth_scenario, given):
+    assert not controller_of(given).stateful
     for simulate in SIMULATORS.values():
         assert simulate(smooth_scenario, given).outcome.kind == "fell"
-    assert not controller_of(Lost(1.0)).stateful
-    assert not controller_of(Gains(math.nan)).stateful
-    uncopied = Gains(threading.Lock())
-    assert not controller_of(uncopied).stateful
+
+
+def test_an_instance_that_says_it_is_stateless_is_used_as_it_is():
+    mine = Policy()
+    assert controller_of(mine).start().function is mine
+    own = controller_of(Integrating())
+    assert own.start().function is not own.function
+
+
+def test_a_function_of_another_kind_remembers_nothing():
+    class Library:
+        @classmethod
+        def push(cls, time, state, belief):
+            return 1.0
+
+        @staticmethod
+        def pull(time, state, belief):
+            return -1.0
+
+    @lru_cache
+    def cached(time, state, belief):
+        return 1.0
+
+    numba = pytest.importorskip("numba")
+    compiled = numba.njit(lambda time, state, belief: 2.0 * state[0])
+    given = (Library.push, Library().push, Library.pull, max, partial(max), cached, compiled)
+    assert [controller_of(one).stateful for one in given] == [False] * len(given)
+
+
+COUNT = 0
+
+
+def counting(time, state, belief):
+    global COUNT
+    COUNT += 1
+    return float(COUNT)
+
+
+def enclosing():
+    last = 0.0
+
+    def force(time, state, belief):
+        nonlocal last
+        last = 0.9 * last + state[1]
+        return last
+
+    return force
+
+
+def nested(time, state, belief):
+    def more():
+        global COUNT
+        COUNT += 1
+
+    more()
+    return 0.0
+
+
+def deleting(time, state, belief):
+    global COUNT
+    del COUNT
+
+
+def decorated(function):
+    @wraps(function)
+    def wrapper(*arguments):
+        return function(*arguments)
+
+    return wrapper
+
+
+def of_class(function):
+    return type("Mine", (), {"push": staticmethod(function)}).push
+
+
+WRITING = {
+    "global": (counting, "COUNT"),
+    "nonlocal": (enclosing(), "last"),
+    "nested": (nested, "COUNT"),
+    "deleted": (deleting, "COUNT"),
+    "partial": (partial(enclosing()), "last"),
+    "decorated": (decorated(counting), "COUNT"),
+    "cached": (lru_cache(counting), "COUNT"),
+    "decorated twice, in a partial": (partial(decorated(lru_cache(counting))), "COUNT"),
+    "of a class": (of_class(counting), "COUNT"),
+}
+
+
+@pytest.mark.parametrize(("given", "name"), WRITING.values(), ids=list(WRITING))
+@pytest.mark.parametrize("mode", ["ode", "exact", "continuous", "RK4"])
+def test_a_function_that_writes_what_outlives_it_is_refused_as_memory_is(
+    smooth_scenario, mode, given, name
+):
+    with pytest.raises(InvalidValueError) as caught:
+        SIMULATORS[mode](smooth_scenario, controller_of(given))
+    said = str(caught.value)
+    assert said.startswith("controller 'mine' is stateful, which ")
+    assert said.endswith(f"(it writes {name!r}, which outlives the call: make it a class)")
+
+
+def test_a_variable_that_ends_with_the_call_is_no_memory(smooth_scenario):
+    def summing(time, state, belief):
+        total = 0.0
+
+        def add(x):
+            nonlocal total
+
+            def twice():
+                nonlocal total
+                total += x
+
+            twice()
+
+        for x in state:
+            add(x)
+        return total
+
+    assert not controller_of(summing).stateful
+    assert SIMULATORS["ode"](smooth_scenario, summing).outcome.kind == "fell"
+
+
+def test_validate_refuses_an_instance_as_it_does_its_class(module, tmp_path, capsys):
+    module(
+        "summing_mine",
+        "class Mine:\n    def __init__(self):\n        self.sum = 0.0\n"
+        "    def __call__(self, time, state, belief):\n"
+        "        self.sum += 1e-6 * state[0]\n        return self.sum - 60.0 * state[1]\n"
+        "inst = Mine()\nmethod = inst.__call__\n",
+    )
+    (tmp_path / "short.toml").write_text("duration = 0.5\n")
+    for name in ("Mine", "inst", "method", "inst.__call__"):
+        arguments = ["validate", "short.toml", "--controllers", f"summing_mine:{name}"]
+        assert main([*arguments, "--no-page", "--out", "out"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"controller 'summing_mine.{name}' is stateful, which this comparison" in line
+
+
+def test_an_instance_loaded_by_name_is_as_new_in_a_worker(module):
+    module(
+        "instance_mine",
+        "import threading\nclass Mine:\n    n = 0\n"
+        "    def __call__(self, time, state, belief):\n"
+        "        self.n += 1\n        return self.n\n"
+        "class Policy:\n    stateless = True\n    lock = threading.Lock()\n"
+        "    def __init__(self):\n        self.mine = threading.Lock()\n"
+        "    def act(self, time, state, belief):\n        return 2.0\n"
+        "inst, act = Mine(), Policy().act\n",
+    )
+    own = find_controller("instance_mine:inst")
+    assert own.start().command(0.0, STATE, ASSUMED) == 1.0
+    twin = pickle.loads(pickle.dumps(own))
+    assert twin.stateful
+    assert twin.start().command(0.0, STATE, ASSUMED) == 1.0
+    policy = pickle.loads(pickle.dumps(find_controller("instance_mine:act")))
+    assert not policy.stateful
+    assert policy.start().command(0.0, STATE, ASSUMED) == 2.0
 
 
 def test_a_class_is_loaded_by_name_and_made_anew_in_a_worker(module):

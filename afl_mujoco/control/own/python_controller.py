@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import hashlib
 import inspect
 import math
 import signal
 import threading
 import time as clock
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -21,9 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_controller import CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
+from afl_mujoco.control.own.memory import (
+    ARGUMENTS,
+    fresh,
+    makes_controllers,
+    remembers,
+    why_it_remembers,
+)
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.scenario.parameters import (
-    NOMINAL,
     CartPoleParameters,
     PlantRange,
     require_positive,
@@ -59,9 +63,10 @@ class PythonController(Controller):
         Name for reports and files.
     function
         ``function(time, state, belief) -> force``; or a class or factory without arguments whose
-        instances are such functions, one for each run; or such an instance: each run resets it by
-        its method ``reset()``, or has a copy of it. NaN, or a `ControllerDomainError`, says that
-        it has no force there, and ends the run.
+        instances are such functions, one for each run; or such an instance, or a bound method of
+        one: each run has a deep copy of it, on which its method ``reset()`` is called if it has
+        one. An instance with ``stateless = True`` is used as it is. NaN, or a
+        `ControllerDomainError`, says that it has no force there, and ends the run.
     belief
         Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t).
     call_limit
@@ -69,8 +74,9 @@ class PythonController(Controller):
     spec
         ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this.
     stateful
-        Whether what it answers depends on earlier calls; by default it does for a class, a factory
-        and an instance with ``reset()``, and a copy of any other instance is tried.
+        Whether what it answers depends on earlier calls; by default it does unless ``function`` is
+        a function that writes no global and no nonlocal, a partial of one, or has the attribute
+        ``stateless = True``.
     """
 
     name: str
@@ -88,53 +94,25 @@ class PythonController(Controller):
         require_positive("call_limit", self.call_limit)
         if self.stateful is None:
             self._fresh()
-            object.__setattr__(self, "stateful", self._remembers())
+            object.__setattr__(self, "stateful", remembers(self.function))
 
     def start(self) -> PythonController:
-        """Return the controller for one run: made anew, reset or copied, if it is no function."""
-        fresh = self._fresh()
-        return self if fresh is self.function else replace(self, function=fresh)
-
-    def _remembers(self) -> bool:
-        """Return whether what the function answers depends on earlier calls, as far as trials tell.
-
-        A function is taken to remember nothing: no trial of it could be undone.
-        """
-        function = self.function
-        if _makes_controllers(function) or callable(getattr(function, "reset", None)):
-            return True
-        if (tried := _copied(function)) is function:
-            return False
-        try:
-            with warnings.catch_warnings(), _limited(self.call_limit):
-                warnings.simplefilter("ignore")
-                belief = self.belief or NOMINAL
-                for time, state in _TRIALS:
-                    answer = tried(time, np.array(state), belief)
-                alone = _copied(function)(time, np.array(state), belief)
-            return not np.array_equal(_as_float(answer), _as_float(alone), equal_nan=True)
-        except KeyboardInterrupt:
-            raise
-        except BaseException:  # the run will tell what it is
-            return False
+        """Return the controller for one run: made anew or copied, if it is no function."""
+        function = self._fresh()
+        return self if function is self.function else replace(self, function=function)
 
     def _fresh(self) -> Function:
         """Return the function for one run, or raise if there is none."""
-        name, function = self.spec or self.name, self.function
-        try:
-            if _makes_controllers(function):
-                function = function()
-            elif callable(reset := getattr(function, "reset", None)):
-                reset()
-            else:
-                function = _copied(function)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            rule = f"cannot be started: {type(error).__name__}: {told(error)}"
-            raise InvalidValueError(f"controller {name!r}", rule) from error
+        name = self.spec or self.name
+        function = fresh(name, self.function)
         require_controller_function(name, function)
         return function  # type: ignore[no-any-return]
+
+    @property
+    def memory(self) -> str:
+        """Why it counts as one with a memory, and what helps; empty if that is plain."""
+        plain = not self.stateful or makes_controllers(self.function)
+        return "" if plain else why_it_remembers(self.function)
 
     @property
     def kind(self) -> int:
@@ -267,21 +245,6 @@ def _shape(value: Any) -> tuple[int, ...]:
         return ()
 
 
-_TRIALS = tuple((0.01 * k, (0.1, 0.2 * (-1) ** k, -0.3, 0.4)) for k in range(6))
-"""Times [s] and states of the calls that show whether a controller remembers."""
-
-_ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
-
-
-def _takes(function: Any, arguments: tuple[Any, ...]) -> bool:
-    """Return whether a function takes these arguments; False if it has no signature."""
-    try:
-        inspect.signature(function).bind(*arguments)
-    except (TypeError, ValueError):
-        return False
-    return True
-
-
 def _restored(
     name: str,
     function: Any,
@@ -305,21 +268,6 @@ def _restored(
     )
 
 
-def _copied(function: Any) -> Any:
-    """Return a deep copy of an instance; what has no copy, as a function, is returned itself."""
-    try:
-        return copy.deepcopy(function)
-    except Exception:
-        return function
-
-
-def _makes_controllers(function: Any) -> bool:
-    """Return whether something is a class, or a factory that is called without arguments."""
-    if inspect.isclass(function):
-        return True
-    return not _takes(function, _ARGUMENTS) and _takes(function, ())
-
-
 def require_controller_function(name: str, function: object) -> None:
     """Raise unless a controller's function can be called with time, state and belief."""
     if not callable(function):
@@ -329,7 +277,7 @@ def require_controller_function(name: str, function: object) -> None:
     except ValueError:  # a function in C without a signature
         return
     try:
-        signature.bind(*_ARGUMENTS)
+        signature.bind(*ARGUMENTS)
     except TypeError as error:
         rule = f"must take (time, state, belief): {error}"
         raise InvalidValueError(f"controller {name!r}", rule) from None
