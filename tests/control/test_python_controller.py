@@ -43,6 +43,11 @@ def controller_of(function, **settings):
     return PythonController(name="mine", function=function, **settings)
 
 
+def limited(function, seconds):
+    """Return a controller none of whose calls may take longer, its first included."""
+    return controller_of(function, call_limit=seconds, first_call_limit=seconds)
+
+
 @pytest.fixture
 def module(tmp_path, monkeypatch):
     """Write a module into a working directory of its own."""
@@ -197,10 +202,122 @@ def forever(time, state, belief):
 def test_a_controller_that_does_not_return_is_stopped():
     start = clock.perf_counter()
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
+        ControllerError,
+        match=r"^controller 'mine' must answer within 0.05 s \(--call-limit\), but did not at",
     ):
-        controller_of(forever, call_limit=0.05).command(0.0, STATE, ASSUMED)
+        limited(forever, 0.05).command(0.0, STATE, ASSUMED)
     assert clock.perf_counter() - start < 5.0
+
+
+class SlowAtFirst:
+    """Takes long for its first call, as a function that is compiled then, or a network loaded."""
+
+    stateless = True
+
+    def __init__(self, seconds=0.3):
+        self.seconds = seconds
+
+    def __call__(self, time, state, belief):
+        clock.sleep(self.seconds)
+        self.seconds = 0.0
+        return -60.0 * state[1]
+
+
+SLOW = {
+    "a stateless instance": SlowAtFirst(),
+    "a class, in each run": type("Mine", (SlowAtFirst,), {"stateless": False}),
+    "an instance, in each run": type("Mine", (SlowAtFirst,), {"stateless": False})(),
+}
+
+
+@pytest.mark.parametrize("given", SLOW.values(), ids=list(SLOW))
+def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, given):
+    own = controller_of(given, call_limit=0.1)
+    short = replace(smooth_scenario, duration=0.02)
+    runs = [afl.simulate_mujoco(short, own, control_period=0.005) for _ in range(2)]
+    assert [run.outcome.kind for run in runs] == ["completed"] * 2
+
+
+def test_a_first_call_may_take_longer_wherever_a_controller_is_called(smooth_scenario):
+    short = replace(smooth_scenario, duration=0.02)
+    for simulate in SIMULATORS.values():
+        own = controller_of(SlowAtFirst(0.15), call_limit=0.1)
+        assert simulate(short, own).outcome.kind == "completed"
+
+
+def test_a_second_call_may_not_take_as_long_as_the_first():
+    own = controller_of(lambda time, *_: clock.sleep(5.0 * time), call_limit=0.05)
+    with pytest.raises(ControllerError, match=r"one number at t = 0\.02 s"):
+        own.command(0.02, STATE, ASSUMED)
+    with pytest.raises(
+        ControllerError, match=r"answer within 0\.05 s \(--call-limit\), but did not"
+    ):
+        own.command(1.0, STATE, ASSUMED)
+
+
+def test_a_first_call_that_hangs_is_stopped_and_not_awaited_as_long_again():
+    own = PythonController(name="hanging", function=forever, call_limit=0.05, first_call_limit=0.2)
+    start = clock.perf_counter()
+    with pytest.raises(ControllerError) as caught:
+        own.command(0.0, STATE, ASSUMED)
+    said = "must answer its first call within 0.2 s (--call-limit), but did not at t = 0 s"
+    assert str(caught.value) == f"controller 'hanging' {said}"
+    with pytest.raises(ControllerError, match=r"must answer within 0\.05 s"):
+        pickle.loads(pickle.dumps(own)).command(0.0, STATE, ASSUMED)
+    assert clock.perf_counter() - start < 5.0
+
+
+def test_the_limit_is_an_option_that_reaches_the_workers(module, tmp_path):
+    module(
+        "slow_mine",
+        "import time\ndef force(t, state, belief):\n"
+        "    time.sleep(0.15 if 0.045 < t < 0.055 else 0.0)\n    return -60.0 * state[1]\n",
+    )
+    (tmp_path / "short.toml").write_text(
+        "duration = 0.1\n[imperfections]\ncontrol_period = 0.01\n[ranges]\nphi = [0.0, 0.01]\n"
+    )
+    study = ["montecarlo", "short.toml", "--samples", "41", "--no-worst-case", "--no-page"]
+    option = ["--controllers", "slow_mine:force", "--workers", "2", "--out"]
+    done = program.run(*study, *option, "out", "--call-limit", "0.05", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "out" / "montecarlo.json").read_text())
+    assert result["command"].endswith("--no-worst-case --call-limit 0.05")
+    (rates,) = result["controllers"]
+    assert rates["failures_by_kind"] == {"controller failed": 41}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate",
+        "compare",
+        "thresholds",
+        "montecarlo",
+        "attraction",
+        "margins",
+        "validate",
+        "render",
+        "view",
+    ],
+)
+def test_every_command_that_runs_controllers_has_a_limit(command, capsys):
+    assert main([command, "nominal", "--call-limit", "0"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "afl-mujoco: call_limit must be positive, got 0.0"
+
+
+def test_a_comparison_has_the_limit_as_an_argument(smooth_scenario):
+    def slow(time, state, belief):
+        clock.sleep(0.15 if time > 0.0 else 0.0)
+        return 0.0
+
+    short = replace(smooth_scenario, duration=0.005)
+    ends = [
+        afl.compare(short, slow, control_period=0.004, call_limit=limit).runs[0].outcome
+        for limit in (0.05, None)
+    ]
+    said = "failed: must answer within 0.05 s (--call-limit), but did not at t = 0.004 s"
+    assert ends == [said, "completed"]
 
 
 def test_a_controller_that_catches_what_stops_it_and_answers_late_is_reported():
@@ -211,9 +328,10 @@ def test_a_controller_that_catches_what_stops_it_and_answers_late_is_reported():
             return 1.0
 
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
+        ControllerError,
+        match=r"^controller 'mine' must answer within 0.05 s \(--call-limit\), but did not at",
     ):
-        controller_of(stubborn, call_limit=0.05).command(0.0, STATE, ASSUMED)
+        limited(stubborn, 0.05).command(0.0, STATE, ASSUMED)
 
 
 def test_an_alarm_of_the_program_s_own_goes_on():
@@ -301,16 +419,16 @@ def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
 
     def call():
         try:
-            controller_of(lambda *_: clock.sleep(0.05) or 1.0, call_limit=0.01).command(
-                0.0, STATE, ASSUMED
-            )
+            limited(lambda *_: clock.sleep(0.05) or 1.0, 0.01).command(0.0, STATE, ASSUMED)
         except ControllerError as error:
             answers.append(str(error))
 
     thread = threading.Thread(target=call)
     thread.start()
     thread.join()
-    assert answers == ["controller 'mine' must answer within 0.01 s, but did not at t = 0 s"]
+    assert answers == [
+        "controller 'mine' must answer within 0.01 s (--call-limit), but did not at t = 0 s"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -407,7 +525,8 @@ def test_a_pole_at_the_angle_of_a_fall_has_fallen(smooth_scenario, simulate, sid
 def test_a_controller_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
     own = controller_of(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
+        ControllerError,
+        match=r"^controller 'mine' must answer within 0.05 s \(--call-limit\), but did not at",
     ):
         afl.run_rollouts([smooth_scenario] * 2, own, threads=threads)
 

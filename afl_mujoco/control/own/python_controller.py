@@ -10,7 +10,8 @@ import signal
 import threading
 import time as clock
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from contextvars import ContextVar
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -38,7 +39,28 @@ Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
 """(time [s], state, assumed parameters of the plant) -> force [N]."""
 
 CALL_LIMIT = 1.0
-"""How long one call of a controller may take [s]."""
+"""How long one call of a controller may take [s], unless `calls_limited_to` says otherwise."""
+
+FIRST_CALL_LIMIT = 60.0
+"""How long the first call may take [s], in which a library compiles or a network is loaded."""
+
+_limit: ContextVar[float] = ContextVar("call_limit", default=CALL_LIMIT)
+
+_hung: set[str] = set()
+"""Controllers whose first call took too long in this process: to wait again, in each of a
+thousand runs, would take a day."""
+
+
+@contextlib.contextmanager
+def calls_limited_to(seconds: float | None) -> Iterator[None]:
+    """Give controllers that are made within the block this limit [s]; None changes nothing."""
+    before = _limit.set(
+        _limit.get() if seconds is None else require_positive("call_limit", seconds)
+    )
+    try:
+        yield
+    finally:
+        _limit.reset(before)
 
 
 class ControllerError(AflMujocoError):
@@ -71,6 +93,9 @@ class PythonController(Controller):
         Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t).
     call_limit
         How long one call may take [s].
+    first_call_limit
+        How long the first call of a run may take [s], if that is more: a library may compile then.
+        After one that took longer, a process waits no more than `call_limit`.
     spec
         ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this.
     stateful
@@ -82,9 +107,11 @@ class PythonController(Controller):
     name: str
     function: Any
     belief: CartPoleParameters | None = None
-    call_limit: float = CALL_LIMIT
+    call_limit: float = field(default_factory=_limit.get)
     spec: str | None = None
     stateful: bool = None  # type: ignore[assignment]
+    first_call_limit: float = FIRST_CALL_LIMIT
+    called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -92,6 +119,7 @@ class PythonController(Controller):
         require_type("controller name", self.name, str)
         require_type("belief", self.belief, CartPoleParameters | None)
         require_positive("call_limit", self.call_limit)
+        require_positive("first_call_limit", self.first_call_limit)
         if self.stateful is None:
             self._fresh()
             object.__setattr__(self, "stateful", remembers(self.function))
@@ -103,9 +131,8 @@ class PythonController(Controller):
 
     def _fresh(self) -> Function:
         """Return the function for one run, or raise if there is none."""
-        name = self.spec or self.name
-        function = fresh(name, self.function)
-        require_controller_function(name, function)
+        function = fresh(self._known_as, self.function)
+        require_controller_function(self._known_as, function)
         return function  # type: ignore[no-any-return]
 
     @property
@@ -145,13 +172,20 @@ class PythonController(Controller):
             cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
         )
         phi = float(np.asarray(state)[1])
+        limit, kind = self.call_limit, ""
+        if not self.called and self.first_call_limit > limit and self._known_as not in _hung:
+            limit, kind = self.first_call_limit, " its first call"
+        object.__setattr__(self, "called", True)
         try:
-            with _limited(self.call_limit):
+            with _limited(limit):
                 value = self.function(float(time), np.array(state, dtype=np.float64), belief)
         except ControllerDomainError:
             return math.nan
         except _Overrun:
-            rule = f"must answer within {self.call_limit:g} s, but did not at t = {time:g} s"
+            if kind:
+                _hung.add(self._known_as)
+            rule = f"must answer{kind} within {limit:g} s (--call-limit), but did not"
+            rule += f" at t = {time:g} s"
             raise ControllerError(f"controller {self.name!r}", rule) from None
         except KeyboardInterrupt:
             raise
@@ -163,6 +197,11 @@ class PythonController(Controller):
                 rule += f"; belief has {', '.join(one.name for one in fields(belief))}"
             raise ControllerError(f"controller {self.name!r}", rule) from error
         return self._number(value, time)
+
+    @property
+    def _known_as(self) -> str:
+        """What it is called in messages about it, the same in every run."""
+        return self.spec or self.name
 
     def _number(self, value: Any, time: float) -> float:
         """Return what the controller returned as a float."""
@@ -200,8 +239,8 @@ class PythonController(Controller):
     def __reduce__(self) -> Any:
         """Pickle a controller that was loaded by name by that name."""
         function = self.function if self.spec is None else None
-        fields = (self.name, function, self.belief, self.call_limit, self.spec, self.stateful)
-        return _restored, fields
+        limits = self.call_limit, self.first_call_limit
+        return _restored, (self.name, function, self.belief, *limits, self.spec, self.stateful)
 
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance: its name and a hash of its file."""
@@ -250,6 +289,7 @@ def _restored(
     function: Any,
     belief: CartPoleParameters | None,
     call_limit: float,
+    first_call_limit: float,
     spec: str | None,
     stateful: bool,
 ) -> PythonController:
@@ -263,6 +303,7 @@ def _restored(
         function=function,
         belief=belief,
         call_limit=call_limit,
+        first_call_limit=first_call_limit,
         spec=spec,
         stateful=stateful,
     )
