@@ -119,6 +119,7 @@ OWN = {
     "design": ("control/test_baselines.py",),
     "linear_model": ("control/test_baselines.py",),
     "loop": ("simulation/sampled/test_runs.py", "control/test_python_controller.py"),
+    "memory": ("control/test_python_controller.py",),
     "laboratory": ("studies/monte_carlo/test_space.py",),
     "convergence": ("studies/verification/test_explanation.py",),
     "ledger": ("studies/verification/test_explanation.py",),

@@ -79,7 +79,9 @@ def _run(arguments: Sequence[str] | None) -> int:
     with interrupts_noted():
         try:
             with _warnings_in_one_line():
-                code: int = _parse(arguments).run()
+                command = _parse(arguments)
+                with _calls_limited_to(getattr(command, "call_limit", None)):
+                    code: int = command.run()
             return code
         except SystemExit as end:  # of the parser
             return int(end.code or SUCCESS)
@@ -92,6 +94,15 @@ def _run(arguments: Sequence[str] | None) -> int:
             told = error if isinstance(error, AflMujocoError) else _refused_by_the_system(error)
             print(f"{PROGRAM}: {told}", file=sys.stderr)
             return BAD_INPUT
+
+
+def _calls_limited_to(seconds: float | None) -> contextlib.AbstractContextManager[None]:
+    """Return the block in which controllers have the limit of the command's option."""
+    if seconds is None:
+        return contextlib.nullcontext()
+    from afl_mujoco.control.own.python_controller import calls_limited_to
+
+    return calls_limited_to(seconds)
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from afl_mujoco.cli.terminal import FILMS, SUCCESS, count_bar, say, separated, typed
+from afl_mujoco.cli.terminal import FILMS, SUCCESS, CallLimit, count_bar, say, separated, typed
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
@@ -46,6 +46,7 @@ class Render:
     scenario, else one step."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    call_limit: CallLimit = None
     still: float | None = None
     """Write the frame at this time [s] as a PNG, instead of each film."""
     workers: int = min(2, os.cpu_count() or 1)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, say
+from afl_mujoco.cli.terminal import CHECK_FAILED, SUCCESS, CallLimit, say
 from afl_mujoco.control.names import KNOWN, SUBJECT
 from afl_mujoco.errors import FileError, UnknownNameError
 
@@ -55,6 +55,7 @@ class Simulate:
     the file's [replay], else RK4."""
     log: bool = False
     """Write the run as a log that the hardware would write, for `afl-mujoco identify`."""
+    call_limit: CallLimit = None
     page: bool = True
     """Skip the figure; this command makes no report.html."""
     out: Path = Path("renders/simulate")

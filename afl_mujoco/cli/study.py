@@ -17,6 +17,7 @@ from afl_mujoco.cli.terminal import (
     FILMS,
     RESULTS,
     SUCCESS,
+    CallLimit,
     bars,
     plain_help,
     say,
@@ -72,6 +73,8 @@ class StudyCommand:
         films: list[Path] = []
         with study_progress() as progress, kept_processes():
             command = typed(study.name, configuration)
+            if (limit := getattr(self, "call_limit", None)) is not None:
+                command += f" --call-limit {limit:g}"
             try:
                 result = study.run(configuration, progress=progress, **who)
             except Interrupted as early:
@@ -114,6 +117,13 @@ class Workers:
 
     workers: int = min(2, os.cpu_count() or 1)
     """Number of processes or threads that share the work; the results do not depend on it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limited:
+    """Option of a study that runs controllers."""
+
+    call_limit: CallLimit = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,7 +183,9 @@ def study_progress() -> Iterator[Progress]:
 
 def _command(study: Study) -> Any:
     """Return the command of a study: its configuration's options, then those of every study."""
-    mixed = [kind for kind in (Workers, Cluster) if study.takes(kind.__name__.lower())]
+    mixed: list[type] = [k for k in (Workers, Cluster) if study.takes(k.__name__.lower())]
+    if "controllers" in (field.name for field in fields(study.configuration)):
+        mixed.insert(0, Limited)
     members: dict[str, Any] = {
         "__doc__": study.configuration.__doc__,
         "__module__": __name__,

@@ -23,6 +23,15 @@ FILMS, RESULTS = Path("renders"), Path("renders/validation")
 
 Command = TypeVar("Command")
 
+CallLimit = Annotated[
+    float | None,
+    tyro.conf.arg(
+        help="How long one call of a controller in Python may take [s]; 1 by default. Its first in "
+        "a run may take 60, for a library to compile."
+    ),
+]
+"""Option of a command that runs controllers."""
+
 SECONDS = 30.0
 """Time between two lines of progress if there is no terminal [s]."""
 

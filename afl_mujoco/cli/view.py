@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from afl_mujoco.cli.simulate import Name
-from afl_mujoco.cli.terminal import SUCCESS
+from afl_mujoco.cli.terminal import SUCCESS, CallLimit
 from afl_mujoco.control.names import KNOWN, SUBJECT
 from afl_mujoco.errors import InvalidValueError
 
@@ -36,6 +36,7 @@ class View:
     scenario, else one step."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    call_limit: CallLimit = None
     speed: float = 1.0
     """Seconds of the run that are shown per second."""
 

@@ -190,6 +190,8 @@ def require_stateless(controller: Controller, where: str) -> None:
     """Raise if a controller is stateful, which only sampled mode supports."""
     if controller.stateful:
         rule = f'is stateful, which {where} does not support; only mode "sampled" does'
+        if isinstance(controller, PythonController) and controller.memory:
+            rule += f" ({controller.memory})"
         raise InvalidValueError(f"controller {controller.name!r}", rule)
 
 

@@ -14,6 +14,7 @@ import warnings
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache, partial, wraps
 
 import numpy as np
 import pytest
@@ -40,6 +41,11 @@ def paper(time, state, belief):
 
 def controller_of(function, **settings):
     return PythonController(name="mine", function=function, **settings)
+
+
+def limited(function, seconds):
+    """Return a controller none of whose calls may take longer, its first included."""
+    return controller_of(function, call_limit=seconds, first_call_limit=seconds)
 
 
 @pytest.fixture
@@ -125,8 +131,8 @@ class Tensor:
     "value",
     [
         3, 3.0, np.float32(3.0), np.array(3.0), np.array([3.0]), [3.0], np.full((1, 1), 3.0),
-        np.array([[3.0]]).view(np.matrix), [[3]], Decimal(3), Fraction(3), [Decimal(3)], Tensor(3.0),
-        Tensor(3.0, graph=True), [np.array([3.0])], Brief(3.0),
+        np.array([[3.0]]).view(np.matrix), [[3]], Decimal(3), Fraction(3), [Decimal(3)],
+        Tensor(3.0), Tensor(3.0, graph=True), [np.array([3.0])], Brief(3.0),
     ],
     ids=[
         "int", "float", "numpy", "0-d", "1-d", "list", "2-d", "matrix", "lists", "Decimal",
@@ -199,10 +205,122 @@ def forever(time, state, belief):
 def test_a_controller_that_does_not_return_is_stopped():
     start = clock.perf_counter()
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
+        ControllerError,
+        match=r"^controller 'mine' must answer within 0.05 s \(--call-limit\), but did not at",
     ):
-        controller_of(forever, call_limit=0.05).command(0.0, STATE, ASSUMED)
+        limited(forever, 0.05).command(0.0, STATE, ASSUMED)
     assert clock.perf_counter() - start < 5.0
+
+
+class SlowAtFirst:
+    """Takes long for its first call, as a function that is compiled then, or a network loaded."""
+
+    stateless = True
+
+    def __init__(self, seconds=0.3):
+        self.seconds = seconds
+
+    def __call__(self, time, state, belief):
+        clock.sleep(self.seconds)
+        self.seconds = 0.0
+        return -60.0 * state[1]
+
+
+SLOW = {
+    "a stateless instance": SlowAtFirst(),
+    "a class, in each run": type("Mine", (SlowAtFirst,), {"stateless": False}),
+    "an instance, in each run": type("Mine", (SlowAtFirst,), {"stateless": False})(),
+}
+
+
+@pytest.mark.parametrize("given", SLOW.values(), ids=list(SLOW))
+def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, given):
+    own = controller_of(given, call_limit=0.1)
+    short = replace(smooth_scenario, duration=0.02)
+    runs = [afl.simulate_mujoco(short, own, control_period=0.005) for _ in range(2)]
+    assert [run.outcome.kind for run in runs] == ["completed"] * 2
+
+
+def test_a_first_call_may_take_longer_wherever_a_controller_is_called(smooth_scenario):
+    short = replace(smooth_scenario, duration=0.02)
+    for simulate in SIMULATORS.values():
+        own = controller_of(SlowAtFirst(0.15), call_limit=0.1)
+        assert simulate(short, own).outcome.kind == "completed"
+
+
+def test_a_second_call_may_not_take_as_long_as_the_first():
+    own = controller_of(lambda time, *_: clock.sleep(5.0 * time), call_limit=0.05)
+    with pytest.raises(ControllerError, match=r"one number at t = 0\.02 s"):
+        own.command(0.02, STATE, ASSUMED)
+    with pytest.raises(
+        ControllerError, match=r"answer within 0\.05 s \(--call-limit\), but did not"
+    ):
+        own.command(1.0, STATE, ASSUMED)
+
+
+def test_a_first_call_that_hangs_is_stopped_and_not_awaited_as_long_again():
+    own = PythonController(name="hanging", function=forever, call_limit=0.05, first_call_limit=0.2)
+    start = clock.perf_counter()
+    with pytest.raises(ControllerError) as caught:
+        own.command(0.0, STATE, ASSUMED)
+    said = "must answer its first call within 0.2 s (--call-limit), but did not at t = 0 s"
+    assert str(caught.value) == f"controller 'hanging' {said}"
+    with pytest.raises(ControllerError, match=r"must answer within 0\.05 s"):
+        pickle.loads(pickle.dumps(own)).command(0.0, STATE, ASSUMED)
+    assert clock.perf_counter() - start < 5.0
+
+
+def test_the_limit_is_an_option_that_reaches_the_workers(module, tmp_path):
+    module(
+        "slow_mine",
+        "import time\ndef force(t, state, belief):\n"
+        "    time.sleep(0.15 if 0.045 < t < 0.055 else 0.0)\n    return -60.0 * state[1]\n",
+    )
+    (tmp_path / "short.toml").write_text(
+        "duration = 0.1\n[imperfections]\ncontrol_period = 0.01\n[ranges]\nphi = [0.0, 0.01]\n"
+    )
+    study = ["montecarlo", "short.toml", "--samples", "41", "--no-worst-case", "--no-page"]
+    option = ["--controllers", "slow_mine:force", "--workers", "2", "--out"]
+    done = program.run(*study, *option, "out", "--call-limit", "0.05", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "out" / "montecarlo.json").read_text())
+    assert result["command"].endswith("--no-worst-case --call-limit 0.05")
+    (rates,) = result["controllers"]
+    assert rates["failures_by_kind"] == {"controller failed": 41}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate",
+        "compare",
+        "thresholds",
+        "montecarlo",
+        "attraction",
+        "margins",
+        "validate",
+        "render",
+        "view",
+    ],
+)
+def test_every_command_that_runs_controllers_has_a_limit(command, capsys):
+    assert main([command, "nominal", "--call-limit", "0"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "afl-mujoco: call_limit must be positive, got 0.0"
+
+
+def test_a_comparison_has_the_limit_as_an_argument(smooth_scenario):
+    def slow(time, state, belief):
+        clock.sleep(0.15 if time > 0.0 else 0.0)
+        return 0.0
+
+    short = replace(smooth_scenario, duration=0.005)
+    ends = [
+        afl.compare(short, slow, control_period=0.004, call_limit=limit).runs[0].outcome
+        for limit in (0.05, None)
+    ]
+    said = "failed: must answer within 0.05 s (--call-limit), but did not at t = 0.004 s"
+    assert ends == [said, "completed"]
 
 
 def test_a_controller_that_catches_what_stops_it_and_answers_late_is_reported():
@@ -213,9 +331,10 @@ def test_a_controller_that_catches_what_stops_it_and_answers_late_is_reported():
             return 1.0
 
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
+        ControllerError,
+        match=r"^controller 'mine' must answer within 0.05 s \(--call-limit\), but did not at",
     ):
-        controller_of(stubborn, call_limit=0.05).command(0.0, STATE, ASSUMED)
+        limited(stubborn, 0.05).command(0.0, STATE, ASSUMED)
 
 
 def test_an_alarm_of_the_program_s_own_goes_on():
@@ -303,16 +422,16 @@ def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
 
     def call():
         try:
-            controller_of(lambda *_: clock.sleep(0.05) or 1.0, call_limit=0.01).command(
-                0.0, STATE, ASSUMED
-            )
+            limited(lambda *_: clock.sleep(0.05) or 1.0, 0.01).command(0.0, STATE, ASSUMED)
         except ControllerError as error:
             answers.append(str(error))
 
     thread = threading.Thread(target=call)
     thread.start()
     thread.join()
-    assert answers == ["controller 'mine' must answer within 0.01 s, but did not at t = 0 s"]
+    assert answers == [
+        "controller 'mine' must answer within 0.01 s (--call-limit), but did not at t = 0 s"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -409,7 +528,8 @@ def test_a_pole_at_the_angle_of_a_fall_has_fallen(smooth_scenario, simulate, sid
 def test_a_controller_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario, threads):
     own = controller_of(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
     with pytest.raises(
-        ControllerError, match=r"^controller 'mine' must answer within 0.05 s, but did not at"
+        ControllerError,
+        match=r"^controller 'mine' must answer within 0.05 s \(--call-limit\), but did not at",
     ):
         afl.run_rollouts([smooth_scenario] * 2, own, threads=threads)
 
@@ -649,6 +769,8 @@ STATEFUL = {
     "instance with reset()": Resettable(),
     "instance": Integrating(),
     "method": Integrating().__call__,
+    "partial of an instance": partial(Integrating()),
+    "partial of a method": partial(Integrating().__call__),
 }
 
 
@@ -676,30 +798,235 @@ def test_memory_is_refused_where_it_is_undefined(smooth_scenario, given, simulat
         assert simulate in (SIMULATORS["sampled"], SIMULATORS["held"])
 
 
-class Gains:
-    """Remembers nothing that changes an answer; keeps a gain that it computes once."""
+@pytest.mark.parametrize("given", ["instance", "method", "partial of an instance"])
+def test_an_instance_that_was_used_before_is_reset_in_each_run(smooth_scenario, given):
+    used = Resettable()
+    used.count = 40
+    mine = {"instance": used, "method": used.__call__, "partial of an instance": partial(used)}
+    scenario = replace(smooth_scenario, duration=0.01)
+    run = afl.simulate_mujoco(scenario, mine[given], "sampled", control_period=0.005)
+    assert run.force.tolist()[::5] == [1.0, 2.0, 2.0][: len(run.force[::5])]
+    assert used.count == 40
 
-    def __init__(self, gain):
-        self.gain, self.calls = gain, None
+
+class Locked(Integrating):
+    """Keeps a lock, as a driver or a solver does, which nothing can copy."""
+
+    def __init__(self):
+        super().__init__()
+        self.lock = threading.Lock()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        Locked(),
+        Locked().__call__,
+        partial(Locked()),
+        partial(Locked().__call__),
+        partial(lambda kept, time, state, belief: 0.0, Locked()),
+    ],
+    ids=["instance", "method", "partial", "partial of a method", "argument of a partial"],
+)
+def test_what_cannot_be_copied_is_refused_and_not_shared(given):
+    with pytest.raises(InvalidValueError) as caught:
+        controller_of(given)
+    said = str(caught.value)
+    assert said.startswith("controller 'mine' must be copied for each run, but cannot be: TypeErr")
+    assert said.endswith("give its class, or set stateless = True on it if it remembers nothing")
+    assert "\n" not in said
+    assert controller_of(Locked).start().command(0.0, STATE, ASSUMED) == 1.0
+
+
+class Policy:
+    """Remembers nothing that changes an answer, and says so; a lock is in it."""
+
+    stateless = True
+
+    def __init__(self):
+        self.lock, self.calls = threading.Lock(), 0
 
     def __call__(self, time, state, belief):
-        self.calls = (self.calls or 0) + 1
-        return self.gain * state[1] + time
+        self.calls += 1
+        return 3.0 * state[1] + time
+
+    def reset(self):
+        raise AssertionError
+
+    def act(self, time, state, belief):
+        return self(time, state, belief)
 
 
-class Lost(Gains):
-    def __call__(self, time, state, belief):
-        raise SystemExit
+STATELESS = {
+    "function": lambda time, state, belief: 3.0 * state[1] + time,
+    "partial": partial(lambda gain, time, state, belief: gain * state[1] + time, 3.0),
+    "instance that says so": Policy(),
+    "its method": Policy().act,
+    "partial of it": partial(Policy()),
+}
 
 
-def test_an_instance_that_remembers_nothing_runs_everywhere(smooth_scenario):
-    given = Gains(3.0)
+@pytest.mark.parametrize("given", STATELESS.values(), ids=list(STATELESS))
+def test_what_remembers_nothing_runs_everywhere(smooth_scenario, given):
+    assert not controller_of(given).stateful
     for simulate in SIMULATORS.values():
         assert simulate(smooth_scenario, given).outcome.kind == "fell"
-    assert not controller_of(Lost(1.0)).stateful
-    assert not controller_of(Gains(math.nan)).stateful
-    uncopied = Gains(threading.Lock())
-    assert not controller_of(uncopied).stateful
+
+
+def test_an_instance_that_says_it_is_stateless_is_used_as_it_is():
+    mine = Policy()
+    assert controller_of(mine).start().function is mine
+    own = controller_of(Integrating())
+    assert own.start().function is not own.function
+
+
+def test_a_function_of_another_kind_remembers_nothing():
+    class Library:
+        @classmethod
+        def push(cls, time, state, belief):
+            return 1.0
+
+        @staticmethod
+        def pull(time, state, belief):
+            return -1.0
+
+    @lru_cache
+    def cached(time, state, belief):
+        return 1.0
+
+    numba = pytest.importorskip("numba")
+    compiled = numba.njit(lambda time, state, belief: 2.0 * state[0])
+    given = (Library.push, Library().push, Library.pull, max, partial(max), cached, compiled)
+    assert [controller_of(one).stateful for one in given] == [False] * len(given)
+
+
+COUNT = 0
+
+
+def counting(time, state, belief):
+    global COUNT
+    COUNT += 1
+    return float(COUNT)
+
+
+def enclosing():
+    last = 0.0
+
+    def force(time, state, belief):
+        nonlocal last
+        last = 0.9 * last + state[1]
+        return last
+
+    return force
+
+
+def nested(time, state, belief):
+    def more():
+        global COUNT
+        COUNT += 1
+
+    more()
+    return 0.0
+
+
+def deleting(time, state, belief):
+    global COUNT
+    del COUNT
+
+
+def decorated(function):
+    @wraps(function)
+    def wrapper(*arguments):
+        return function(*arguments)
+
+    return wrapper
+
+
+def of_class(function):
+    return type("Mine", (), {"push": staticmethod(function)}).push
+
+
+WRITING = {
+    "global": (counting, "COUNT"),
+    "nonlocal": (enclosing(), "last"),
+    "nested": (nested, "COUNT"),
+    "deleted": (deleting, "COUNT"),
+    "partial": (partial(enclosing()), "last"),
+    "decorated": (decorated(counting), "COUNT"),
+    "cached": (lru_cache(counting), "COUNT"),
+    "decorated twice, in a partial": (partial(decorated(lru_cache(counting))), "COUNT"),
+    "of a class": (of_class(counting), "COUNT"),
+}
+
+
+@pytest.mark.parametrize(("given", "name"), WRITING.values(), ids=list(WRITING))
+@pytest.mark.parametrize("mode", ["ode", "exact", "continuous", "RK4"])
+def test_a_function_that_writes_what_outlives_it_is_refused_as_memory_is(
+    smooth_scenario, mode, given, name
+):
+    with pytest.raises(InvalidValueError) as caught:
+        SIMULATORS[mode](smooth_scenario, controller_of(given))
+    said = str(caught.value)
+    assert said.startswith("controller 'mine' is stateful, which ")
+    assert said.endswith(f"(it writes {name!r}, which outlives the call: make it a class)")
+
+
+def test_a_variable_that_ends_with_the_call_is_no_memory(smooth_scenario):
+    def summing(time, state, belief):
+        total = 0.0
+
+        def add(x):
+            nonlocal total
+
+            def twice():
+                nonlocal total
+                total += x
+
+            twice()
+
+        for x in state:
+            add(x)
+        return total
+
+    assert not controller_of(summing).stateful
+    assert SIMULATORS["ode"](smooth_scenario, summing).outcome.kind == "fell"
+
+
+def test_validate_refuses_an_instance_as_it_does_its_class(module, tmp_path, capsys):
+    module(
+        "summing_mine",
+        "class Mine:\n    def __init__(self):\n        self.sum = 0.0\n"
+        "    def __call__(self, time, state, belief):\n"
+        "        self.sum += 1e-6 * state[0]\n        return self.sum - 60.0 * state[1]\n"
+        "inst = Mine()\nmethod = inst.__call__\n",
+    )
+    (tmp_path / "short.toml").write_text("duration = 0.5\n")
+    for name in ("Mine", "inst", "method", "inst.__call__"):
+        arguments = ["validate", "short.toml", "--controllers", f"summing_mine:{name}"]
+        assert main([*arguments, "--no-page", "--out", "out"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"controller 'summing_mine.{name}' is stateful, which this comparison" in line
+
+
+def test_an_instance_loaded_by_name_is_as_new_in_a_worker(module):
+    module(
+        "instance_mine",
+        "import threading\nclass Mine:\n    n = 0\n"
+        "    def __call__(self, time, state, belief):\n"
+        "        self.n += 1\n        return self.n\n"
+        "class Policy:\n    stateless = True\n    lock = threading.Lock()\n"
+        "    def __init__(self):\n        self.mine = threading.Lock()\n"
+        "    def act(self, time, state, belief):\n        return 2.0\n"
+        "inst, act = Mine(), Policy().act\n",
+    )
+    own = find_controller("instance_mine:inst")
+    assert own.start().command(0.0, STATE, ASSUMED) == 1.0
+    twin = pickle.loads(pickle.dumps(own))
+    assert twin.stateful
+    assert twin.start().command(0.0, STATE, ASSUMED) == 1.0
+    policy = pickle.loads(pickle.dumps(find_controller("instance_mine:act")))
+    assert not policy.stateful
+    assert policy.start().command(0.0, STATE, ASSUMED) == 2.0
 
 
 def test_a_class_is_loaded_by_name_and_made_anew_in_a_worker(module):

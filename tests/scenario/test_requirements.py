@@ -113,3 +113,23 @@ def test_disturbances_that_overlap_are_recovered_from_together() -> None:
     assert [pytest.approx(end) for end in ends] == [(2.6, 6.0), (6.0, 10.0)]
     touching = (*PUSHES[:1], dataclasses.replace(PUSHES[1], start=2.5))
     assert [pytest.approx(end) for end in recoveries(10.0, touching)] == [(2.7, 10.0)]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_disturbance_within_another_does_not_end_it(order: int) -> None:
+    long = afl.ForcePulse(force=5.0, start=1.0, duration=2.0)
+    within = (
+        afl.ForcePulse(force=5.0, start=1.5, duration=0.5),
+        afl.Impulse(momentum=1.0, time=2.9),
+    )
+    for inner in within:
+        disturbances = (long, inner)[::order]
+        assert recoveries(10.0, disturbances) == [(3.0, 10.0)]
+        message = r"must be less than 7 s, the time left after the disturbance that ends at 3 s"
+        with pytest.raises(AflMujocoError, match=message):
+            afl.Scenario(
+                name="nested",
+                disturbances=disturbances,
+                duration=10.0,
+                requirements=Requirements(recover_within=7.5),
+            )

@@ -1,6 +1,7 @@
 """A scenario cuts its horizon at every breakpoint; disturbances act where they say."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from afl_mujoco import Scenario, constant, staircase, trapezoid
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.schedules import Schedule
 
 PULSE = ForcePulse(force=-10.0, start=2.0, duration=0.5)
 
@@ -43,6 +45,22 @@ def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon(
         duration=20.0,
     )
     assert scenario.breakpoints == (1.0, 2.0, 2.5, 3.0, 4.0, 5.0)
+
+
+def test_its_plants_are_all_that_its_schedules_pass_through():
+    """Also the values just before a jump and at the horizon, which no breakpoint has."""
+    scenario = Scenario(
+        name="x",
+        cart_mass=Schedule((0.0, 4.0, 4.0), (1.0, 3.0, 1.5)),  # a ramp that a jump ends
+        half_length=Schedule((0.0, 20.0), (0.4, 0.2)),  # a ramp that goes on after the end
+        duration=10.0,
+    )
+    assert scenario.plants.cart_mass == (1.0, 3.0)
+    assert scenario.plants.half_length == pytest.approx((0.3, 0.4))
+    falling = replace(scenario, cart_mass=Schedule((0.0, 4.0, 4.0), (3.0, 1.0, 2.0)))
+    assert falling.plants.cart_mass == (1.0, 3.0)
+    ended = replace(scenario, cart_mass=Schedule((0.0, 10.0, 10.0), (1.0, 2.0, 9.0)))
+    assert ended.plants.cart_mass == (1.0, 2.0)
 
 
 def test_a_segment_gives_the_parameters_up_to_its_very_end(odd_scenario):

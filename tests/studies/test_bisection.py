@@ -94,6 +94,18 @@ def test_a_narrow_loss_just_before_the_threshold_is_found(less_is_worse):
     assert far.fails_at == pytest.approx(1000.0 / 26.0 if less_is_worse else 26.0, rel=0.011)
 
 
+def test_each_narrow_loss_found_starts_the_count_of_levels_that_hold_anew():
+    """Sixteen levels lie between two of the losses: fewer than must hold, more than half of it."""
+    losses = ((40.0, 40.8), (34.0, 34.7))
+
+    def holds(level: float) -> bool:
+        return level < 47.0 and not any(low < level < high for low, high in losses)
+
+    found = find_threshold(holds, scan_levels(1.0, 500.0, 13), 0.02, closer=20)
+    assert found.fails_at == pytest.approx(34.0, rel=0.011)
+    assert found.holds_at is not None and holds(found.holds_at)
+
+
 def test_closer_levels_end_at_the_benign_end():
     def holds(level: float) -> bool:
         return level <= 1.0

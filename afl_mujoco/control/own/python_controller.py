@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import hashlib
 import inspect
 import math
 import signal
 import threading
 import time as clock
-import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from contextvars import ContextVar
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,9 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.compiled_controller import CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
+from afl_mujoco.control.own.memory import (
+    ARGUMENTS,
+    fresh,
+    makes_controllers,
+    remembers,
+    why_it_remembers,
+)
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.scenario.parameters import (
-    NOMINAL,
     CartPoleParameters,
     PlantRange,
     require_positive,
@@ -34,7 +39,28 @@ Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
 """(time [s], state, assumed parameters of the plant) -> force [N]."""
 
 CALL_LIMIT = 1.0
-"""How long one call of a controller may take [s]."""
+"""How long one call of a controller may take [s], unless `calls_limited_to` says otherwise."""
+
+FIRST_CALL_LIMIT = 60.0
+"""How long the first call may take [s], in which a library compiles or a network is loaded."""
+
+_limit: ContextVar[float] = ContextVar("call_limit", default=CALL_LIMIT)
+
+_hung: set[str] = set()
+"""Controllers whose first call took too long in this process: to wait again, in each of a
+thousand runs, would take a day."""
+
+
+@contextlib.contextmanager
+def calls_limited_to(seconds: float | None) -> Iterator[None]:
+    """Give controllers that are made within the block this limit [s]; None changes nothing."""
+    before = _limit.set(
+        _limit.get() if seconds is None else require_positive("call_limit", seconds)
+    )
+    try:
+        yield
+    finally:
+        _limit.reset(before)
 
 
 class ControllerError(AflMujocoError):
@@ -59,26 +85,33 @@ class PythonController(Controller):
         Name for reports and files.
     function
         ``function(time, state, belief) -> force``; or a class or factory without arguments whose
-        instances are such functions, one for each run; or such an instance: each run resets it by
-        its method ``reset()``, or has a copy of it. NaN, or a `ControllerDomainError`, says that
-        it has no force there, and ends the run.
+        instances are such functions, one for each run; or such an instance, or a bound method of
+        one: each run has a deep copy of it, on which its method ``reset()`` is called if it has
+        one. An instance with ``stateless = True`` is used as it is. NaN, or a
+        `ControllerDomainError`, says that it has no force there, and ends the run.
     belief
         Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t).
     call_limit
         How long one call may take [s].
+    first_call_limit
+        How long the first call of a run may take [s], if that is more: a library may compile then.
+        After one that took longer, a process waits no more than `call_limit`.
     spec
         ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this.
     stateful
-        Whether what it answers depends on earlier calls; by default it does for a class, a factory
-        and an instance with ``reset()``, and a copy of any other instance is tried.
+        Whether what it answers depends on earlier calls; by default it does unless ``function`` is
+        a function that writes no global and no nonlocal, a partial of one, or has the attribute
+        ``stateless = True``.
     """
 
     name: str
     function: Any
     belief: CartPoleParameters | None = None
-    call_limit: float = CALL_LIMIT
+    call_limit: float = field(default_factory=_limit.get)
     spec: str | None = None
     stateful: bool = None  # type: ignore[assignment]
+    first_call_limit: float = FIRST_CALL_LIMIT
+    called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -86,55 +119,27 @@ class PythonController(Controller):
         require_type("controller name", self.name, str)
         require_type("belief", self.belief, CartPoleParameters | None)
         require_positive("call_limit", self.call_limit)
+        require_positive("first_call_limit", self.first_call_limit)
         if self.stateful is None:
             self._fresh()
-            object.__setattr__(self, "stateful", self._remembers())
+            object.__setattr__(self, "stateful", remembers(self.function))
 
     def start(self) -> PythonController:
-        """Return the controller for one run: made anew, reset or copied, if it is no function."""
-        fresh = self._fresh()
-        return self if fresh is self.function else replace(self, function=fresh)
-
-    def _remembers(self) -> bool:
-        """Return whether what the function answers depends on earlier calls, as far as trials tell.
-
-        A function is taken to remember nothing: no trial of it could be undone.
-        """
-        function = self.function
-        if _makes_controllers(function) or callable(getattr(function, "reset", None)):
-            return True
-        if (tried := _copied(function)) is function:
-            return False
-        try:
-            with warnings.catch_warnings(), _limited(self.call_limit):
-                warnings.simplefilter("ignore")
-                belief = self.belief or NOMINAL
-                for time, state in _TRIALS:
-                    answer = tried(time, np.array(state), belief)
-                alone = _copied(function)(time, np.array(state), belief)
-            return not np.array_equal(_as_float(answer), _as_float(alone), equal_nan=True)
-        except KeyboardInterrupt:
-            raise
-        except BaseException:  # the run will tell what it is
-            return False
+        """Return the controller for one run: made anew or copied, if it is no function."""
+        function = self._fresh()
+        return self if function is self.function else replace(self, function=function)
 
     def _fresh(self) -> Function:
         """Return the function for one run, or raise if there is none."""
-        name, function = self.spec or self.name, self.function
-        try:
-            if _makes_controllers(function):
-                function = function()
-            elif callable(reset := getattr(function, "reset", None)):
-                reset()
-            else:
-                function = _copied(function)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            rule = f"cannot be started: {type(error).__name__}: {told(error)}"
-            raise InvalidValueError(f"controller {name!r}", rule) from error
-        require_controller_function(name, function)
+        function = fresh(self._known_as, self.function)
+        require_controller_function(self._known_as, function)
         return function  # type: ignore[no-any-return]
+
+    @property
+    def memory(self) -> str:
+        """Why it counts as one with a memory, and what helps; empty if that is plain."""
+        plain = not self.stateful or makes_controllers(self.function)
+        return "" if plain else why_it_remembers(self.function)
 
     @property
     def kind(self) -> int:
@@ -167,13 +172,20 @@ class PythonController(Controller):
             cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
         )
         phi = float(np.asarray(state)[1])
+        limit, kind = self.call_limit, ""
+        if not self.called and self.first_call_limit > limit and self._known_as not in _hung:
+            limit, kind = self.first_call_limit, " its first call"
+        object.__setattr__(self, "called", True)
         try:
-            with _limited(self.call_limit):
+            with _limited(limit):
                 value = self.function(float(time), np.array(state, dtype=np.float64), belief)
         except ControllerDomainError:
             return math.nan
         except _Overrun:
-            rule = f"must answer within {self.call_limit:g} s, but did not at t = {time:g} s"
+            if kind:
+                _hung.add(self._known_as)
+            rule = f"must answer{kind} within {limit:g} s (--call-limit), but did not"
+            rule += f" at t = {time:g} s"
             raise ControllerError(f"controller {self.name!r}", rule) from None
         except KeyboardInterrupt:
             raise
@@ -185,6 +197,11 @@ class PythonController(Controller):
                 rule += f"; belief has {', '.join(one.name for one in fields(belief))}"
             raise ControllerError(f"controller {self.name!r}", rule) from error
         return self._number(value, time)
+
+    @property
+    def _known_as(self) -> str:
+        """What it is called in messages about it, the same in every run."""
+        return self.spec or self.name
 
     def _number(self, value: Any, time: float) -> float:
         """Return what the controller returned as a float."""
@@ -222,8 +239,8 @@ class PythonController(Controller):
     def __reduce__(self) -> Any:
         """Pickle a controller that was loaded by name by that name."""
         function = self.function if self.spec is None else None
-        fields = (self.name, function, self.belief, self.call_limit, self.spec, self.stateful)
-        return _restored, fields
+        limits = self.call_limit, self.first_call_limit
+        return _restored, (self.name, function, self.belief, *limits, self.spec, self.stateful)
 
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance: its name and a hash of its file."""
@@ -267,26 +284,12 @@ def _shape(value: Any) -> tuple[int, ...]:
         return ()
 
 
-_TRIALS = tuple((0.01 * k, (0.1, 0.2 * (-1) ** k, -0.3, 0.4)) for k in range(6))
-"""Times [s] and states of the calls that show whether a controller remembers."""
-
-_ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
-
-
-def _takes(function: Any, arguments: tuple[Any, ...]) -> bool:
-    """Return whether a function takes these arguments; False if it has no signature."""
-    try:
-        inspect.signature(function).bind(*arguments)
-    except (TypeError, ValueError):
-        return False
-    return True
-
-
 def _restored(
     name: str,
     function: Any,
     belief: CartPoleParameters | None,
     call_limit: float,
+    first_call_limit: float,
     spec: str | None,
     stateful: bool,
 ) -> PythonController:
@@ -300,24 +303,10 @@ def _restored(
         function=function,
         belief=belief,
         call_limit=call_limit,
+        first_call_limit=first_call_limit,
         spec=spec,
         stateful=stateful,
     )
-
-
-def _copied(function: Any) -> Any:
-    """Return a deep copy of an instance; what has no copy, as a function, is returned itself."""
-    try:
-        return copy.deepcopy(function)
-    except Exception:
-        return function
-
-
-def _makes_controllers(function: Any) -> bool:
-    """Return whether something is a class, or a factory that is called without arguments."""
-    if inspect.isclass(function):
-        return True
-    return not _takes(function, _ARGUMENTS) and _takes(function, ())
 
 
 def require_controller_function(name: str, function: object) -> None:
@@ -329,7 +318,7 @@ def require_controller_function(name: str, function: object) -> None:
     except ValueError:  # a function in C without a signature
         return
     try:
-        signature.bind(*_ARGUMENTS)
+        signature.bind(*ARGUMENTS)
     except TypeError as error:
         rule = f"must take (time, state, belief): {error}"
         raise InvalidValueError(f"controller {name!r}", rule) from None

@@ -12,6 +12,7 @@ import numpy as np
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.own.python_controller import calls_limited_to
 from afl_mujoco.errors import AflMujocoError, require_count
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import require_distinct
@@ -41,6 +42,7 @@ def compare(
     control_period: float | None = None,
     integrator: str = "RK4",
     draws: int | None = None,
+    call_limit: float | None = None,
     advance: Callable[[object], None] | None = None,
 ) -> Result:
     """Run controllers on scenarios as deployed in MuJoCo; one that fails does not stop the others.
@@ -56,6 +58,9 @@ def compare(
     draws
         Number of draws of noise and of the start within an encoder's step, the first the scenario
         itself; by default ten where noise or encoders act, else one.
+    call_limit
+        How long one call of a controller in Python may take [s]; 1 by default. Its first in a run
+        may take 60, for a library to compile.
     advance
         Called after the runs of each controller on each scenario.
 
@@ -72,7 +77,8 @@ def compare(
     """
     asked = as_scenarios(scenarios)
     several = isinstance(controllers, Sequence) and not isinstance(controllers, str)
-    used = [as_controller(x) for x in (controllers if several else (controllers,))]
+    with calls_limited_to(call_limit):
+        used = [as_controller(x) for x in (controllers if several else (controllers,))]
     deployed: Any = {
         "timestep": timestep,
         "control_period": control_period,
