@@ -215,6 +215,9 @@ def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn(
             expected = {(8.0, truth.pole_mass, 0.5, 9.8 * 1.1)}
             assert truth.cart_mass < 4.0 and truth.pole_mass > 0.3
         assert set(seen) == expected
+    seen.clear()
+    afl.simulate_mujoco(replace(scenario, belief="nominal"), spy)  # M jumps at 0.1 s, not told
+    assert set(seen) == {(8.0, 0.2, 0.5, 9.81)}
 
 
 @pytest.mark.parametrize(
