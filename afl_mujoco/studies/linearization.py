@@ -34,6 +34,11 @@ largest slope: central differences do not see a kink, whatever their step."""
 
 _UPRIGHT = np.zeros(4)
 
+
+class NotSmoothError(InvalidValueError):
+    """Raised for a controller whose force has no slope at upright."""
+
+
 Array = NDArray[np.float64]
 
 
@@ -128,10 +133,10 @@ def linearize(
     kink = float(np.abs(_bend(force, _UPRIGHT, STEP)).max() / max(np.abs(k).max(), 1e-300))
     if not disagreement <= AGREEMENT:
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
-        raise InvalidValueError(thing, rule, f"{disagreement:.1e}")
+        raise NotSmoothError(thing, rule, f"{disagreement:.1e}")
     if not kink <= KINK:
         rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
-        raise InvalidValueError(thing, rule, f"{kink:.1e}")
+        raise NotSmoothError(thing, rule, f"{kink:.1e}")
     loop = Loop(a, b[:, 0], k[0], disagreement)
     return loop if r.actuator_lag == 0.0 else _lagging(loop, r.actuator_lag)
 

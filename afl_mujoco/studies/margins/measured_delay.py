@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
+import mujoco
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
@@ -17,8 +18,9 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
+from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
-from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.bisection import BRACKETED, find_threshold, scan_levels
 from afl_mujoco.studies.delay_margin import delay_margin
 
@@ -191,6 +193,7 @@ def motion_decays(
     period: float = TIMESTEP,
     imperfections: Imperfections = IDEAL,
     belief: Belief = TRUTH,
+    gain: float = 1.0,
 ) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
 
@@ -202,23 +205,56 @@ def motion_decays(
         How long the force is held [s].
     imperfections, belief
         As from `linear_part`, and as in `linearize`.
+    gain
+        Factor on the force that the actuator exerts [1].
     """
-    scenario = Scenario(
-        name="small motion",
-        duration=max(1, round(DURATION / period)) * period,
-        cart_mass=constant(plant.cart_mass),
-        half_length=constant(plant.half_length),
-        pole_mass=plant.pole_mass,
-        gravity=plant.gravity,
-        initial_state=(0.0, START, 0.0, 0.0),
-        imperfections=replace(
-            imperfections, delay=imperfections.delay + delay, control_period=None
-        ),
-        belief=belief,
-    )
-    run = simulate_sampled(scenario, controller, control_period=period)
+    hardware = replace(imperfections, delay=imperfections.delay + delay)
+    run = small_motion(controller, plant, START, DURATION, period, hardware, belief, gain)
     if run.outcome.kind != COMPLETED:
         return False
     peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])
     decayed = (peaks[-1] <= np.minimum(peaks[0], peaks[-2])).all()
     return bool(decayed and peaks[-1, 1] <= SMALL)
+
+
+def small_motion(
+    controller: Controller,
+    plant: CartPoleParameters,
+    start: float,
+    duration: float,
+    period: float,
+    imperfections: Imperfections,
+    belief: Belief,
+    gain: float = 1.0,
+) -> Trajectory:
+    """Return a run near upright in sampled mode.
+
+    Parameters
+    ----------
+    start
+        Pole angle at the start [rad].
+    duration
+        Length of the run [s], rounded to whole control periods.
+    period, imperfections, belief, gain
+        As in `motion_decays`, the imperfections with all their delay.
+    """
+    scenario = Scenario(
+        name="small motion",
+        duration=max(1, round(duration / period)) * period,
+        cart_mass=constant(plant.cart_mass),
+        half_length=constant(plant.half_length),
+        pole_mass=plant.pole_mass,
+        gravity=plant.gravity,
+        initial_state=(0.0, start, 0.0, 0.0),
+        imperfections=replace(imperfections, control_period=None),
+        belief=belief,
+    )
+
+    def amplify(spec: mujoco.MjSpec) -> None:
+        motor = spec.actuator("force")
+        motor.gear = gain * motor.gear
+
+    hardware = scenario.imperfections
+    model = CartPoleModel(plant, edit=amplify, imperfections=hardware)
+    model.compute_only(hardware)
+    return simulate_sampled(scenario, controller, control_period=period, model=model)

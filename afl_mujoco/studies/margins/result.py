@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.studies.loop_margins import Margins
 from afl_mujoco.studies.margins.measured_delay import DelayComparison
+from afl_mujoco.studies.margins.small_motions import SmallMotions
 
 METRICS = tuple(field.name for field in fields(Margins))
 """The margins, in their order."""
@@ -95,6 +96,10 @@ class Result:
         Margin and measurement on some of the plants; empty if none was measured.
     scenario, left_out
         Name of the scenario, if any; and its imperfections that are not modelled.
+    not_linear
+        Why each of the other controllers has no linear margins, by its name.
+    small_motions
+        What small motions of those controllers tolerate on some of the plants.
     """
 
     control_period: float
@@ -108,6 +113,8 @@ class Result:
     measured: tuple[DelayComparison, ...] = ()
     scenario: str | None = None
     left_out: tuple[str, ...] = ()
+    not_linear: dict[str, str] = field(default_factory=dict)
+    small_motions: tuple[SmallMotions, ...] = ()
 
     @property
     def plants(self) -> int:

@@ -10,11 +10,12 @@ from itertools import islice
 import numpy as np
 
 from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
-from afl_mujoco.document.numbers import fixed, listed, percent, short
+from afl_mujoco.document.numbers import MISSING, fixed, listed, percent, short
 from afl_mujoco.document.style import in_words
 from afl_mujoco.studies.margins.figures import delay_margins, draw_delay_margins, draw_measured
 from afl_mujoco.studies.margins.measured_delay import REACH, START, TOLERANCE, DelayComparison
 from afl_mujoco.studies.margins.result import Result
+from afl_mujoco.studies.margins.small_motions import DELAYS, GAINS, SmallMotions
 
 MOST = 4
 """Largest number of controllers that the finding names; the table has all."""
@@ -32,9 +33,12 @@ _COLUMNS = (
 def sections(result: Result) -> list[Section]:
     """Return what a report says about the margins."""
     blocks: list[Block] = [_finding(result), *_about(result)]
-    if result.plants > 1:
+    if result.margins and result.plants > 1:
         blocks.append(_delay_figure(result))
-    blocks.append(_table(result))
+    if result.margins:
+        blocks.append(_table(result))
+    if result.not_linear:
+        blocks.append(_motions_table(result))
     if both := _both(result):
         blocks += [Text(_measured_text(result, both)), _measured_figure(both, result)]
     return [Section("Stability margins", "margins", blocks)]
@@ -66,7 +70,72 @@ def _finding(result: Result) -> Finding:
             margin = f"{fixed(1e3 * delay.value, 1)} ms" if math.isfinite(delay.value) else "none"
             said = f"{fixed(disk.value, 2)} and a least delay margin of {margin}"
             parts.append(f"{name} has a least disk margin of {said}")
-    return Finding("Linear margins", f"Linearised at upright, {'; '.join(parts)}.")
+    sentences = [f"Linearised at upright, {'; '.join(parts)}."] if parts else []
+    measured = [_motions_said(result, name) for name in islice(result.not_linear, MOST)]
+    sentences += [f"Measured by small motions, {'; '.join(measured)}."] if measured else []
+    return Finding("Margins" if measured else "Linear margins", " ".join(sentences))
+
+
+def _motions_said(result: Result, name: str) -> str:
+    """Say what small motions of a controller tolerate on its worst plant."""
+    motions = [one for one in result.small_motions if one.controller == name]
+    grow = sum(not one.decays for one in motions)
+    if not motions:
+        return f"{name} has no margins"
+    if grow:
+        return f"those of {name} do not decay on {grow} of {len(motions)} plants"
+    return (
+        f"{name} tolerates gains of {_down(motions)} to {_up(motions)} and a delay of "
+        f"{_delay(motions)} ms"
+    )
+
+
+def _down(motions: list[SmallMotions]) -> str:
+    """Return the largest of the least gains."""
+    found = [one.gain_decrease for one in motions if one.decays and one.gain_decrease is not None]
+    return fixed(max(found), 2) if found else f"< {1.0 / GAINS[-1]:.2g}"
+
+
+def _up(motions: list[SmallMotions]) -> str:
+    """Return the least of the largest gains."""
+    found = [one.gain_increase for one in motions if one.decays and one.gain_increase is not None]
+    return fixed(min(found), 1) if found else f"> {GAINS[-1]:g}"
+
+
+def _delay(motions: list[SmallMotions]) -> str:
+    """Return the least delay [ms]."""
+    found = [one.delay for one in motions if one.decays and one.delay is not None]
+    if not found:
+        return f"> {1e3 * DELAYS[-1]:g}"
+    return fixed(1e3 * min(found), 1) if min(found) > 0.0 else f"< {1e3 * DELAYS[0]:g}"
+
+
+def _motions_table(result: Result) -> Table:
+    """Return what small motions of each controller without linear margins tolerate."""
+    rows: list[tuple[Cell | str, ...]] = []
+    for name, reason in result.not_linear.items():
+        motions = [one for one in result.small_motions if one.controller == name]
+        grow = sum(not one.decays for one in motions)
+        cells = [MISSING] * 3
+        if grow < len(motions):
+            cells = [_down(motions), _up(motions), _delay(motions)]
+        count = f"{grow} of {len(motions)}" if motions else MISSING
+        rows.append((name, Cell(count, "bad" if grow else ""), *cells, reason))
+    return Table(
+        caption=(
+            f"Margins measured by motions of {short(1e3 * START)} mrad in MuJoCo, the force held "
+            f"for {short(1e3 * result.control_period)} ms: the worst of the plants where they decay"
+        ),
+        columns=(
+            Column("Controller"),
+            Column("Plants where they grow", number=True),
+            Column("Gain down to", number=True),
+            Column("Gain up to", number=True),
+            Column("Delay", "ms", number=True),
+            Column("Why no linear margins"),
+        ),
+        rows=rows,
+    )
 
 
 def _table(result: Result) -> Table:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from afl_mujoco.control.names import INFORMED
-from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, silent
+from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, counted, silent
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.margins.result import Result
@@ -19,14 +19,15 @@ class MarginsConfiguration:
     Example: afl-mujoco margins my-rig.toml --controllers adaptive lqr
 
     The loop is linearised by finite differences in MuJoCo. On some of the plants the study also
-    measures the delay at which a small motion in MuJoCo grows. Writes margins.json and figures.
+    measures the delay at which a small motion in MuJoCo grows; of controllers with a memory or an
+    estimator, or without slopes, the gains too. Writes margins.json and figures.
     """
 
     scenario: ScenarioIfAny = None
     """Scenario by name, or TOML file, that gives the plants, the control period and the linear
     imperfections; by default the paper's grid of plants, without imperfections."""
     controllers: tuple[str, ...] = INFORMED
-    """Controllers by name, except -estimated ones, or module:attribute of your own."""
+    """Controllers by name, or module:attribute of your own."""
     cart_masses: tuple[float, ...] | None = None
     """Cart masses M of the grid [kg]; the paper's 20, or 5 over the scenario's, by default."""
     half_lengths: tuple[float, ...] | None = None
@@ -56,7 +57,9 @@ def run(
     """Survey the margins and measure delays; the result does not depend on the workers."""
     from dataclasses import replace
 
+    from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.studies.margins.measured_delay import compare_delays, measured_plants
+    from afl_mujoco.studies.margins.small_motions import measure_small_motions
     from afl_mujoco.studies.margins.survey import described, request_of, survey_margins
 
     request, about = request_of(configuration), described(configuration)
@@ -65,18 +68,33 @@ def run(
         return found
     pairs = measured_plants(found.cart_masses, found.half_lengths, few=configuration.quick)
     plants = [request.plant(*pair) for pair in pairs]
-    total = len(request.controllers) * len(plants)
+    linear = [one for one in request.controllers if one.name in found.margins]
+    others = [one for one in request.controllers if one.name not in found.margins]
+    hardware = (request.control_period, request.imperfections, request.belief)
+    units = [(controller, plant, *hardware) for controller in others for plant in plants]
+    total = len(linear) * len(plants) + len(units)
+    advance = counted(progress, "measuring", total)
     progress("measuring", 0, total)
     measured = compare_delays(
-        request.controllers,
+        linear,
         plants,
         control_period=request.control_period,
         imperfections=request.imperfections,
         belief=request.belief,
         workers=workers,
-        progress=lambda done: progress("measuring", done, total),
+        progress=advance,
     )
-    return replace(found, measured=tuple(measured))
+    motions = measure_small_motions(units, workers=workers, progress=advance)
+    reasons = dict(found.not_linear)
+    for (controller, *_), motion in zip(units, motions, strict=True):
+        if isinstance(motion, AflMujocoError):
+            reasons[controller.name] = str(motion)
+    return replace(
+        found,
+        measured=tuple(measured),
+        not_linear=reasons,
+        small_motions=tuple(x for x in motions if not isinstance(x, AflMujocoError)),
+    )
 
 
 STUDY = Study(

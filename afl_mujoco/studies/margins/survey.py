@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.files import find_scenario
@@ -29,8 +28,15 @@ from afl_mujoco.scenario.parameters import (
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.delay_margin import PERIOD
-from afl_mujoco.studies.linearization import LINEAR, STEP, linear_part, linearize
+from afl_mujoco.studies.linearization import (
+    LINEAR,
+    STEP,
+    NotSmoothError,
+    linear_part,
+    linearize,
+)
 from afl_mujoco.studies.loop_margins import loop_margins
+from afl_mujoco.studies.margins import small_motions
 from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGrid, Result
 from afl_mujoco.studies.margins.study import MarginsConfiguration
 
@@ -127,16 +133,8 @@ def require(
 ) -> Request:
     """Return what is surveyed, or raise before anything slow.
 
-    Each controller is linearised once, so that one that is not smooth is found here.
+    One controller at least must be linearised, or have small motions, on the first plant.
     """
-    require_no_estimator(controllers)
-    for controller in controllers:
-        if controller.interpreted and controller.stateful:
-            rule = (
-                "has a memory, which a linearisation leaves out (a class, and an instance with "
-                "reset(), count as having one; an instance without reset() is tried)"
-            )
-            raise InvalidValueError(f"controller {controller.name!r}", rule)
     period = require_positive("control_period", control_period)
     if period > LONGEST_PERIOD:
         rule = f"must be at most {LONGEST_PERIOD:g} s"
@@ -153,9 +151,38 @@ def require(
             raise InvalidValueError(thing, "must hold at least one, each once", list(items))
     m, g = require_positive("pole_mass", pole_mass), require_positive("gravity", gravity)
     request = Request(tuple(controllers), masses, lengths, period, m, g, imperfections, belief)
-    for controller in controllers:
-        linearize(controller, request.plant(masses[0], lengths[0]), imperfections, belief)
+    units = [
+        (one, request.plant(masses[0], lengths[0]), period, *request[6:]) for one in controllers
+    ]
+    refused = [error for error in map(refusal, units) if error is not None]
+    if len(refused) == len(units):
+        raise refused[0]
     return request
+
+
+def why_not_linear(controller: Controller) -> str | None:
+    """Return what a linearisation of a controller would leave out; None if nothing."""
+    if controller.estimates:
+        return "has an estimator, which a linearisation leaves out"
+    if controller.interpreted and controller.stateful:
+        return "has a memory, which a linearisation leaves out"
+    return None
+
+
+def refusal(unit: small_motions.Unit) -> AflMujocoError | None:
+    """Return why a controller has neither linear margins nor small motions; None if it has."""
+    controller, plant, _, imperfections, belief = unit
+    try:
+        if why_not_linear(controller) is None:
+            try:
+                linearize(controller, plant, imperfections, belief)
+            except NotSmoothError:
+                small_motions.require_equilibrium(unit)
+        else:
+            small_motions.require_equilibrium(unit)
+    except AflMujocoError as error:
+        return error
+    return None
 
 
 def survey_margins(
@@ -172,6 +199,8 @@ def survey_margins(
     progress: Progress = silent,
 ) -> Result:
     """Return the margins of controllers at every plant of a grid.
+
+    Those that cannot be linearised everywhere are in `Result.not_linear`, with the reason.
 
     Parameters
     ----------
@@ -199,6 +228,8 @@ def survey_margins(
         belief,
     )
     controllers, masses, lengths, period = request[:4]
+    reasons = {controller.name: why_not_linear(controller) for controller in controllers}
+    not_linear = {name: reason for name, reason in reasons.items() if reason is not None}
     units: list[Unit] = [
         (
             controller,
@@ -208,17 +239,19 @@ def survey_margins(
             request.belief,
         )
         for controller in controllers
+        if controller.name not in not_linear
         for mass in masses
     ]
     progress("linearising", 0, len(units))
     advance = counted(progress, "linearising", len(units))
-    with open_executor(min(workers, len(units))) as executor:
+    with open_executor(min(workers, max(1, len(units)))) as executor:
         rows = compute_all(margins_of_row, units, executor, advance)
-    shape = (len(controllers), len(masses), len(lengths), 2, len(METRICS))
-    tables = {
-        controller.name: table
-        for controller, table in zip(controllers, np.reshape(rows, shape), strict=True)
-    }
+    tables: dict[str, list[NDArray[np.float64]]] = {}
+    for unit, row in zip(units, rows, strict=True):
+        if isinstance(row, AflMujocoError):
+            not_linear.setdefault(unit[0].name, str(row))
+        else:
+            tables.setdefault(unit[0].name, []).append(row)
     return Result(
         control_period=period,
         cart_masses=masses,
@@ -228,9 +261,13 @@ def survey_margins(
         imperfections=departures_text(replace(request.imperfections, control_period=None)),
         linearisation_step=STEP,
         margins={
-            name: ControllerMargins(continuous=_grid(table[:, :, 0]), sampled=_grid(table[:, :, 1]))
+            name: ControllerMargins(
+                continuous=_grid(np.stack(table)[:, :, 0]), sampled=_grid(np.stack(table)[:, :, 1])
+            )
             for name, table in tables.items()
+            if name not in not_linear
         },
+        not_linear=not_linear,
     )
 
 
@@ -246,8 +283,10 @@ def _grid(table: NDArray[np.float64]) -> LoopGrid:
     return LoopGrid(stable=tuple(tuple(row) for row in stable.tolist()), **plain)
 
 
-def margins_of_row(unit: Unit) -> NDArray[np.float64]:
+def margins_of_row(unit: Unit) -> NDArray[np.float64] | AflMujocoError:
     """Return the margins of a controller for one cart mass, shape (lengths, 2, margins).
+
+    Or, where it has no linearisation, why.
 
     Parameters
     ----------
@@ -257,7 +296,10 @@ def margins_of_row(unit: Unit) -> NDArray[np.float64]:
     controller, plants, period, imperfections, belief = unit
     row = np.full((len(plants), 2, len(METRICS)), np.nan)
     for place, plant in enumerate(plants):
-        loop = linearize(controller, plant, imperfections, belief)
+        try:
+            loop = linearize(controller, plant, imperfections, belief)
+        except AflMujocoError as error:
+            return error
         for kind, held in enumerate((None, period)):
             found = loop_margins(loop, held, imperfections)
             if found is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.belief import TRUTH
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.studies.linearization import linearize
 from afl_mujoco.studies.loop_margins import loop_margins
 from afl_mujoco.studies.margins.result import METRICS, Result
+from afl_mujoco.studies.margins.small_motions import measure
 from afl_mujoco.studies.margins.study import MarginsConfiguration
 from afl_mujoco.studies.margins.survey import described, request_of, survey_margins
 
@@ -124,16 +127,52 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert request_of(replace(asked, pole_mass=0.3)).pole_mass == 0.3
 
 
-def test_a_controller_with_a_memory_is_refused_for_what_would_be_left_out() -> None:
-    class Integrating:
-        def __init__(self) -> None:
-            self.sum = 0.0
+class Remembering:
+    """An LQR that counts its calls."""
 
-        def __call__(self, time, state, belief) -> float:
-            self.sum += 0.01 * float(state[0])
-            return float(-100.0 * state[1] - self.sum)
+    def __init__(self, bias: float = 0.0) -> None:
+        self.calls, self.bias = 0, bias
+        loop = linearize(CONTROLLERS["lqr"], NOMINAL)
+        self.gains = loop.k.tolist()
 
-    for given in (Integrating, Integrating()):
-        mine = PythonController(name="mine", function=given)
-        with pytest.raises(InvalidValueError, match=r"^controller 'mine' has a memory, which"):
-            survey_margins([mine], **GRID)
+    def __call__(self, time, state, belief) -> float:
+        self.calls += 1
+        force = sum(k * x for k, x in zip(self.gains, state.tolist(), strict=True))
+        return self.bias * (self.calls > 100) - force
+
+
+def biased(time, state, belief) -> float:
+    return 1.0 + float(state[1])
+
+
+def kinked(time, state, belief) -> float:
+    return 50.0 * max(float(state[1]), 0.0)
+
+
+def test_a_controller_with_a_memory_is_measured_where_the_linear_margins_are() -> None:
+    mine = PythonController(name="mine", function=Remembering)
+    period = 0.01
+    expected = loop_margins(linearize(CONTROLLERS["lqr"], NOMINAL), period)
+    found = measure((mine, NOMINAL, period, IDEAL, TRUTH))
+    assert found.decays
+    for name in ("gain_decrease", "gain_increase", "delay"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=0.02), name
+
+
+def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
+    own = [
+        PythonController(name=name, function=function)
+        for name, function in (("memory", Remembering), ("biased", biased), ("kinked", kinked))
+    ]
+    lqr = CONTROLLERS["lqr"]
+    alone = survey_margins([lqr], **GRID)
+    found = survey_margins([own[0], own[1], lqr, own[2]], **GRID)
+    assert found.margins == alone.margins
+    assert found.not_linear["memory"] == "has a memory, which a linearisation leaves out"
+    assert "no force at upright, got 1 N" in found.not_linear["biased"]
+    assert "must be smooth" in found.not_linear["kinked"]
+    with pytest.raises(InvalidValueError, match="no force at upright, got 1 N"):
+        survey_margins(own[1:2], **GRID)
+    late = PythonController(name="late", function=partial(Remembering, 1.0))
+    refused = measure((replace(late, stateful=True), NOMINAL, 1e-3, IDEAL, TRUTH))
+    assert "no force at upright, got 1 N" in str(refused)
