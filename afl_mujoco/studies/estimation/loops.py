@@ -111,26 +111,32 @@ def require_study(name: str, cases: Sequence[str], seeds: int) -> EstimatedContr
 
 
 class Unit(NamedTuple):
-    """What a worker is asked to run: a scenario by name, a controller, a number of seeds, noise."""
+    """What a worker is asked to run: a scenario by name, a controller, a number of seeds, noise.
+
+    Also the physics step [s], None for that of `simulate_mujoco`.
+    """
 
     scenario: str
     controller: str
     seeds: int
     noise: Imperfections = NOISE
+    timestep: float | None = None
 
 
 def run_case(unit: Unit) -> Runs:
-    """Return the runs on one schedule, as deployed at 1 kHz, and the cost of each loop."""
-    scenario, controller, seeds, noise = SCENARIOS[unit.scenario], *unit[1:]
+    """Return the runs on one schedule, the force held over each physics step, with costs."""
+    scenario, controller, seeds, noise, step = SCENARIOS[unit.scenario], *unit[1:]
     estimating = require_study(controller, (unit.scenario,), seeds)
     noisy = [
         replace(scenario, imperfections=replace(noise, seed=noise.seed + seed))
         for seed in range(seeds)
     ]
-    runs = [simulate_estimated(one, estimating) for one in noisy]
-    quiet = simulate_estimated(scenario, estimating).run
-    oracle = simulate_mujoco(scenario, estimating.controller, "sampled")
-    jittery = [simulate_mujoco(one, estimating.controller, "sampled") for one in noisy]
+    runs = [simulate_estimated(one, estimating, timestep=step) for one in noisy]
+    quiet = simulate_estimated(scenario, estimating, timestep=step).run
+    oracle = simulate_mujoco(scenario, estimating.controller, "sampled", timestep=step)
+    jittery = [
+        simulate_mujoco(one, estimating.controller, "sampled", timestep=step) for one in noisy
+    ]
     loops = [
         _loop(TRUE, scenario, estimating.controller, [oracle]),
         _loop(TRUE, noisy[0], estimating.controller, jittery),
@@ -138,7 +144,7 @@ def run_case(unit: Unit) -> Runs:
         _loop(ESTIMATED, noisy[0], estimating, [found.run for found in runs]),
     ]
     if (nominal := CONTROLLERS.get(f"{controller}-nominal")) is not None:
-        run = simulate_mujoco(scenario, nominal, "sampled")
+        run = simulate_mujoco(scenario, nominal, "sampled", timestep=step)
         loops.append(_loop(NOMINAL, scenario, nominal, [run]))
     return Runs(
         scenario=scenario,

@@ -31,12 +31,16 @@ class Estimation:
     """Controller by name, without -estimated."""
     seeds: int | None = None
     """Number of runs with noise, each with its own seed; 8 by default."""
+    timestep: float | None = None
+    """Physics step of MuJoCo, and control period [s]; 0.001 by default."""
     quick: bool = False
     """2 seeds, unless a number is given."""
 
 
 def units_of(configuration: Estimation) -> list[Unit]:
     """Return the units of a configuration, one for each schedule, or raise."""
+    from afl_mujoco.scenario.catalogue import SCENARIOS
+    from afl_mujoco.simulation.sampled.runs import ticks_of
     from afl_mujoco.studies.estimation.loops import CASES, Unit, require_study
 
     c = configuration
@@ -44,7 +48,9 @@ def units_of(configuration: Estimation) -> list[Unit]:
     seeds = default if c.seeds is None else c.seeds
     names = c.scenarios or CASES
     require_study(c.controller, names, seeds)
-    return [Unit(name, c.controller, seeds) for name in names]
+    for name in names:
+        ticks_of(SCENARIOS[name], c.timestep)
+    return [Unit(name, c.controller, seeds, timestep=c.timestep) for name in names]
 
 
 def check(configuration: Estimation) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,7 +22,7 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.bisection import BRACKETED, find_threshold, scan_levels
-from afl_mujoco.studies.delay_margin import delay_margin
+from afl_mujoco.studies.delay_margin import PERIOD, delay_margin
 
 START = 1e-3
 """Pole angle at the start of a measurement [rad], small enough for the linearisation."""
@@ -35,9 +35,6 @@ SMALL = 10.0 * START
 """Largest pole angle in the last part [rad]: the motion may have grown into a limit cycle, which
 no longer grows."""
 
-TIMESTEP = 1e-3
-"""Longest step of MuJoCo, and default control period [s]."""
-
 TOLERANCE = 1e-3
 """Relative tolerance of the measured delay [1]."""
 
@@ -46,6 +43,33 @@ DELAY = 0.05
 
 REACH = 0.05
 """Relative difference up to which margin and measurement agree [1]."""
+
+
+class Deployment(NamedTuple):
+    """How a controller acts in MuJoCo.
+
+    Attributes
+    ----------
+    period
+        How long the force is held [s].
+    imperfections
+        As from `linear_part`.
+    belief
+        As in `linearize`.
+    timestep
+        Physics step [s]; None for the longest up to 1 ms that divides the period.
+    """
+
+    period: float = PERIOD
+    imperfections: Imperfections = IDEAL
+    belief: Belief = TRUTH
+    timestep: float | None = None
+
+
+USUAL = Deployment()
+"""Perfect hardware and the default control period."""
+
+Unit = tuple[Controller, CartPoleParameters, Deployment]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,54 +127,35 @@ def measured_plants(
 
 
 def compare_delays(
-    controllers: Sequence[Controller],
-    plants: Sequence[CartPoleParameters],
+    units: Sequence[Unit],
     *,
-    control_period: float = TIMESTEP,
-    imperfections: Imperfections = IDEAL,
-    belief: Belief = TRUTH,
     workers: int = 1,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = lambda index: None,
 ) -> list[DelayComparison]:
     """Compare margin and measurement for controllers on some plants.
 
     Parameters
     ----------
-    control_period
-        How long the force is held [s].
-    imperfections
-        As from `linear_part`; the delay is added to theirs.
-    belief
-        As in `linearize`.
+    units
+        Controllers, plants, and how they act.
     workers
         Number of processes that share the work; the result does not depend on it.
     """
-    hardware = (control_period, imperfections, belief)
-    units = [(controller, plant, *hardware) for controller in controllers for plant in plants]
-    done = itertools.count(1)
-    with open_executor(workers) as executor:
-        return compute_all(compare_delay, units, executor, lambda i: progress(next(done)))
+    with open_executor(min(workers, max(1, len(units)))) as executor:
+        return compute_all(compare_delay, units, executor, progress)
 
 
-def compare_delay(
-    unit: tuple[Controller, CartPoleParameters, float, Imperfections, Belief],
-) -> DelayComparison:
-    """Compare margin and measurement for one controller on one plant.
-
-    Parameters
-    ----------
-    unit
-        The controller, the plant, how long the force is held [s], imperfections and belief.
-    """
-    controller, plant, period, imperfections, belief = unit
-    margin = delay_margin(controller, plant, period, imperfections, belief)
+def compare_delay(unit: Unit) -> DelayComparison:
+    """Compare margin and measurement for one controller on one plant."""
+    controller, plant, deployed = unit
+    margin = delay_margin(controller, plant, *deployed[:3])
     about = DELAY if margin is None else margin
     return DelayComparison(
         controller=controller.name,
         cart_mass=plant.cart_mass,
         half_length=plant.half_length,
         margin=margin,
-        measured=measured_delay(controller, plant, about, period, imperfections, belief),
+        measured=measured_delay(controller, plant, about, deployed),
     )
 
 
@@ -158,9 +163,7 @@ def measured_delay(
     controller: Controller,
     plant: CartPoleParameters,
     about: float,
-    period: float = TIMESTEP,
-    imperfections: Imperfections = IDEAL,
-    belief: Belief = TRUTH,
+    deployed: Deployment = USUAL,
 ) -> float | None:
     """Return the delay [s] from which a small motion in MuJoCo grows; None if there is none.
 
@@ -168,17 +171,13 @@ def measured_delay(
     ----------
     about
         Delay around which to search, from a fifth of it to five times it [s].
-    period
-        How long the force is held [s].
-    imperfections
-        As from `linear_part`; the delay is added to theirs.
-    belief
-        As in `linearize`.
+    deployed
+        How the controller acts; the delay is added to that of its imperfections.
     """
     scan = scan_levels(about / 5.0, about * 5.0, 7)
 
     def holds(delay: float) -> bool:
-        return motion_decays(controller, plant, delay, period, imperfections, belief)
+        return motion_decays(controller, plant, delay, deployed)
 
     found = find_threshold(holds, scan, TOLERANCE)
     if found.bound != BRACKETED or found.holds_at is None or found.fails_at is None:
@@ -190,9 +189,7 @@ def motion_decays(
     controller: Controller,
     plant: CartPoleParameters,
     delay: float,
-    period: float = TIMESTEP,
-    imperfections: Imperfections = IDEAL,
-    belief: Belief = TRUTH,
+    deployed: Deployment = USUAL,
     gain: float = 1.0,
 ) -> bool:
     """Return whether a small motion about upright decays in MuJoCo.
@@ -201,15 +198,14 @@ def motion_decays(
     ----------
     delay
         Transport delay [s], on top of that of the imperfections.
-    period
-        How long the force is held [s].
-    imperfections, belief
-        As from `linear_part`, and as in `linearize`.
     gain
         Factor on the force that the actuator exerts [1].
     """
-    hardware = replace(imperfections, delay=imperfections.delay + delay)
-    run = small_motion(controller, plant, START, DURATION, period, hardware, belief, gain)
+    hardware = replace(
+        deployed.imperfections, delay=deployed.imperfections.delay + delay, control_period=None
+    )
+    deployed = deployed._replace(imperfections=hardware)
+    run = small_motion(controller, plant, deployed, START, DURATION, gain)
     if run.outcome.kind != COMPLETED:
         return False
     peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])
@@ -220,11 +216,9 @@ def motion_decays(
 def small_motion(
     controller: Controller,
     plant: CartPoleParameters,
+    deployed: Deployment,
     start: float,
     duration: float,
-    period: float,
-    imperfections: Imperfections,
-    belief: Belief,
     gain: float = 1.0,
 ) -> Trajectory:
     """Return a run near upright in sampled mode.
@@ -235,9 +229,10 @@ def small_motion(
         Pole angle at the start [rad].
     duration
         Length of the run [s], rounded to whole control periods.
-    period, imperfections, belief, gain
-        As in `motion_decays`, the imperfections with all their delay.
+    gain
+        Factor on the force that the actuator exerts [1].
     """
+    period, imperfections, belief, timestep = deployed
     scenario = Scenario(
         name="small motion",
         duration=max(1, round(duration / period)) * period,
@@ -257,4 +252,6 @@ def small_motion(
     hardware = scenario.imperfections
     model = CartPoleModel(plant, edit=amplify, imperfections=hardware)
     model.compute_only(hardware)
-    return simulate_sampled(scenario, controller, control_period=period, model=model)
+    return simulate_sampled(
+        scenario, controller, timestep=timestep, control_period=period, model=model
+    )

@@ -9,16 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.scenario.belief import Belief
-from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.trajectory import DIVERGED
 from afl_mujoco.studies.bisection import LOWER, UPPER, find_threshold, scan_levels
 from afl_mujoco.studies.linearization import REST
-from afl_mujoco.studies.margins.measured_delay import START, motion_decays, small_motion
+from afl_mujoco.studies.margins.measured_delay import START, Unit, motion_decays, small_motion
 
 GAINS = scan_levels(1.0, 100.0, 13)
 """Factors on the force that are tried, and their inverses, before the bisection [1]."""
@@ -31,9 +27,6 @@ TOLERANCE = 1e-2
 
 AT_REST = 1.0
 """Length of the run that shows whether upright is an equilibrium [s]."""
-
-Unit = tuple[Controller, CartPoleParameters, float, Imperfections, Belief]
-"""Controller, plant, how long the force is held [s], imperfections and belief."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,15 +62,15 @@ def require_equilibrium(unit: Unit) -> None:
 
     What small motions do says nothing of a loop that has its equilibrium elsewhere.
     """
-    controller, plant, period, imperfections, belief = unit
+    controller, plant, deployed = unit
     thing = f"small motions of {controller.name!r} at M = {plant.cart_mass:g} kg"
     thing += f", l = {plant.half_length:g} m"
-    run = small_motion(controller, plant, 0.0, AT_REST, period, imperfections, belief)
+    run = small_motion(controller, plant, deployed, 0.0, AT_REST)
     moved = np.flatnonzero(~(np.abs(run.force) <= REST))
     if moved.size:
         rule = "must be about an equilibrium: no force at upright"
         raise InvalidValueError(thing, rule, f"{run.force[moved[0]]:g} N")
-    run = small_motion(controller, plant, START, AT_REST, period, imperfections, belief)
+    run = small_motion(controller, plant, deployed, START, AT_REST)
     if run.outcome.kind == DIVERGED:
         raise InvalidValueError(thing, "must have finite forces", f"diverged {run.outcome.time} s")
 
@@ -98,16 +91,9 @@ def measure_small_motions(
 
 def measure(unit: Unit) -> SmallMotions | AflMujocoError:
     """Return what one loop tolerates, or why that could not be measured."""
-    controller, plant, period, imperfections, belief = unit
+    controller, plant, deployed = unit
     pair = {"cart_mass": plant.cart_mass, "half_length": plant.half_length}
-    decays = partial(
-        motion_decays,
-        controller,
-        plant,
-        period=period,
-        imperfections=imperfections,
-        belief=belief,
-    )
+    decays = partial(motion_decays, controller, plant, deployed=deployed)
     try:
         require_equilibrium(unit)
         if not decays(0.0):

@@ -38,6 +38,9 @@ class MarginsConfiguration:
     """g of every plant [m/s^2]; the scenario's, or 9.81, by default."""
     control_period: float | None = None
     """How long the sampled loop holds the force [s]; the scenario's, or 0.001, by default."""
+    timestep: float | None = None
+    """Physics step of MuJoCo where motions are measured [s]; by default the longest up to 0.001
+    that divides the control period."""
     quick: bool = False
     """Every fourth M and l of the paper, unless given otherwise, and two plants measured."""
     measure: bool = True
@@ -58,7 +61,11 @@ def run(
     from dataclasses import replace
 
     from afl_mujoco.errors import AflMujocoError
-    from afl_mujoco.studies.margins.measured_delay import compare_delays, measured_plants
+    from afl_mujoco.studies.margins.measured_delay import (
+        Deployment,
+        compare_delays,
+        measured_plants,
+    )
     from afl_mujoco.studies.margins.small_motions import measure_small_motions
     from afl_mujoco.studies.margins.survey import described, request_of, survey_margins
 
@@ -68,22 +75,16 @@ def run(
         return found
     pairs = measured_plants(found.cart_masses, found.half_lengths, few=configuration.quick)
     plants = [request.plant(*pair) for pair in pairs]
-    linear = [one for one in request.controllers if one.name in found.margins]
-    others = [one for one in request.controllers if one.name not in found.margins]
-    hardware = (request.control_period, request.imperfections, request.belief)
-    units = [(controller, plant, *hardware) for controller in others for plant in plants]
-    total = len(linear) * len(plants) + len(units)
+    deployed = Deployment(
+        request.control_period, request.imperfections, request.belief, configuration.timestep
+    )
+    units = [(one, plant, deployed) for one in request.controllers for plant in plants]
+    linear = [unit for unit in units if unit[0].name in found.margins]
+    units = [unit for unit in units if unit[0].name not in found.margins]
+    total = len(linear) + len(units)
     advance = counted(progress, "measuring", total)
     progress("measuring", 0, total)
-    measured = compare_delays(
-        linear,
-        plants,
-        control_period=request.control_period,
-        imperfections=request.imperfections,
-        belief=request.belief,
-        workers=workers,
-        progress=advance,
-    )
+    measured = compare_delays(linear, workers=workers, progress=advance)
     motions = measure_small_motions(units, workers=workers, progress=advance)
     reasons = dict(found.not_linear)
     for (controller, *_), motion in zip(units, motions, strict=True):

@@ -25,6 +25,7 @@ from afl_mujoco.scenario.parameters import (
     departures,
     require_positive,
 )
+from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.studies.contract import Progress, counted, silent
 from afl_mujoco.studies.delay_margin import PERIOD
@@ -36,8 +37,9 @@ from afl_mujoco.studies.linearization import (
     linearize,
 )
 from afl_mujoco.studies.loop_margins import loop_margins
-from afl_mujoco.studies.margins import small_motions
+from afl_mujoco.studies.margins.measured_delay import Deployment, Unit
 from afl_mujoco.studies.margins.result import METRICS, ControllerMargins, LoopGrid, Result
+from afl_mujoco.studies.margins.small_motions import require_equilibrium
 from afl_mujoco.studies.margins.study import MarginsConfiguration
 
 LONGEST_PERIOD = 10.0
@@ -49,7 +51,7 @@ QUICK = 4
 LEVELS = 5
 """Number of M and l of a scenario that are studied if they change."""
 
-Unit = tuple[Controller, tuple[CartPoleParameters, ...], float, Imperfections, Belief]
+Row = tuple[Controller, tuple[CartPoleParameters, ...], float, Imperfections, Belief]
 
 
 class Request(NamedTuple):
@@ -93,7 +95,7 @@ def request_of(configuration: MarginsConfiguration) -> Request:
         period, start = imperfections.control_period, scenario.parameters_at(0.0)
         belief = scenario.belief.known(start)
     asked = c.control_period
-    return require(
+    found = require(
         [find_controller(name) for name in c.controllers],
         masses if c.cart_masses is None else c.cart_masses,
         lengths if c.half_lengths is None else c.half_lengths,
@@ -103,6 +105,9 @@ def request_of(configuration: MarginsConfiguration) -> Request:
         imperfections,
         belief,
     )
+    if c.timestep is not None:
+        whole_steps("control_period", found.control_period, "timestep", c.timestep)
+    return found
 
 
 def described(configuration: MarginsConfiguration) -> dict[str, Any]:
@@ -151,9 +156,11 @@ def require(
             raise InvalidValueError(thing, "must hold at least one, each once", list(items))
     m, g = require_positive("pole_mass", pole_mass), require_positive("gravity", gravity)
     request = Request(tuple(controllers), masses, lengths, period, m, g, imperfections, belief)
-    units = [
-        (one, request.plant(masses[0], lengths[0]), period, *request[6:]) for one in controllers
-    ]
+    first, deployed = (
+        request.plant(masses[0], lengths[0]),
+        Deployment(period, imperfections, belief),
+    )
+    units = [(one, first, deployed) for one in controllers]
     refused = [error for error in map(refusal, units) if error is not None]
     if len(refused) == len(units):
         raise refused[0]
@@ -169,17 +176,17 @@ def why_not_linear(controller: Controller) -> str | None:
     return None
 
 
-def refusal(unit: small_motions.Unit) -> AflMujocoError | None:
+def refusal(unit: Unit) -> AflMujocoError | None:
     """Return why a controller has neither linear margins nor small motions; None if it has."""
-    controller, plant, _, imperfections, belief = unit
+    controller, plant, deployed = unit
     try:
         if why_not_linear(controller) is None:
             try:
-                linearize(controller, plant, imperfections, belief)
+                linearize(controller, plant, deployed.imperfections, deployed.belief)
             except NotSmoothError:
-                small_motions.require_equilibrium(unit)
+                require_equilibrium(unit)
         else:
-            small_motions.require_equilibrium(unit)
+            require_equilibrium(unit)
     except AflMujocoError as error:
         return error
     return None
@@ -230,7 +237,7 @@ def survey_margins(
     controllers, masses, lengths, period = request[:4]
     reasons = {controller.name: why_not_linear(controller) for controller in controllers}
     not_linear = {name: reason for name, reason in reasons.items() if reason is not None}
-    units: list[Unit] = [
+    units: list[Row] = [
         (
             controller,
             tuple(request.plant(mass, length) for length in lengths),
@@ -283,7 +290,7 @@ def _grid(table: NDArray[np.float64]) -> LoopGrid:
     return LoopGrid(stable=tuple(tuple(row) for row in stable.tolist()), **plain)
 
 
-def margins_of_row(unit: Unit) -> NDArray[np.float64] | AflMujocoError:
+def margins_of_row(unit: Row) -> NDArray[np.float64] | AflMujocoError:
     """Return the margins of a controller for one cart mass, shape (lengths, 2, margins).
 
     Or, where it has no linearisation, why.

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.belief import TRUTH
-from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.delay_margin import delay_margin, least_margin
 from afl_mujoco.studies.margins import measured_delay
 from afl_mujoco.studies.margins.measured_delay import (
     REACH,
+    Deployment,
     compare_delay,
     measured_plants,
     motion_decays,
@@ -29,7 +28,7 @@ def plant(cart_mass: float, half_length: float, **others: float) -> afl.CartPole
 
 def test_margin_and_measurement_agree_on_a_plant_far_from_the_paper_s() -> None:
     heavy = plant(8.0, 1.5, pole_mass=2.0, gravity=3.7)
-    found = compare_delay((LQR, heavy, 1e-3, IDEAL, TRUTH))
+    found = compare_delay((LQR, heavy, Deployment()))
     assert abs(found.difference) < 0.01
     assert found.margin != pytest.approx(delay_margin(LQR, plant(8.0, 1.5)), rel=0.05)
 
@@ -42,7 +41,7 @@ def test_the_least_margin_is_of_the_scenario_s_own_pole_and_gravity() -> None:
 
 @pytest.mark.parametrize("name", ["adaptive", "lqr", "partial-linearization"])
 def test_margin_and_measurement_agree(name: str) -> None:
-    found = compare_delay((afl.CONTROLLERS[name], plant(0.5, 0.2), 1e-3, IDEAL, TRUTH))
+    found = compare_delay((afl.CONTROLLERS[name], plant(0.5, 0.2), Deployment()))
     assert found.agrees
     assert abs(found.difference) < 0.01  # far within REACH
 
@@ -50,7 +49,7 @@ def test_margin_and_measurement_agree(name: str) -> None:
 def test_a_wrong_margin_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     true = delay_margin(LQR, plant(1.0, 0.5))
     monkeypatch.setattr(measured_delay, "delay_margin", lambda *plant: true * (1.0 + 2.0 * REACH))
-    found = compare_delay((LQR, plant(1.0, 0.5), 1e-3, IDEAL, TRUTH))
+    found = compare_delay((LQR, plant(1.0, 0.5), Deployment()))
     assert not found.agrees
     assert found.difference == pytest.approx(1.0 / (1.0 + 2.0 * REACH) - 1.0, abs=0.01)
 
@@ -63,9 +62,7 @@ def test_a_limit_cycle_is_no_decay() -> None:
 
 
 def test_a_loop_that_is_not_stable_has_no_margin_and_no_threshold() -> None:
-    found = compare_delay(
-        (afl.CONTROLLERS["adaptive-nominal"], plant(0.1, 0.05), 1e-3, IDEAL, TRUTH)
-    )
+    found = compare_delay((afl.CONTROLLERS["adaptive-nominal"], plant(0.1, 0.05), Deployment()))
     assert (found.margin, found.measured, found.difference) == (None, None, None)
     assert found.agrees
 
@@ -94,7 +91,7 @@ def test_a_plant_that_stands_for_a_tenth_of_a_second_is_on_the_way_too() -> None
 
 def test_the_delay_is_measured_with_the_force_held_as_long_as_the_margin_says():
     """Against the eigenvalues of the sampled loop, which for LQR on this plant cross at 15.6 ms."""
-    found = compare_delay((LQR, plant(2.0, 0.2), 0.02, IDEAL, TRUTH))
+    found = compare_delay((LQR, plant(2.0, 0.2), Deployment(0.02)))
     assert (
         found.margin
         == delay_margin(LQR, plant(2.0, 0.2), 0.02)

@@ -13,11 +13,11 @@ import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS
 from afl_mujoco.control.own.python_controller import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.belief import TRUTH
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.studies.linearization import linearize
 from afl_mujoco.studies.loop_margins import loop_margins
+from afl_mujoco.studies.margins.measured_delay import Deployment
 from afl_mujoco.studies.margins.result import METRICS, Result
 from afl_mujoco.studies.margins.small_motions import measure
 from afl_mujoco.studies.margins.study import MarginsConfiguration
@@ -153,7 +153,7 @@ def test_a_controller_with_a_memory_is_measured_where_the_linear_margins_are() -
     mine = PythonController(name="mine", function=Remembering)
     period = 0.01
     expected = loop_margins(linearize(CONTROLLERS["lqr"], NOMINAL), period)
-    found = measure((mine, NOMINAL, period, IDEAL, TRUTH))
+    found = measure((mine, NOMINAL, Deployment(period)))
     assert found.decays
     for name in ("gain_decrease", "gain_increase", "delay"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=0.02), name
@@ -174,5 +174,5 @@ def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
     with pytest.raises(InvalidValueError, match="no force at upright, got 1 N"):
         survey_margins(own[1:2], **GRID)
     late = PythonController(name="late", function=partial(Remembering, 1.0))
-    refused = measure((replace(late, stateful=True), NOMINAL, 1e-3, IDEAL, TRUTH))
+    refused = measure((replace(late, stateful=True), NOMINAL, Deployment()))
     assert "no force at upright, got 1 N" in str(refused)
