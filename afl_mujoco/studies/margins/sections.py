@@ -81,7 +81,7 @@ def _motions_said(result: Result, name: str) -> str:
     motions = [one for one in result.small_motions if one.controller == name]
     grow = sum(not one.decays for one in motions)
     if not motions:
-        return f"{name} has no margins"
+        return f"none for {name}"
     if grow:
         return f"those of {name} do not decay on {grow} of {len(motions)} plants"
     return (

@@ -14,6 +14,7 @@ from afl_mujoco.document.blocks import Finding, Text, figures_of
 from afl_mujoco.document.terminal import print_sections
 from afl_mujoco.studies.margins.figures import draw_delay_margins
 from afl_mujoco.studies.margins.sections import sections
+from afl_mujoco.studies.margins.small_motions import SmallMotions
 from tests import study_results
 
 RESULT = study_results.margins()
@@ -121,3 +122,29 @@ def test_margins_over_m_or_l_alone_are_lines_with_crosses_where_unstable(
 
 def test_margins_of_one_plant_are_in_the_table_alone() -> None:
     assert list(figures_of(sections(over_plants(1, 1)))) == []
+
+
+def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() -> None:
+    def motion(name: str, decays: bool = True, **found: float | None) -> SmallMotions:
+        return SmallMotions(controller=name, cart_mass=1.0, half_length=0.5, decays=decays, **found)
+
+    result = replace(
+        RESULT,
+        margins={},
+        measured=(),
+        not_linear={"mine": "has a memory", "wild": "must be smooth", "biased": "pushes"},
+        small_motions=(
+            motion("mine", gain_decrease=0.25, gain_increase=8.0, delay=0.02),
+            motion("mine", gain_decrease=0.5, gain_increase=None, delay=0.0),
+            motion("wild", decays=False),
+            motion("wild", gain_decrease=None, gain_increase=None, delay=None),
+        ),
+    )
+    rows = {row[0]: row[1:] for row in printed(result) if row and row[0] in result.not_linear}
+    assert rows["mine"][:9] == ["0", "of", "2", "0.50", "8.0", "<", "0.1", "has", "a"]
+    assert rows["wild"][:10] == ["✗", "1", "of", "2", "<", "0.01", ">", "100", ">", "1000"]
+    assert rows["biased"] == ["–"] * 4 + ["pushes"]
+    (section,) = sections(result)
+    (finding,) = (block for block in section.blocks if isinstance(block, Finding))
+    assert "those of wild do not decay on 1 of 2 plants; none for biased" in finding.text
+    assert list(figures_of([section])) == []
