@@ -224,7 +224,6 @@ CASES = {
     ],
     "margins": [
         (["--controllers", "lqr", "lqr"], "controllers must hold at least one, each once"),
-        (["--controllers", "fixed-estimated"], "controller 'fixed-estimated'"),
         (["--cart-masses", "nan"], "cart_masses must be "),
         (["--gravity", "-9.81"], "gravity must be positive, got -9.81"),
         (["--control-period", "0"], "control_period must be positive, got 0"),
