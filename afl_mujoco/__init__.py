@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
     from afl_mujoco.simulation.task import load
     from afl_mujoco.simulation.trajectory import Outcome, Trajectory
-    from afl_mujoco.studies.compare.comparison import compare
+    from afl_mujoco.studies.compare import compare
 
     __version__: str
 
@@ -86,7 +86,7 @@ _HOMES = {
     "simulation.sampled.rollouts": ("Rollouts", "run_rollouts"),
     "simulation.task": ("load",),
     "simulation.trajectory": ("Outcome", "Trajectory"),
-    "studies.compare.comparison": ("compare",),
+    "studies.compare": ("compare",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

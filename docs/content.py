@@ -30,10 +30,10 @@ import jinja2
 
 import afl_mujoco
 from afl_mujoco.cli.main import OTHERS, main
-from afl_mujoco.document.blocks import Block, Figure, Section, figures_of
-from afl_mujoco.document.markdown import to_markdown
-from afl_mujoco.document.numbers import ceil_to, floor_to, short
-from afl_mujoco.document.style import save_figure, write_figure
+from afl_mujoco.report.old import Block, Figure, Section, figures_of
+from afl_mujoco.report.markdown import to_markdown
+from afl_mujoco.report.numbers import ceil_to, floor_to, short
+from afl_mujoco.report.style import save_figure, write_figure
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import Record, load_record
 from afl_mujoco.studies.registry import studies

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from afl_mujoco.document.blocks import Section
+from afl_mujoco.report.old import Section
 from afl_mujoco.identification.prediction import Errors
 from afl_mujoco.identification.shipped import load_estimates
 from afl_mujoco.scenario.laboratory import LABORATORY

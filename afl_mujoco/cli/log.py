@@ -44,11 +44,11 @@ class Log:
 
         import numpy as np
 
-        from afl_mujoco.document.blocks import Column, Section, Table
-        from afl_mujoco.document.numbers import percent, short
-        from afl_mujoco.document.style import save_figure, styled
-        from afl_mujoco.document.terminal import print_sections
         from afl_mujoco.files import output_folder
+        from afl_mujoco.report.blocks import Matrix
+        from afl_mujoco.report.numbers import percent, short
+        from afl_mujoco.report.style import save_figure, styled
+        from afl_mujoco.report.terminal import print_blocks
         from afl_mujoco.studies.identified_parts import draw_log
 
         folder = output_folder(self.out)
@@ -67,16 +67,14 @@ class Log:
                     percent(1.0 - float(log.valid.mean()), 2),
                 )
             )  # fmt: skip
-        table = Table(
+        table = Matrix(
             caption=description.name,
             columns=(
-                Column("Log"), Column("Rows", number=True), Column("Duration", "s", number=True),
-                Column("Period", "ms", number=True), Column("Jitter", "ms", number=True),
-                Column("Missing", number=True), Column("z", "m", number=True),
-                Column("φ", "rad", number=True), Column("φ in the dead zone", number=True),
+                "Log", "Rows", "Duration [s]", "Period [ms]", "Jitter [ms]", "Missing", "z [m]",
+                "φ [rad]", "φ in the dead zone",
             ),
             rows=rows,
         )  # fmt: skip
-        print_sections([Section("Logs", "logs", (table,))], folder)
+        print_blocks([table])
         say(f"wrote {', '.join(f'{folder / log.name}.png' for log in logs)}")
         return SUCCESS

@@ -44,7 +44,7 @@ from afl_mujoco.errors import (
     warning_in_one_line,
 )
 from afl_mujoco.execution.interrupts import interrupts_noted, is_interrupt
-from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.registry import listed
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
 """Commands listed after those of the studies."""
@@ -140,7 +140,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
     if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
-    commands: Any = Union[(*study_commands(), *map(plain_help, OTHERS))]
+    commands: Any = Union[(*study_commands("".join(given[:1])), *map(plain_help, OTHERS))]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
@@ -170,7 +170,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
 
 def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     """Return the complaint of the parser in one line, with a suggestion."""
-    names = [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
+    names = [*listed(), *(kind.__name__.lower() for kind in OTHERS)]
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
@@ -218,7 +218,7 @@ def _options() -> dict[str, list[str]]:
     """Return the options of each command as they are typed."""
     kinds: dict[str, Any] = {kind.__name__.lower(): kind for kind in OTHERS}
     of_studies = (get_args(kind)[0] for kind in study_commands())
-    kinds |= dict(zip(studies(), of_studies, strict=True))
+    kinds |= dict(zip(listed(), of_studies, strict=True))
     parts = get_args(get_type_hints(Tune)["what"])
     kinds |= {f"tune {kind.__name__.lower()}": kind for kind in parts}
     return {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,9 +14,7 @@ from afl_mujoco.errors import FileError, UnknownNameError
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
-    from afl_mujoco.document.blocks import Section
     from afl_mujoco.scenario.scenario import Scenario
-    from afl_mujoco.simulation.metrics import Metrics
     from afl_mujoco.simulation.trajectory import Trajectory
 
 SIMULATORS = ("ode", "exact", "continuous", "sampled")
@@ -80,18 +77,18 @@ class Simulate:
 
             require_loggable(scenario, controller, self.simulator)
 
-        from afl_mujoco.document.blocks import Section, Verdict
-        from afl_mujoco.document.style import save_figure
-        from afl_mujoco.document.terminal import print_sections, print_verdict
         from afl_mujoco.files import output_folder
-        from afl_mujoco.scenario.requirements import NONE
+        from afl_mujoco.report.blocks import Block, Report
+        from afl_mujoco.report.style import save_figure
+        from afl_mujoco.report.terminal import print_report
         from afl_mujoco.scenario.sample_space import DRAWS
         from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.figures import draw_runs
-        from afl_mujoco.simulation.judgement import judged, remarks_on
-        from afl_mujoco.simulation.metrics import metrics
+        from afl_mujoco.simulation.judgement import remarks_on
+        from afl_mujoco.simulation.metrics import UNITS, metrics
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
-        from afl_mujoco.studies.requirements_table import requirements_table, tally
+        from afl_mujoco.studies.run import run_of
+        from afl_mujoco.studies.tables import how, metrics_matrix, requirements_matrix
 
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
@@ -118,20 +115,22 @@ class Simulate:
         scales = nominal_scales(timestep or LONGEST_STEP)
         figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
         digits = 3 if scenario.imperfections.drawn else 6
-        title = f"{scenario.name}, {controller.name}"
-        print_sections([_section(title, runs, figures, digits)], folder)
-        run = judged(scenario, controller.name, runs[0])
-        if scenario.requirements != NONE:
-            requirements = Section("Requirements", "requirements", [requirements_table([run])])
-            print_sections([requirements], folder)
-        for remark in remarks_on(runs[0], scenario, controller):
-            say(f"{controller.name}: {remark}")
+        run = run_of(scenario, controller, runs[0])
+        remarks = [f"- {remark}" for remark in remarks_on(runs[0], scenario, controller)]
         if scenario.imperfections.drawn and self.simulator == "sampled":
-            say(f"draw 1 of {DRAWS}: noise or encoders act; afl-mujoco compare runs them all")
+            remarks.append(f"- draw 1 of {DRAWS}: afl-mujoco compare runs them all")
+        by_simulator = {one.simulator: [figure] for one, figure in zip(runs, figures, strict=True)}
+        blocks: list[Block] = [
+            metrics_matrix(by_simulator, [n for n in UNITS if n in figures[0]], digits=digits),
+            requirements_matrix(scenario, {controller.name: [run]}, {}),
+            *(["\n".join(remarks)] if remarks else []),
+        ]
         if self.log:
             others += [f.name for f in write_run(scenario, runs[0], folder, stem)]
         say(f"wrote {folder / stem}.npz, {', '.join(others)}")
-        print_verdict(Verdict(not run.missed, tally([run])))
+        ending = run.ending if not run.failure else how(run.failure)
+        headline = f"{controller.name} on {scenario.name}: {ending}"
+        print_report(Report(headline=headline, blocks=blocks, passed=not run.missed))
         return CHECK_FAILED if run.missed else SUCCESS
 
     def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
@@ -155,26 +154,3 @@ class Simulate:
 def _first(*choices: str | None) -> str:
     """Return the first choice that was made."""
     return next(choice for choice in choices if choice is not None)
-
-
-def _section(
-    title: str, runs: Sequence[Trajectory], figures: Sequence[Metrics], digits: int
-) -> Section:
-    """Return how runs ended, and their metrics side by side."""
-    from afl_mujoco.document.blocks import Column, Section, Table
-    from afl_mujoco.document.numbers import short
-    from afl_mujoco.simulation.metrics import LABELS, UNITS, unit_of
-
-    columns = [Column(run.simulator, number=True) for run in runs]
-    rows = [
-        (LABELS[name], unit_of(name), *(short(figure[name], digits) for figure in figures))
-        for name in UNITS
-        if name in figures[0]
-    ]
-    outcomes = ("outcome", "", *(str(run.outcome) for run in runs))
-    table = Table(
-        caption="Metrics",
-        columns=(Column("Metric"), Column("Unit"), *columns),
-        rows=[outcomes, *rows],
-    )
-    return Section(title, "metrics", (table,))

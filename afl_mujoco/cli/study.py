@@ -25,7 +25,7 @@ from afl_mujoco.cli.terminal import (
     typed,
 )
 from afl_mujoco.studies.contract import Interrupted, Progress, Study
-from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.registry import Listed, find_study, listed
 
 MOST_TOLD = 4
 """Largest number of scenario files in a folder that are named one by one."""
@@ -51,16 +51,15 @@ class StudyCommand:
         from afl_mujoco.execution.executors import require_workers
 
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
-        study.check(configuration)  # what is quick to check comes first
+        request = study.request(configuration)  # what is quick to check comes first
         require_workers(who.get("workers", 1))
         if who.get("cluster") is not None:
             require_address(who["cluster"])
 
         from afl_mujoco.cli.page import require_page, write_page
-        from afl_mujoco.document.blocks import without_figures
-        from afl_mujoco.document.terminal import print_sections, print_verdict
         from afl_mujoco.execution.processes import kept_processes
         from afl_mujoco.files import output_folder, require_no_folder
+        from afl_mujoco.report.terminal import print_report
         from afl_mujoco.studies.record import PAGE, Record, save_partial, save_record
 
         names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
@@ -69,14 +68,14 @@ class StudyCommand:
             require_page(self.out, self.films, leave_out=study.name)
         study.require_folder(self.out)
         folder = output_folder(self.out)
-        inputs = inputs_of(configuration)
+        inputs = inputs_of(request)
         films: list[Path] = []
         with study_progress() as progress, kept_processes():
             command = typed(study.name, configuration)
             if (limit := getattr(self, "call_limit", None)) is not None:
                 command += f" --call-limit {limit:g}"
             try:
-                result = study.run(configuration, progress=progress, **who)
+                result = study.run(request, progress=progress, **who)
             except Interrupted as early:
                 record = Record(study=study, result=early.result, command=command, inputs=inputs)
                 say(f"interrupted: wrote {save_partial(record, folder, early.done)}")
@@ -84,8 +83,6 @@ class StudyCommand:
             record = Record(study=study, result=result, command=command, inputs=inputs)
 
             def film() -> None:
-                shown = record.sections
-                print_sections(shown if self.page else [*map(without_figures, shown)], folder)
                 films.extend(study.make_films(result, folder, command))
 
             def finish(staging: Path) -> None:
@@ -99,10 +96,8 @@ class StudyCommand:
             )  # fmt: skip
         files += films
         say(f"wrote {_told(files)}")
-        if record.verdict is None:
-            return SUCCESS
-        print_verdict(record.verdict)
-        return SUCCESS if record.verdict.passed else CHECK_FAILED
+        print_report(report := record.report)
+        return CHECK_FAILED if report.passed is False else SUCCESS
 
     @property
     def configuration(self) -> Any:
@@ -134,24 +129,37 @@ class Cluster:
     """Share the work among the workers of a Dask cluster: tcp://host:port."""
 
 
-def study_commands() -> list[Any]:
-    """Return a command for each study, in the form that tyro takes."""
-    return [_command(study) for study in studies().values()]
+def study_commands(chosen: str | None = None) -> list[Any]:
+    """Return a command for each study, in the form that tyro takes.
+
+    Only that of the chosen study is whole, all if it is None: the others have nothing but their
+    name and what the list of commands says of them.
+    """
+    return [
+        _command(find_study(name)) if chosen in (None, name) else _stub(one)
+        for name, one in listed().items()
+    ]
 
 
-def inputs_of(configuration: Any) -> dict[str, str]:
-    """Return digests of the scenarios and controllers that a study's options name."""
+def _stub(one: Listed) -> Any:
+    """Return a command without options."""
+    members: dict[str, Any] = {"__doc__": one.summary, "__module__": __name__}
+    return Annotated[type(one.name, (), members), tyro.conf.subcommand(one.name)]
+
+
+def inputs_of(request: Any) -> dict[str, str]:
+    """Return digests of the scenarios and controllers that a study runs."""
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.control.digests import digests
     from afl_mujoco.scenario.files import find_scenario
 
-    def named(option: str) -> list[str]:
-        one, several = (getattr(configuration, name, None) for name in (option, f"{option}s"))
+    def run(option: str) -> list[Any]:
+        one, several = (getattr(request, name, None) for name in (option, f"{option}s"))
         return [*(several or ()), *([] if one is None else [one])]
 
-    labels = getattr(configuration, "gain_labels", "table2")
-    controllers = [find_controller(name, labels) for name in named("controller")]
-    return digests(map(find_scenario, named("scenario")), controllers)
+    controllers = [find_controller(x) if isinstance(x, str) else x for x in run("controller")]
+    scenarios = [find_scenario(x) if isinstance(x, str) else x for x in run("scenario")]
+    return digests(scenarios, controllers)
 
 
 def _told(files: Sequence[Path]) -> str:

@@ -16,9 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from afl_mujoco.document.style import colours
 from afl_mujoco.films.captions import BOTTOM
 from afl_mujoco.films.replay import Replay
+from afl_mujoco.report.style import colours
 
 Picture = NDArray[np.uint8]
 

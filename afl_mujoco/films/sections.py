@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from afl_mujoco.document.blocks import Block, Film, Section, Text
-from afl_mujoco.document.numbers import sentence
 from afl_mujoco.films.listing import Entry, load_listing
 from afl_mujoco.films.plan import SINGLE
 from afl_mujoco.films.replay import IDEAL_ODE
+from afl_mujoco.report.numbers import sentence
+from afl_mujoco.report.old import Block, Film, Section, Text
 
 
 def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[Section]:

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Iterator
 
-from afl_mujoco.document.numbers import short
+from afl_mujoco.report.numbers import short
 from afl_mujoco.scenario.belief import NOMINAL, PARAMETERS, TRUTH, Assumed, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import Imperfections

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from afl_mujoco.document.style import BLACK, LENGTH, MASS, SKY, TIME, new_figure, styled
+from afl_mujoco.report.style import BLACK, LENGTH, MASS, SKY, TIME, new_figure, styled
 from afl_mujoco.simulation.trajectory import Trajectory
 
 _STATE_PANELS = (

@@ -33,33 +33,14 @@ LONGEST = 50.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """One requirement, and how a run meets it.
+    """One requirement, and how a run meets it."""
 
-    Attributes
-    ----------
-    requirement
-        A key of `UNITS`.
-    limit
-        What is required, in the requirement's unit.
-    value
-        What was reached; None if the run ended too early to decide, or never settled.
-    left
-        Robustness as in signal temporal logic: by how much the limit exceeds the value, negative
-        if the requirement is not met, in the requirement's unit. None if the run ended too early to
-        decide, or never settles.
-    graded
-        For a search, as a share of the limit: the robustness of a run that never settles, had it
-        settled at the last instant.
-    limited
-        Of the exerted force: the share of the time at which the drive is at its limit.
-    """
-
-    requirement: str
+    requirement: str  # a key of UNITS
     limit: float
-    value: float | None
-    left: float | None
-    graded: float | None = None
-    limited: float = 0.0
+    value: float | None  # None if the run ended too early to decide, or never settles
+    margin: float | None  # robustness as in signal temporal logic, as a share of the limit
+    graded: float | None = None  # for a search: the margin had it settled at the last instant
+    limited: float = 0.0  # of the exerted force: share of the time with the drive at its limit
 
     def __post_init__(self) -> None:
         """Raise unless there is such a requirement."""
@@ -69,16 +50,11 @@ class Judgement:
     @property
     def met(self) -> bool:
         """Whether the run shows that the requirement is met."""
-        return self.left is not None and self.left >= 0.0
-
-    @property
-    def relative(self) -> float | None:
-        """Robustness as a share of the limit, the margin."""
-        return None if self.left is None else self.left / self.limit
+        return self.margin is not None and self.margin >= 0.0
 
     @property
     def unit(self) -> str:
-        """Unit of limit, value and robustness."""
+        """Unit of limit and value."""
         return UNITS[self.requirement]
 
 
@@ -91,13 +67,6 @@ def failure_of(ending: str, requirements: Sequence[Judgement]) -> str:
 
     A run that ended early is named by how it ended, any other by the requirement with the least
     margin, of which it has none where it never settles.
-
-    Parameters
-    ----------
-    ending
-        Kind of the run's outcome, or `CONTROLLER_FAILED`.
-    requirements
-        How it meets each requirement of its scenario, from `judge`.
     """
     missed = [one for one in requirements if not one.met]
     if ending == CONTROLLER_FAILED or (missed and ending != COMPLETED):
@@ -109,60 +78,13 @@ def failure_of(ending: str, requirements: Sequence[Judgement]) -> str:
 
 def least_margin(requirements: Iterable[Judgement]) -> float | None:
     """Return the least margin of a run over what is measured; None where one has none."""
-    margins = [one.relative for one in requirements if one.requirement != "completes"]
+    margins = [one.margin for one in requirements if one.requirement != "completes"]
     return min((x for x in margins if x is not None), default=None) if None not in margins else None
 
 
 def _margin(one: Judgement) -> float:
     """Return a margin to compare with others."""
-    return -math.inf if one.relative is None else one.relative
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JudgedRun:
-    """How a controller meets the requirements of a scenario.
-
-    Attributes
-    ----------
-    scenario, controller
-        Their names.
-    outcome
-        How the run ended, in words.
-    requirements
-        How it meets each requirement.
-    failure
-        How it failed, from `failure_of`.
-    settled
-        Whether z and phi stayed within their bands for the last second at least, required or not.
-    draw
-        Which draw of noise and start it is, from 0.
-    """
-
-    scenario: str
-    controller: str
-    outcome: str
-    requirements: tuple[Judgement, ...]
-    failure: str
-    settled: bool
-    draw: int = 0
-
-    @property
-    def missed(self) -> list[Judgement]:
-        """The requirements that are not met."""
-        return [one for one in self.requirements if not one.met]
-
-
-def judged(scenario: Scenario, controller: str, run: Trajectory) -> JudgedRun:
-    """Return how a controller's run meets the requirements of the scenario."""
-    requirements = judge(scenario, run)
-    return JudgedRun(
-        scenario=scenario.name,
-        controller=controller,
-        outcome=str(run.outcome),
-        requirements=requirements,
-        failure=failure_of(run.outcome.kind, requirements),
-        settled=_settled(scenario, run),
-    )
+    return -math.inf if one.margin is None else one.margin
 
 
 def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
@@ -185,13 +107,13 @@ def judge_ending(scenario: Scenario, outcome: Outcome, peak: float) -> tuple[Jud
     found = []
     if "completes" in required:
         reached = scenario.duration if completed else outcome.time
-        left = reached - scenario.duration
+        left = (reached - scenario.duration) / scenario.duration
         found.append(
             Judgement(
                 requirement="completes",
                 limit=scenario.duration,
                 value=reached,
-                left=left if completed or left < 0.0 else None,  # it may fall at the very end
+                margin=left if completed or left < 0.0 else None,  # it may fall at the very end
             )
         )
     if "end_stops" in required:
@@ -206,7 +128,7 @@ def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
     """
     limits = {"completes": scenario.duration, **scenario.required}
     return tuple(
-        Judgement(requirement=name, limit=limit, value=None, left=None)
+        Judgement(requirement=name, limit=limit, value=None, margin=None)
         for name, limit in limits.items()
     )
 
@@ -242,18 +164,21 @@ def _outside(scenario: Scenario, run: Trajectory) -> NDArray[np.bool_]:
     return outside
 
 
-def _settled(scenario: Scenario, run: Trajectory) -> bool:
-    """Return whether a run completed within the bands of rest, and had been so for `DWELL`."""
-    late = run.time > run.time[-1] - DWELL - 1e-9
-    completed = run.outcome.kind == COMPLETED and run.time[-1] >= DWELL - 1e-9
-    return bool(completed and not _outside(scenario, run)[late].any())
+def settling_time(scenario: Scenario, run: Trajectory) -> float | None:
+    """Return from when a run stayed within the bands of rest, `DWELL` before its end or earlier."""
+    outside = np.flatnonzero(_outside(scenario, run))
+    settled = int(outside[-1]) + 1 if len(outside) else 0
+    if run.outcome.kind != COMPLETED or settled == len(run.time):
+        return None
+    dwelled = run.time[-1] - run.time[settled] >= DWELL - 1e-9
+    return float(run.time[settled]) if dwelled else None
 
 
 def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judgement:
     """Judge the largest absolute value of a signal; a run cut short can only break the limit."""
     if value is None or (not completed and value <= limit):
-        return Judgement(requirement=name, limit=limit, value=value, left=None)
-    return Judgement(requirement=name, limit=limit, value=value, left=limit - value)
+        return Judgement(requirement=name, limit=limit, value=value, margin=None)
+    return Judgement(requirement=name, limit=limit, value=value, margin=(limit - value) / limit)
 
 
 def _rest(
@@ -277,7 +202,7 @@ def _rest(
         requirement=name,
         limit=limit,
         value=slowest if ever else None,
-        left=limit - slowest if ever else None,
+        margin=(limit - slowest) / limit if ever else None,
         graded=None if ever else (limit - slowest) / limit,
     )
 

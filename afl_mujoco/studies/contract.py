@@ -1,27 +1,27 @@
-"""The parts of every study: a configuration, a run, a result kept as JSON, and sections.
+"""The parts of every study: options, a run, a result kept as JSON, and what it shows.
 
-A study is a package of this folder:
+A study is a module of this folder. Its first line is what the list of commands says of it; it has
 
-``study.py``
-    Its configuration is a frozen dataclass. The fields are the options of the command, each with a
-    default; ``quick`` is one of them in the studies that ``make robustness`` runs. Their docstrings
-    are the help texts; that of the class has an example. Those called ``scenario``, ``scenarios``,
-    ``controller`` and ``controllers`` are names: the record keeps a digest of each. ``check``
-    raises if a rule is broken, before anything slow; ``run`` returns the result. `STUDY` names
-    them. ``--help`` imports this module, so slow imports belong inside the functions.
-``result.py``
-    ``Result``, a frozen dataclass of types that pydantic supports, and of `Array`.
-``sections.py``
-    ``sections(result)`` is the only place that puts the study into words. A study that judges has
-    ``verdict(result)``: its command ends with the verdict, and fails if the verdict does. A study
-    that runs controllers on scenarios has ``opening(result)``: what a page shows first.
-``films.py``
-    Only for a study that can film what it ran: ``films(result, command)`` returns what to film,
-    once its figures are drawn. Films of an earlier run are removed: they do not belong to
-    the new numbers.
-``files.py``
-    Only for a study that writes more than figures: ``require(folder)`` raises before the run,
-    ``write(result, folder)`` returns what it wrote.
+``Options``
+    A frozen dataclass, the options of the command, each with a default; ``quick`` is one of them in
+    the studies that ``make robustness`` runs. Their docstrings are the help texts; that of the
+    class has an example.
+``prepare(options)``
+    Returns what is run, with `scenarios` and `controllers`, or raises if a rule is broken, before
+    anything slow. Nothing is parsed after it.
+``run(request)``
+    Returns the result; ``progress``, ``workers`` and ``cluster`` are arguments if it takes them.
+``Result``
+    A frozen dataclass of types that pydantic supports, of `Array` and of `Rows`.
+``report(result)``
+    The only place that puts the study into words: one headline, one figure, one table.
+``films(result, command)``
+    Only for a study that can film what it ran: what to film, once its figures are drawn. Films of
+    an earlier run are removed: they do not belong to the new numbers.
+``require_files(folder)``, ``write_files(result, folder)``
+    Only for a study that writes more than figures: raises before the run; returns what it wrote.
+
+`STUDY` names them. The list of commands imports no study, and a command only its own.
 """
 
 from __future__ import annotations
@@ -31,17 +31,15 @@ import importlib.util
 import inspect
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
 from afl_mujoco.control.names import KNOWN
-
-if TYPE_CHECKING:
-    from afl_mujoco.document.blocks import Block, Section, Verdict
+from afl_mujoco.report.blocks import Report
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many parts of it are done, and how many there are.
@@ -65,15 +63,7 @@ ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by
 
 
 class Interrupted(KeyboardInterrupt):
-    """A Ctrl-C during a study that keeps what it has found until then.
-
-    Attributes
-    ----------
-    result
-        A result of the parts that were done.
-    done
-        How much that is, in words.
-    """
+    """A Ctrl-C during a study that keeps what it has found: a result, and how much of it."""
 
     def __init__(self, result: Any, done: str) -> None:
         super().__init__(done)
@@ -103,37 +93,17 @@ def counted(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """A study, as the command line, the report and the tests see it.
+    """A study, as the command line, the report and the tests see it."""
 
-    Attributes
-    ----------
-    name
-        Name of its command.
-    title
-        Title in the contents of a report.
-    order
-        Position among the studies, lowest first.
-    schema
-        Version of its result file, raised whenever an older file can no longer be read.
-    stem
-        Beginning of its file names; its name by default.
-    configuration
-        The dataclass of its options.
-    check
-        ``check(configuration)`` raises if a rule is broken, before anything slow.
-    run
-        ``run(configuration, progress=..., workers=..., cluster=...)`` returns the result; the
-        command has the options ``--workers`` and ``--cluster`` if ``run`` takes them.
-    """
-
-    name: str
-    title: str
-    order: int
-    schema: int
-    configuration: type
-    check: Callable[[Any], None]
+    name: str  # of its command
+    title: str  # in the contents of a report
+    order: int  # among the studies, lowest first
+    schema: int  # of its result file, raised whenever an older file can no longer be read
+    configuration: type  # its options
     run: Callable[..., Any]
-    stem: str = ""
+    prepare: Callable[[Any], Any] | None = None
+    check: Callable[[Any], None] | None = None  # of a study whose options are what is run
+    stem: str = ""  # beginning of its file names; its name by default
 
     def __post_init__(self) -> None:
         """Name the files after the study unless a stem is given."""
@@ -144,6 +114,12 @@ class Study:
         """The command that makes its result."""
         return f"afl-mujoco {self.name}"
 
+    def request(self, options: Any) -> Any:
+        """Return what its ``run`` takes, or raise if a rule is broken."""
+        if self.check is not None:
+            self.check(options)
+        return options if self.prepare is None else self.prepare(options)
+
     def takes(self, option: str) -> bool:
         """Return whether its ``run`` takes an option."""
         return option in inspect.signature(self.run).parameters
@@ -151,46 +127,32 @@ class Study:
     @property
     def result_type(self) -> type:
         """The dataclass of its result."""
-        found: type = self._module("result").Result
+        found: type = self._part("result", "Result")
         return found
 
-    def sections(self, result: Any) -> Sequence[Section]:
-        """Return what a report says about a result."""
-        found: Sequence[Section] = self._module("sections").sections(result)
-        return found
-
-    def verdict(self, result: Any) -> Verdict | None:
-        """Return the verdict of a result, or None if the study judges nothing."""
-        judge = getattr(self._module("sections"), "verdict", None)
-        return judge(result) if judge else None
-
-    def opening(self, result: Any) -> Sequence[Block]:
-        """Return what a page opens with; empty if the study has no opening."""
-        show = getattr(self._module("sections"), "opening", None)
-        return show(result) if show else ()
+    def report(self, result: Any) -> Report:
+        """Return what is shown of a result."""
+        show = self._part("", "report") or partial(_older_report, self)
+        return replace(found := show(result), title=found.title or self.title)
 
     def require_folder(self, folder: Path) -> None:
         """Raise if the folder holds files that would be lost, or that block the study's files."""
-        if self._has("files"):
-            self._module("files").require(folder)
-        if self._has("films"):
+        if require := self._part("files", "require_files", "require"):
+            require(folder)
+        if self._part("films", "films"):
             from afl_mujoco.films.listing import REMOVE, load_listing
 
             load_listing(folder, REMOVE)
 
     def write_files(self, result: Any, folder: Path) -> list[Path]:
         """Write the study's files besides its figures, if any, and return their paths."""
-        return list(self._module("files").write(result, folder)) if self._has("files") else []
+        write = self._part("files", "write_files", "write")
+        return list(write(result, folder)) if write else []
 
     def make_films(self, result: Any, folder: Path, command: str) -> list[Path]:
-        """Film what was run, if the study can and films were asked for; return their paths.
-
-        Parameters
-        ----------
-        command
-            Command that made the result, and so the films.
-        """
-        films = self._module("films").films(result, command) if self._has("films") else []
+        """Film what was run, if the study can and films were asked for; return their paths."""
+        plan = self._part("films", "films")
+        films = plan(result, command) if plan else []
         if not films:
             return []
         from afl_mujoco.films.renderer import make_films
@@ -199,7 +161,7 @@ class Study:
 
     def unlist_films(self, folder: Path, kept: Sequence[Path]) -> None:
         """Remove the films of an earlier run, except those that were just made."""
-        if not self._has("films"):
+        if not self._part("films", "films"):
             return
         from afl_mujoco.films.listing import unlist_films
 
@@ -208,15 +170,24 @@ class Study:
             folder, lambda one: one.command.startswith(self.command) and one.file not in names
         )
 
-    def _has(self, module: str) -> bool:
-        """Return whether its package has a module."""
-        return importlib.util.find_spec(f"{self._package}.{module}") is not None
+    def _part(self, module: str, *names: str) -> Any:
+        """Return what a study has by the first of some names; None if it has none of them."""
+        home = importlib.import_module(self.configuration.__module__)
+        package, _, last = home.__name__.rpartition(".")
+        if last == "study":  # of a study that is a folder
+            if importlib.util.find_spec(f"{package}.{module or 'report'}") is None:
+                return None
+            home = importlib.import_module(f"{package}.{module or 'report'}")
+        return next((getattr(home, name) for name in names if hasattr(home, name)), None)
 
-    def _module(self, name: str) -> ModuleType:
-        """Return a module of its package, imported when it is needed."""
-        return importlib.import_module(f"{self._package}.{name}")
 
-    @property
-    def _package(self) -> str:
-        """The package of its modules."""
-        return self.configuration.__module__.rpartition(".")[0]
+def _older_report(study: Study, result: Any) -> Report:
+    """Return what a study shows that has sections, a verdict or an opening."""
+    shown = study._part("sections", "sections")(result)
+    verdict, opening = (study._part("sections", name) for name in ("verdict", "opening"))
+    said = [block for section in shown for block in section.blocks if isinstance(block, str)]
+    blocks = [*(opening(result) if opening else ()), *shown]
+    if verdict is None:
+        return Report(headline=said[0] if said else study.title, blocks=blocks)
+    found = verdict(result)
+    return Report(headline=found.text, blocks=blocks, passed=found.passed)

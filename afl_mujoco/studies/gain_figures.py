@@ -21,8 +21,8 @@ from afl_mujoco.control.gain_function import (
     shipped_file,
 )
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.document import blocks
-from afl_mujoco.document.style import new_figure, save_figure, styled
+from afl_mujoco.report import old as blocks
+from afl_mujoco.report.style import new_figure, save_figure, styled
 
 SYMBOLS = {"switching": "K [m/s²]", "slope": "λ [1/s]", "boundary_layer": "Φ [m/s³]"}
 MASSES = (0.1, 0.5, 1.0, 2.0)

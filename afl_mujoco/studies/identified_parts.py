@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure as Drawing
 from numpy.typing import NDArray
 
-from afl_mujoco.document.blocks import Column, Table
-from afl_mujoco.document.numbers import listed, short
-from afl_mujoco.document.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
 from afl_mujoco.identification.identify import Estimate, Identified, Step
 from afl_mujoco.identification.pole import linearity
+from afl_mujoco.report.numbers import listed, short
+from afl_mujoco.report.old import Column, Table
+from afl_mujoco.report.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
 
 Array = NDArray[np.float64]
 

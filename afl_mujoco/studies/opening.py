@@ -13,9 +13,9 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.patches import Arc, Circle, Rectangle
 from numpy.typing import NDArray
 
-from afl_mujoco.document.blocks import Block, Column, Figure, Table
-from afl_mujoco.document.numbers import percent, short
-from afl_mujoco.document.style import (
+from afl_mujoco.report.numbers import percent, short
+from afl_mujoco.report.old import Block, Column, Figure, Table
+from afl_mujoco.report.style import (
     BLACK,
     BLUE,
     GREEN,

@@ -6,7 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,17 +15,6 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.document.blocks import (
-    Block,
-    Command,
-    Figure,
-    Section,
-    Verdict,
-    figures_of,
-    without_figures,
-)
-from afl_mujoco.document.markdown import to_markdown
-from afl_mujoco.document.style import write_figure
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.execution.interrupts import interrupts_put_off, is_interrupt
@@ -39,6 +28,9 @@ from afl_mujoco.files import (
     require_no_folder,
     write_text,
 )
+from afl_mujoco.report.blocks import Figure, Report, Section, figures_of, without_figures
+from afl_mujoco.report.markdown import code, plain, to_markdown
+from afl_mujoco.report.style import write_figure
 from afl_mujoco.studies.arrays import packed, unpacked
 from afl_mujoco.studies.contract import Progress, Study, counted, silent
 from afl_mujoco.studies.registry import studies
@@ -69,45 +61,19 @@ def _version(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """A result with what made it.
-
-    Attributes
-    ----------
-    study, result
-        The study, and what it found.
-    command
-        Command that made it, as typed into a shell.
-    versions
-        Versions of `PACKAGES` and of Python with which it was made.
-    inputs
-        Digests of its scenarios and controllers, from `digests`.
-    files
-        Names of the files beside its JSON; empty unless the record was read from a folder.
-    """
+    """A result with what made it."""
 
     study: Study
     result: Any
-    command: str
-    versions: Mapping[str, str] = field(default_factory=versions)
-    inputs: Mapping[str, str] = field(default_factory=dict)
-    files: tuple[str, ...] = ()
+    command: str  # as typed into a shell
+    versions: Mapping[str, str] = field(default_factory=versions)  # of `PACKAGES` and of Python
+    inputs: Mapping[str, str] = field(default_factory=dict)  # digests of what was run
+    files: tuple[str, ...] = ()  # beside its JSON, if it was read from a folder
 
     @property
-    def verdict(self) -> Verdict | None:
-        """The verdict; None if the study judges nothing."""
-        return self.study.verdict(self.result)
-
-    @property
-    def opening(self) -> Sequence[Block]:
-        """What a page opens with."""
-        return self.study.opening(self.result)
-
-    @property
-    def sections(self) -> list[Section]:
-        """What a report says about it, with the command that made it."""
-        first, *rest = self.study.sections(self.result)
-        made = Command("Made by", self.command)
-        return [replace(first, blocks=(*first.blocks, made)), *rest]
+    def report(self) -> Report:
+        """What is shown of it."""
+        return self.study.report(self.result)
 
 
 def save_record(
@@ -127,19 +93,11 @@ def save_record(
     there is none. If a figure, a film or the page cannot be made, the rest is still written before
     the error is raised.
 
-    Parameters
-    ----------
-    figures
-        Whether to draw the figures.
-    workers
-        Number of processes that draw them; the files do not depend on it.
-    film
-        Called when all files of the record are complete.
-    finish
-        Called last, with the folder where they are; what it writes there moves with them. A Ctrl-C
-        waits from here on.
+    `film` is called when all files of the record are complete, `finish` last, with the folder where
+    they are: what it writes there moves with them. A Ctrl-C waits from there on.
     """
-    study, sections = record.study, record.sections
+    study, report = record.study, record.report
+    shown = report.blocks if figures else without_figures(report.blocks)
     result, arrays = packed(record.result)
     path = folder / f"{study.stem}.json"
     failure: BaseException | None = None
@@ -156,13 +114,14 @@ def save_record(
             failure = error
 
     with hidden_folder(folder, "results") as staging:
-        shown = [Section("", "opening", record.opening), *sections] if figures else []
         attempt(lambda: _draw(figures_of(shown), staging, workers, progress))
         if failure is not None:
             for drawn in staging.iterdir():
                 drawn.unlink()
-        told = sections if figures else map(without_figures, sections)
-        write_text(staging / f"{study.stem}.md", to_markdown([*_judged(record), *told]))
+        headline = f"{report.word}: " * bool(report.word) + plain(report.headline)
+        text = [headline, *shown, f"Made by {code(record.command)}."]
+        section = Section(report.title, study.name, text)
+        write_text(staging / f"{study.stem}.md", to_markdown([section]))
         if arrays:
             with atomic_file(staging / f"{study.stem}.npz") as file, file.open("wb") as stream:
                 np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
@@ -182,23 +141,12 @@ def save_record(
 
 
 def save_partial(record: Record, folder: Path, done: str) -> Path:
-    """Write what an interrupted study has found, beside an older record, and return the file.
-
-    Parameters
-    ----------
-    done
-        How much of the study was done, in words.
-    """
+    """Write how much of an interrupted study was done, beside an older record."""
     result, _ = packed(record.result)
     path = folder / f"{record.study.stem}-partial.json"
     content = {"partial": done, "command": record.command, "versions": dict(record.versions)}
     write_text(path, json.dumps({**content, "result": result}, indent=1) + "\n")
     return path
-
-
-def _judged(record: Record) -> list[Section]:
-    """Return the verdict as a section, if there is one."""
-    return [Section("Verdict", "verdict", (record.verdict,))] if record.verdict else []
 
 
 def _digest(path: Path) -> str:
@@ -291,8 +239,8 @@ def remove_record(study: Study, folder: Path) -> None:
         with reading(path, "is not a record"):
             listed = dict(json.loads(read_utf8(path))["files"])
             record = load_record(study, folder)
-            shown = [Section("", "opening", record.opening), *record.sections]
-            drawn = {name for figure in figures_of(shown) for name in figure.files.values()}
+            figures = figures_of(record.report.blocks)
+            drawn = {name for figure in figures for name in figure.files.values()}
     except FileError:
         listed, drawn = {}, set()
     own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}

@@ -1,33 +1,59 @@
-"""Which studies there are: every package beside this file that has a module ``study``."""
+"""Which studies there are: what beside this file names one."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
-import pkgutil
+import re
 from functools import cache
+from pathlib import Path
+from typing import NamedTuple
 
-import afl_mujoco.studies as packages
+import afl_mujoco.studies as package
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.studies.contract import Study
+
+_NAMED = re.compile(r"^STUDY = Study\(.*?\bname=\"(\w+)\".*?\border=(\d+)", re.S | re.M)
+
+
+class Listed(NamedTuple):
+    """A study before it is imported: its place in the order, name, module and first line."""
+
+    order: int
+    name: str
+    module: str
+    summary: str
+
+
+def listed() -> dict[str, Listed]:
+    """Return the studies by name, in the order of a report, without importing one."""
+    return {one.name: one for one in _found(tuple(package.__path__))}
 
 
 def studies() -> dict[str, Study]:
     """Return the studies by name, in the order of a report."""
-    return {study.name: study for study in _found(tuple(packages.__path__))}
+    return {name: find_study(name) for name in listed()}
 
 
 def find_study(name: str) -> Study:
     """Return a study by its name."""
-    known = studies()
+    known = listed()
     if name not in known:
         raise UnknownNameError.among("study", name, known)
-    return known[name]
+    study: Study = importlib.import_module(known[name].module).STUDY
+    return study
 
 
 @cache
-def _found(paths: tuple[str, ...]) -> tuple[Study, ...]:
+def _found(paths: tuple[str, ...]) -> tuple[Listed, ...]:
     """Return the studies in some folders."""
-    names = [f"{packages.__name__}.{m.name}.study" for m in pkgutil.iter_modules(paths) if m.ispkg]
-    found = [importlib.import_module(n).STUDY for n in names if importlib.util.find_spec(n)]
-    return tuple(sorted(found, key=lambda study: (study.order, study.name)))
+    found = []
+    for folder in map(Path, paths):
+        for path in (*folder.glob("*.py"), *folder.glob("*/study.py")):
+            text = path.read_text(encoding="utf-8")
+            if named := _NAMED.search(text):
+                module = ".".join(path.relative_to(folder).with_suffix("").parts)
+                summary = text.splitlines()[0].strip('"')
+                found.append(
+                    Listed(int(named[2]), named[1], f"{package.__name__}.{module}", summary)
+                )
+    return tuple(sorted(found))

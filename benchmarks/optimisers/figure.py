@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from afl_mujoco.document.style import new_figure, styled
+from afl_mujoco.report.style import new_figure, styled
 from optimisers.result import Result
 
 _POINTS = 600

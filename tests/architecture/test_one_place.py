@@ -54,7 +54,7 @@ assert "| `stiction` | N | 0 to 0.5 | swept, to dusty |" in found["space"]
 CONTROLLER_LOOK = """
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.control.names import NAMES
-from afl_mujoco.document.style import colours
+from afl_mujoco.report.style import colours
 from afl_mujoco.studies.registry import studies
 
 assert find_controller("toy").name == "toy"

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.cli.page import write_page
-from afl_mujoco.document import films as document_films
+from afl_mujoco.report import films as document_films
 from tests import study_results
 from tests.verification_result import NASTY, film_entry, write_listing
 

@@ -12,7 +12,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.digests import digests
-from afl_mujoco.document.blocks import Film
+from afl_mujoco.report.old import Film
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
 from afl_mujoco.films.plan import side_by_side

@@ -9,7 +9,7 @@ import numpy as np
 
 import afl_mujoco as afl
 from afl_mujoco.control.gain_table import GainTable
-from afl_mujoco.document.style import save_figure
+from afl_mujoco.report.style import save_figure
 from afl_mujoco.simulation.figures import draw_runs
 from afl_mujoco.studies.gain_figures import draw_gain_table, main
 

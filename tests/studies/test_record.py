@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import files
-from afl_mujoco.document import style
+from afl_mujoco.report import style
 from afl_mujoco.errors import FileError
 from afl_mujoco.execution.interrupts import interrupts_noted
 from afl_mujoco.studies import record as record_module

@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import as_controller
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.execution.threads import Task, require_threads, share
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import NOMINAL
@@ -21,7 +23,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import DWELL, Judgement, failure_of, judge, judge_ending
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import Timing, perform, prepare, recorded, timing_of
-from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome
+from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome, Trajectory
 
 _SUMMED = ("peak_z", "peak_phi", "max_command", "max_force", "iae_z", "iae_phi")
 
@@ -98,6 +100,20 @@ class Rollouts:
         return bool(np.isfinite(self.settling_time[index]))
 
 
+class Rollout(NamedTuple):
+    """One run: how it ended, its figures by name, how it meets its requirements."""
+
+    outcome: Outcome
+    figures: dict[str, float]  # fields of `Rollouts`, NaN for a missing one
+    requirements: tuple[Judgement, ...]
+    trajectory: Trajectory | None  # where it is kept
+
+    @property
+    def failure(self) -> str:
+        """How it failed, from `failure_of`; empty if it met every requirement."""
+        return failure_of(self.outcome.kind, self.requirements)
+
+
 def run_rollouts(
     scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
     controller: Any,
@@ -134,47 +150,73 @@ def run_rollouts(
     AflMujocoError
         If a setting breaks its rule.
     """
+    controller, asked = as_controller(controller), as_scenarios(scenarios)
+    found = roll_out(
+        asked, controller, timestep=timestep, control_period=control_period,
+        integrator=integrator, threads=threads,
+    )  # fmt: skip
+    runs = [one for one in found if isinstance(one, Rollout)]
+    names = Rollouts.__slots__[1:-1]
+    return Rollouts(
+        status=np.array([OUTCOMES.index(run.outcome.kind) for run in runs], dtype=np.int64),
+        requirements=tuple(run.requirements for run in runs),
+        **{name: np.array([run.figures[name] for run in runs]) for name in names},
+    )
+
+
+def roll_out(
+    scenarios: Sequence[Scenario],
+    controller: Controller,
+    *,
+    timestep: float | None = None,
+    control_period: float | None = None,
+    integrator: str = "RK4",
+    threads: int = 1,
+    keep: bool = False,
+    caught: tuple[type[AflMujocoError], ...] = (),
+) -> list[Rollout | AflMujocoError]:
+    """Return the runs of one controller, or the error of one of the types that are caught.
+
+    With `keep` the runs have their trajectories.
+    """
     require_threads(threads)
-    controller = as_controller(controller)
-    found = as_scenarios(scenarios)
-    count = len(found)
-    status = np.zeros(count, dtype=np.int64)
-    figures = {name: np.full(count, np.nan) for name in Rollouts.__slots__[1:-1]}
-    judged: list[tuple[Judgement, ...]] = [()] * count
+    found: list[Any] = [None] * len(scenarios)
     settings: Any = {"timestep": timestep, "control_period": control_period}
 
-    def run(model: CartPoleModel, i: int) -> None:
-        scenario = found[i]
+    def run(model: CartPoleModel, scenario: Scenario) -> Rollout:
         model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
         model.compute_only(scenario.imperfections)
         timing = timing_of(scenario, model, **settings)
         prepared = prepare(scenario, controller, timing)
         asked = scenario.requirements != NONE
-        done, rows = perform(model, prepared, controller, record=asked)
-        if asked:
+        done, rows = perform(model, prepared, controller, record=keep or asked)
+        ended = Outcome(OUTCOMES[int(done["status"])], float(timing.times[int(done["step"])]))
+        whole = None
+        if keep or asked:
             whole = recorded(scenario, controller, timing, done, rows, integrator)
-            judged[i] = judge(scenario, whole)
-        else:
-            ended = Outcome(OUTCOMES[int(done["status"])], float(timing.times[int(done["step"])]))
-            judged[i] = judge_ending(scenario, ended, float(done["peak_z"]))
-        status[i] = done["status"]
-        for name, value in _figures(done, timing).items():
-            figures[name][i] = value
+        if asked and whole is not None:
+            judged = judge(scenario, whole)
+        else:  # which needs no record
+            judged = judge_ending(scenario, ended, float(done["peak_z"]))
+        return Rollout(ended, _figures(done, timing), judged, whole if keep else None)
 
     def task_on(model: CartPoleModel) -> Task:
         def run_part(part: slice) -> None:
             for i in range(part.start, part.stop):
-                run(model, i)
+                try:
+                    found[i] = run(model, scenarios[i])
+                except caught as error:
+                    found[i] = error
 
         return run_part
 
     alone = controller.interpreted  # threads do not speed it up; here it can be stopped
     models = [
         CartPoleModel(NOMINAL, integrator=integrator)
-        for _ in range(1 if alone else min(threads, max(count, 1)))
+        for _ in range(1 if alone else min(threads, max(len(scenarios), 1)))
     ]
-    share(count, [task_on(model) for model in models], part=1)
-    return Rollouts(status=status, requirements=tuple(judged), **figures)
+    share(len(scenarios), [task_on(model) for model in models], part=1)
+    return found
 
 
 def _figures(run: Any, timing: Timing) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from afl_mujoco.document.style import (
+from afl_mujoco.report.style import (
     BLACK,
     BLUE,
     LENGTH,

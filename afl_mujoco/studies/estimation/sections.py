@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 
-from afl_mujoco.document.blocks import Cell, Column, Figure, Finding, Section, Table
-from afl_mujoco.document.numbers import fixed, short
-from afl_mujoco.document.style import in_words
+from afl_mujoco.report.numbers import fixed, short
+from afl_mujoco.report.old import Cell, Column, Figure, Finding, Section, Table
+from afl_mujoco.report.style import in_words
 from afl_mujoco.studies.estimation.figures import draw_estimation, shown_cases
 from afl_mujoco.studies.estimation.loops import ESTIMATED, TRUE, Loop
 from afl_mujoco.studies.estimation.result import Case, Result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from afl_mujoco.document.style import BLACK, GREY, TIME, VERMILION, new_figure
+from afl_mujoco.report.style import BLACK, GREY, TIME, VERMILION, new_figure
 from afl_mujoco.studies.hardware.result import Result
 from afl_mujoco.studies.identified_parts import draw_log
 

@@ -6,7 +6,10 @@ import math
 from collections.abc import Sequence
 from functools import partial
 
-from afl_mujoco.document.blocks import (
+from afl_mujoco.identification.export import TILT, certain
+from afl_mujoco.identification.prediction import AWAY, Errors
+from afl_mujoco.report.numbers import MISSING, listed, percent, short
+from afl_mujoco.report.old import (
     Block,
     Cell,
     Column,
@@ -18,9 +21,6 @@ from afl_mujoco.document.blocks import (
     Verdict,
     good_or_bad,
 )
-from afl_mujoco.document.numbers import MISSING, listed, percent, short
-from afl_mujoco.identification.export import TILT, certain
-from afl_mujoco.identification.prediction import AWAY, Errors
 from afl_mujoco.studies.hardware.figures import (
     NAMES,
     draw_horizons,

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.document.numbers import short
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.export import certain
@@ -28,6 +27,7 @@ from afl_mujoco.identification.prediction import (
     starts_of,
     straight_on,
 )
+from afl_mujoco.report.numbers import short
 from afl_mujoco.studies.contract import Progress, silent
 from afl_mujoco.studies.hardware.outlook import outlook
 from afl_mujoco.studies.hardware.protocol import Prediction, load_protocol

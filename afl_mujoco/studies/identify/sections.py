@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 from pathlib import PurePath
 
-from afl_mujoco.document.blocks import Block, Command, Figure, Finding, Section, Text
-from afl_mujoco.document.numbers import percent, short
 from afl_mujoco.identification.identify import WINDOW
 from afl_mujoco.identification.least_squares import FEW_CLUSTERS
+from afl_mujoco.report.numbers import percent, short
+from afl_mujoco.report.old import Block, Command, Figure, Finding, Section, Text
 from afl_mujoco.studies.identified_parts import (
     draw_log,
     estimates_table,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from afl_mujoco.document.style import BLACK, GREY, LENGTH, MASS, VERMILION, colours, new_figure
+from afl_mujoco.report.style import BLACK, GREY, LENGTH, MASS, VERMILION, colours, new_figure
 from afl_mujoco.studies.margins.result import Result
 
 COLUMNS = 4

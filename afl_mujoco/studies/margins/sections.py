@@ -9,9 +9,9 @@ from itertools import islice
 
 import numpy as np
 
-from afl_mujoco.document.blocks import Block, Cell, Column, Figure, Finding, Section, Table, Text
-from afl_mujoco.document.numbers import MISSING, fixed, listed, percent, short
-from afl_mujoco.document.style import in_words
+from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
+from afl_mujoco.report.old import Block, Cell, Column, Figure, Finding, Section, Table, Text
+from afl_mujoco.report.style import in_words
 from afl_mujoco.studies.margins.figures import delay_margins, draw_delay_margins, draw_measured
 from afl_mujoco.studies.margins.measured_delay import REACH, START, TOLERANCE, DelayComparison
 from afl_mujoco.studies.margins.result import Result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from afl_mujoco.document.style import BLUE, GREY, VERMILION, new_figure
+from afl_mujoco.report.style import BLUE, GREY, VERMILION, new_figure
 from afl_mujoco.studies.readings.sensitivity import EDGES, Sensitivity
 
 SHOWN = 6

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import PurePath
 
-from afl_mujoco.document.blocks import (
+from afl_mujoco.report.numbers import fixed, percent, scientific, short
+from afl_mujoco.report.old import (
     Cell,
     Column,
     Command,
@@ -16,7 +17,6 @@ from afl_mujoco.document.blocks import (
     Table,
     Text,
 )
-from afl_mujoco.document.numbers import fixed, percent, scientific, short
 from afl_mujoco.studies.paper_readings import (
     CASES,
     HORIZON,

@@ -65,13 +65,13 @@ def verify(
     for case in judged:
         checks += [*case.checks, *case.explanation.checks]
         studies += case.explanation.studies
-    requirements = tuple(case.requirements for case in judged)
+    rows = tuple(case.row for case in judged)
     explained = [case.explanation for case in judged]
     return Result(
-        verdict=verdict_of(tuple(checks), requirements),
+        verdict=verdict_of(tuple(checks), rows),
         checks=tuple(checks),
         runs=runs,
-        requirements=requirements,
+        rows=rows,
         claims=ledger.claims,
         random_schedules=ledger.comparisons,
         error_budgets=tuple(e.budget for e in explained if e.budget),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from afl_mujoco.simulation.judgement import JudgedRun, judged
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, Run, closed_loop_runs, reported_runs
+from afl_mujoco.studies.run import Run as Deployed
+from afl_mujoco.studies.run import run_of
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
 from afl_mujoco.studies.verification.checks.error_budget import budget_curves
@@ -20,13 +21,13 @@ class Judged:
 
     Attributes
     ----------
-    checks, runs, requirements, explanation, curves
+    checks, runs, row, explanation, curves
         As in `Result`; its tables are made from the explanation.
     """
 
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
-    requirements: JudgedRun
+    row: Deployed
     explanation: Explanation
     curves: Curves
 
@@ -45,7 +46,7 @@ def judge(case: Case) -> Judged:
     return Judged(
         closed_loop_checks(scenario, controller, runs),
         reported_runs(scenario, controller, runs),
-        judged(asked, controller.name, deployed),
+        run_of(asked, controller, deployed),
         explanation,
         select_curves(
             scenario,

@@ -6,7 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from afl_mujoco.files import require_no_folder, write_text
-from afl_mujoco.studies.requirements_table import finding
+from afl_mujoco.studies.tables import asked, how
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.result import Result
 
@@ -31,8 +31,14 @@ def junit(result: Result) -> str:
         for c in result.checks
     ]
     judged += [
-        (one.requirement, f"{run.scenario}/{run.controller}", "" if one.met else finding([run]))
-        for run in result.requirements
+        (
+            one.requirement,
+            f"{run.scenario}/{run.controller}",
+            ""
+            if one.met
+            else f"{run.controller} {how(run.failure)}: {asked(one)}, got {one.value}",
+        )
+        for run in result.rows
         for one in run.requirements
     ]
     suite = ElementTree.Element(

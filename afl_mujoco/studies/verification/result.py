@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.judgement import JudgedRun
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.cases import DECISIVE, REPORTED, Run, Settings
+from afl_mujoco.studies.run import Rows
+from afl_mujoco.studies.run import Run as Deployed
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget
@@ -22,11 +23,9 @@ from afl_mujoco.studies.verification.curves import Curves
 from afl_mujoco.studies.verification.decisions import DECISIONS
 
 
-def verdict_of(
-    checks: tuple[Check, ...], requirements: tuple[JudgedRun, ...] = ()
-) -> Literal["pass", "fail"]:
+def verdict_of(checks: tuple[Check, ...], rows: Sequence[Deployed] = ()) -> Literal["pass", "fail"]:
     """Return whether every check holds, and there is one, and every requirement is met."""
-    missed = any(run.missed for run in requirements)
+    missed = any(run.missed for run in rows)
     holds = bool(checks) and all(check.passed for check in checks)
     return "pass" if holds and not missed else "fail"
 
@@ -44,7 +43,7 @@ class Result:
         Every judged value.
     runs
         Metrics of every run.
-    requirements
+    rows
         Each controller judged by the requirements of each scenario, as deployed.
     claims
         The paper's claims C1 to C12; empty unless all runs that they need were made.
@@ -67,7 +66,7 @@ class Result:
     verdict: Literal["pass", "fail"]
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
-    requirements: tuple[JudgedRun, ...] = ()
+    rows: Rows = ()
     claims: tuple[Claim, ...] = ()
     random_schedules: Mapping[str, Comparison] = field(default_factory=dict)
     error_budgets: tuple[ErrorBudget, ...] = ()
@@ -81,7 +80,7 @@ class Result:
 
     def __post_init__(self) -> None:
         """Raise if the parts contradict each other."""
-        expected = verdict_of(self.checks, self.requirements)
+        expected = verdict_of(self.checks, self.rows)
         if self.verdict != expected:
             raise ValueError(f"verdict must be {expected!r}, as judged, got {self.verdict!r}")
         for check in self.checks:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.document.blocks import Table
+from afl_mujoco.report.old import Table
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.files import save_scenario

@@ -10,8 +10,8 @@ import pytest
 from matplotlib.colors import to_rgba
 from rich.console import Console
 
-from afl_mujoco.document.blocks import figures_of
-from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.report.old import figures_of
+from afl_mujoco.report.terminal import print_sections
 from afl_mujoco.simulation.attraction.grid import AttractionMap, Settling, plant_grid, state_grid
 from afl_mujoco.studies.attraction import figures
 from afl_mujoco.studies.attraction.comparison import Comparison

@@ -11,9 +11,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
-from afl_mujoco.document.blocks import Finding, Table
-from afl_mujoco.document.markdown import to_markdown
-from afl_mujoco.document.numbers import short
+from afl_mujoco.report.old import Finding, Table
+from afl_mujoco.report.markdown import to_markdown
+from afl_mujoco.report.numbers import short
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.scenario.imperfections import Imperfections

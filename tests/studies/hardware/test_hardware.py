@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.report.markdown import to_markdown
 from afl_mujoco.identification.export import with_values
 from afl_mujoco.identification.shipped import CHOOSE, FIT, load_estimates
 from afl_mujoco.studies.hardware.outlook import changes, outlook

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.report.markdown import to_markdown
 from afl_mujoco.identification.description import to_table
 from afl_mujoco.identification.log import write_log
 from afl_mujoco.identification.shipped import load_estimates

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from afl_mujoco.document.blocks import Finding, Text, figures_of
-from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.report.old import Finding, Text, figures_of
+from afl_mujoco.report.terminal import print_sections
 from afl_mujoco.studies.margins.figures import draw_delay_margins
 from afl_mujoco.studies.margins.sections import sections
 from afl_mujoco.studies.margins.small_motions import SmallMotions

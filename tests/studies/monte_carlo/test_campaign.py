@@ -12,7 +12,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own.loading import load_python_controller
 from afl_mujoco.control.own.python_controller import ControllerError, PythonController
-from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.report.markdown import to_markdown
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.scenario.files import load_scenario

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from afl_mujoco.document.blocks import Figure, Text, figures_of
-from afl_mujoco.document.markdown import to_markdown
-from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.report.old import Figure, Text, figures_of
+from afl_mujoco.report.markdown import to_markdown
+from afl_mujoco.report.terminal import print_sections
 from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from afl_mujoco.document.blocks import figures_of
+from afl_mujoco.report.old import figures_of
 from afl_mujoco.studies.thresholds import classes, figures
 from afl_mujoco.studies.thresholds.sections import sections
 from tests import study_results

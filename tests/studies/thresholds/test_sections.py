@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from afl_mujoco.document.blocks import Finding, Section, Table, Text, figures_of
-from afl_mujoco.document.terminal import print_sections
+from afl_mujoco.report.old import Finding, Section, Table, Text, figures_of
+from afl_mujoco.report.terminal import print_sections
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER

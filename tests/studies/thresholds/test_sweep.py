@@ -12,8 +12,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.control.own.python_controller import PythonController
-from afl_mujoco.document.blocks import Text
-from afl_mujoco.document.markdown import to_markdown
+from afl_mujoco.report.old import Text
+from afl_mujoco.report.markdown import to_markdown
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements

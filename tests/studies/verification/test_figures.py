@@ -14,8 +14,8 @@ from matplotlib.figure import Figure as Drawing
 from mpl_toolkits.mplot3d import Axes3D
 
 import afl_mujoco as afl
-from afl_mujoco.document.blocks import Figure, figures_of
-from afl_mujoco.document.style import styled
+from afl_mujoco.report.old import Figure, figures_of
+from afl_mujoco.report.style import styled
 from afl_mujoco.studies.record import save_record
 from afl_mujoco.studies.verification.curves import Curves
 from afl_mujoco.studies.verification.figures.claims import claims_figure

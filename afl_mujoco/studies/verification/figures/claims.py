@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from afl_mujoco.document import blocks
-from afl_mujoco.document.style import (
+from afl_mujoco.report import old as blocks
+from afl_mujoco.report.style import (
     BLACK,
     BLUE,
     GREY,

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from afl_mujoco.document import blocks
-from afl_mujoco.document.style import (
+from afl_mujoco.report import old as blocks
+from afl_mujoco.report.style import (
     BLUE,
     GREEN,
     MODES,

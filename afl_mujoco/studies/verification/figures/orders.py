@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from afl_mujoco.document import blocks
-from afl_mujoco.document.style import (
+from afl_mujoco.report import old as blocks
+from afl_mujoco.report.style import (
     BLACK,
     GREY,
     VERMILION,

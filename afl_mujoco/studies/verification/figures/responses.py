@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from afl_mujoco.document import blocks
-from afl_mujoco.document.numbers import sentence
-from afl_mujoco.document.style import (
+from afl_mujoco.report import old as blocks
+from afl_mujoco.report.numbers import sentence
+from afl_mujoco.report.style import (
     BLACK,
     GREY,
     LENGTH,

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from afl_mujoco.document import blocks
-from afl_mujoco.document.style import BLUE, LENGTH, MASS, TIME, VERMILION, new_figure
+from afl_mujoco.report import old as blocks
+from afl_mujoco.report.style import BLUE, LENGTH, MASS, TIME, VERMILION, new_figure
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
 

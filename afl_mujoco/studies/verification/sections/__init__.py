@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from afl_mujoco.document.blocks import Block, Finding, Section, Text, Verdict
+from afl_mujoco.report.old import Block, Section, Verdict
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.opening import Need, Shown, opening_blocks
-from afl_mujoco.studies.requirements_table import finding, requirements_table, tally
+from afl_mujoco.studies.tables import grouped, how, requirements_matrix
 from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.checks import checks_section
 from afl_mujoco.studies.verification.sections.claims import claims_section
@@ -33,7 +33,11 @@ DIFFER = (
 def verdict(result: Result) -> Verdict:
     """Return whether every check holds, and whether the controllers meet the requirements."""
     total, failed = len(result.checks), len(result.failed_checks)
-    required = f"; {tally(result.requirements)}" if result.requirements else ""
+    missing = [run for run in result.rows if run.missed]
+    required = "; all requirements are met" if result.rows else ""
+    if missing:
+        said = [f"{run.controller} on {run.scenario} {how(run.failure)}" for run in missing[:3]]
+        required = f"; {len(missing)} of {len(result.rows)} runs fail: {', '.join(said)}"
     required += _not_completed(result)
     if failed:
         return Verdict(False, f"{failed} of {total} checks fail{required}", DIFFER)
@@ -43,7 +47,7 @@ def verdict(result: Result) -> Verdict:
 
 def _not_completed(result: Result) -> str:
     """Say which cases did not complete, if no requirement says so."""
-    named = {(run.scenario, run.controller) for run in result.requirements if run.missed}
+    named = {(run.scenario, run.controller) for run in result.rows if run.missed}
     runs = [
         run
         for run in result.runs
@@ -89,16 +93,16 @@ def sections(result: Result) -> list[Section]:
 
 def _requirements(result: Result) -> list[Section]:
     """Return how requirements are met; nothing if completion is the only one and all complete."""
-    runs = result.requirements
     asked = any(one.requirements != NONE or one != one.ideal for one in result.scenarios)
-    if not asked and not any(run.missed for run in runs):
+    if not asked and not any(run.missed for run in result.rows):
         return []
-    by_scenario = [
-        Finding(scenario.name, finding([run for run in runs if run.scenario == scenario.name]))
-        for scenario in result.scenarios
+    blocks: list[Block] = [
+        "Judged in MuJoCo as deployed, with the imperfections of the file; the codes are compared "
+        "without them."
     ]
-    table = requirements_table(runs, scenarios=len(result.scenarios) > 1)
-    hardware = any(one != one.ideal for one in result.scenarios)
-    codes = ", with the imperfections of the file; the codes are compared without them" * hardware
-    deployed = Text(f"Judged in MuJoCo as deployed, in sampled mode{codes}.", note=not hardware)
-    return [Section("Requirements", "requirements", [*by_scenario, table, deployed])]
+    for scenario in result.scenarios:
+        cases = grouped([run for run in result.rows if run.scenario == scenario.name])
+        draws = {name: runs for (_, name), runs in cases.items()}
+        needs = {name: [run.metrics for run in runs] for name, runs in draws.items()}
+        blocks.append(requirements_matrix(scenario, draws, needs))
+    return [Section("Requirements", "requirements", blocks)]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from afl_mujoco.document.blocks import (
+from afl_mujoco.report.numbers import limit, listed, scientific, sentence, short
+from afl_mujoco.report.old import (
     Bar,
     Block,
     Cell,
@@ -16,7 +17,6 @@ from afl_mujoco.document.blocks import (
     Text,
     good_or_bad,
 )
-from afl_mujoco.document.numbers import limit, listed, scientific, sentence, short
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.figures.errors import errors_figure

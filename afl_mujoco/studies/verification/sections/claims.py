@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from afl_mujoco.document.blocks import (
+from afl_mujoco.report.numbers import fixed, interval, listed, percent, sentence, short
+from afl_mujoco.report.old import (
     Bar,
     Block,
     Cell,
@@ -17,7 +18,6 @@ from afl_mujoco.document.blocks import (
     Tally,
     Text,
 )
-from afl_mujoco.document.numbers import fixed, interval, listed, percent, sentence, short
 from afl_mujoco.studies.gain_figures import gains_figure
 from afl_mujoco.studies.verification.claims.claim import (
     EVERY,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 from afl_mujoco.control.names import AFL
-from afl_mujoco.document.blocks import Fact, Facts, Section, Text
+from afl_mujoco.report.old import Fact, Facts, Section, Text
 from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.studies.verification.claims.claim import Claim
 from afl_mujoco.studies.verification.result import Result

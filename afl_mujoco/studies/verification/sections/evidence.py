@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from afl_mujoco.document.blocks import Block, Cell, Column, Finding, Section, Table, Text
-from afl_mujoco.document.numbers import fixed, percent, scientific, sentence, short, size
+from afl_mujoco.report.numbers import fixed, percent, scientific, sentence, short, size
+from afl_mujoco.report.old import Block, Cell, Column, Finding, Section, Table, Text
 from afl_mujoco.simulation.metrics import STATE_UNITS, SYMBOLS
 from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget

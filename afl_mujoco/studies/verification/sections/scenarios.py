@@ -7,7 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from afl_mujoco.document.blocks import (
+from afl_mujoco.report.numbers import MISSING, fixed, short
+from afl_mujoco.report.old import (
     Block,
     Cell,
     Chart,
@@ -20,7 +21,6 @@ from afl_mujoco.document.blocks import (
     Text,
     good_or_bad,
 )
-from afl_mujoco.document.numbers import MISSING, fixed, short
 from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe

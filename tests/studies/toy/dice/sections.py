@@ -7,8 +7,8 @@ from functools import partial
 from afl_mujoco.studies.dice.result import Result
 from matplotlib.figure import Figure as Drawing
 
-from afl_mujoco.document.blocks import Cell, Column, Figure, Finding, Section, Table, Text
-from afl_mujoco.document.style import new_figure
+from afl_mujoco.report.old import Cell, Column, Figure, Finding, Section, Table, Text
+from afl_mujoco.report.style import new_figure
 
 
 def sections(result: Result) -> list[Section]:

@@ -1,0 +1,162 @@
+"""What a report is made of: Markdown, and four blocks that Markdown does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+Status = Literal["", "good", "neutral", "bad", "open"]
+"""Status of a cell, shown as a mark and a colour; "open" means not decided."""
+
+MARKS: Mapping[str, str] = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
+"""Mark before a cell, so that its status does not depend on colour alone."""
+
+NUMBERS = "0123456789−-<>+–±"
+"""Beginnings of what is aligned as a number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a matrix, its text taken literally."""
+
+    text: str
+    status: Status = ""
+
+    @property
+    def marked(self) -> str:
+        """Its text behind the mark of its status."""
+        return MARKS[self.status] + self.text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Matrix:
+    """A table whose first column names its rows; a string is a cell without status.
+
+    If `folded` is not empty, a page folds the matrix behind this line; a terminal leaves it out.
+    """
+
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell | str]]
+    folded: str = ""
+
+    @property
+    def cells(self) -> list[list[Cell]]:
+        """Rows of cells, each as long as there are columns."""
+        rows = [[Cell(x) if isinstance(x, str) else x for x in row] for row in self.rows]
+        if any(len(row) != len(self.columns) for row in rows):
+            raise ValueError(f"every row of {self.caption!r} must have {len(self.columns)} cells")
+        return rows
+
+    @property
+    def numbers(self) -> list[bool]:
+        """For each column whether it holds numbers, which are aligned to the right."""
+        columns = list(zip(*self.cells, strict=True)) or [()] * len(self.columns)
+        return [
+            k > 0 and all(cell.text[:1] in NUMBERS for cell in column)
+            for k, column in enumerate(columns)
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """A figure, drawn when its files are written; title and caption stand in for it too."""
+
+    name: str  # of its files, without suffix
+    title: str
+    caption: str = ""
+    draw: Callable[[], Drawing]
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Names of its files by their format."""
+        return {suffix: f"{self.name}.{suffix}" for suffix in ("svg", "png")}
+
+    @property
+    def alt(self) -> str:
+        """Text in its place."""
+        return f"{self.title}. {self.caption}".strip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chart:
+    """Curves that a page draws and that a reader can zoom into."""
+
+    anchor: str  # unique in the report
+    title: str
+    quantities: Sequence[tuple[str, str, str]]  # key, symbol and name of what can be shown
+    data: Mapping[str, Any]  # what the page's script draws
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Film:
+    """A film, inside the page if it is small, linked otherwise."""
+
+    title: str
+    caption: str
+    file: Path  # an MP4
+    poster: Path | None  # a still
+    width: int  # [px]
+    height: int
+    command: str  # that makes it
+    wide: bool = False  # needs the whole width of a page
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A titled part; a folded one is behind its heading in a page, and not on a terminal."""
+
+    title: str
+    anchor: str
+    blocks: Sequence[Block]
+    folded: bool = False
+
+    @property
+    def parts(self) -> list[Section]:
+        """The sections directly in it."""
+        return [block for block in self.blocks if isinstance(block, Section)]
+
+    def walk(self) -> Iterator[Block]:
+        """Return its blocks and those of the sections in it, in order."""
+        for block in self.blocks:
+            yield block
+            if isinstance(block, Section):
+                yield from block.walk()
+
+
+Block: TypeAlias = str | Matrix | Figure | Chart | Film | Section
+"""A string is Markdown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What a study shows: one headline, and blocks; whether what it judges holds, if it judges."""
+
+    headline: str
+    blocks: Sequence[Block]
+    passed: bool | None = None
+    title: str = ""  # by default that of the study
+
+    @property
+    def word(self) -> str:
+        """Pass or fail; nothing if it judges nothing."""
+        return {True: "PASS", False: "FAIL", None: ""}[self.passed]
+
+
+def figures_of(blocks: Sequence[Block]) -> list[Figure]:
+    """Return the figures of blocks, in order."""
+    return [block for block in Section("", "", blocks).walk() if isinstance(block, Figure)]
+
+
+def without_figures(blocks: Sequence[Block]) -> list[Block]:
+    """Return blocks without figures, where these are not drawn."""
+    kept = [block for block in blocks if not isinstance(block, Figure)]
+    return [
+        replace(one, blocks=without_figures(one.blocks)) if isinstance(one, Section) else one
+        for one in kept
+    ]

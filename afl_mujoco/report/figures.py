@@ -1,0 +1,192 @@
+"""Figures that every study shares: graded cells, dots with intervals, curves over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from afl_mujoco.report.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    TIME,
+    VERMILION,
+    colours,
+    new_figure,
+    quietest_on_top,
+)
+
+GRADES = (VERMILION, "#F3C65F", "#BFE0F5", BLUE)
+"""Colours from bad to good; the light ones carry black text."""
+
+IDLE = "#E4E4E4"
+"""Colour of what does not apply."""
+
+_DASHED = (0.0, (6.0, 3.0))
+
+
+def heat(
+    rows: Sequence[str],
+    columns: Sequence[str],
+    grades: NDArray[np.int_],
+    texts: Sequence[Sequence[str]],
+    words: Sequence[str],
+    shades: Sequence[str] = (*GRADES, IDLE),
+) -> Figure:
+    """Draw a grid of cells, each with a text on the colour of its grade.
+
+    A grade is an index into `words` and `shades`; shape of `grades` and `texts`: (rows, columns).
+    """
+    figure = new_figure(max(2.9 + 1.05 * len(columns), 6.0), 1.3 + 0.3 * len(rows))
+    axes = figure.subplots()
+    axes.imshow(np.array([to_rgba(shade) for shade in shades])[grades], aspect="auto")
+    for i, j in np.ndindex(*grades.shape):
+        dark = shades[int(grades[i, j])] in (VERMILION, BLUE)
+        colour = "#FFFFFF" if dark else BLACK
+        axes.text(j, i, texts[i][j], ha="center", va="center", fontsize=8.5, color=colour)
+    axes.set_yticks(range(len(rows)), rows)
+    axes.xaxis.tick_top()
+    axes.set_xticks(range(len(columns)), [name.replace("-", "-\n", 1) for name in columns])
+    axes.grid(False)
+    axes.tick_params(length=0.0)
+    axes.spines[:].set_visible(False)
+    for i in range(1, len(rows)):
+        axes.axhline(i - 0.5, color="#FFFFFF", linewidth=1.5)
+    for j in range(1, len(columns)):
+        axes.axvline(j - 0.5, color="#FFFFFF", linewidth=1.5)
+    handles = [
+        Patch(facecolor=shades[k], label=word) for k, word in enumerate(words) if k in grades
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dot:
+    """A mark on a scale, with an interval around it, a thicker one inside, and a text."""
+
+    at: float
+    thin: tuple[float, float] | None = None
+    thick: tuple[float, float] | None = None
+    text: str = ""
+    hollow: bool = False
+
+
+def dots(
+    rows: Mapping[str, Sequence[Dot]],
+    label: str,
+    *,
+    bounds: tuple[float, float] | None = None,
+    line: float | None = None,
+    colour_of: Mapping[str, str] | None = None,
+) -> Figure:
+    """Draw marks with intervals, a row for each name, over one scale; `line` marks a value."""
+    shades = dict(colour_of or colours(rows))
+    figure = new_figure(7.5, 1.3 + 0.5 * len(rows))
+    axis = figure.subplots()
+    if line is not None:
+        axis.axvline(line, color=BLACK, linewidth=0.9)
+    far = [x for row in rows.values() for one in row for x in (one.at, *(one.thin or ()))]
+    low, high = bounds or (min(far, default=0.0), max(far, default=1.0))
+    for number, (name, row) in enumerate(rows.items()):
+        places = number + 0.28 * (np.arange(len(row)) - 0.5 * (len(row) - 1))
+        for one, place in zip(row, places.tolist(), strict=True):
+            _draw_dot(axis, one, place, shades[name], low + 0.78 * (high - low))
+    axis.set_yticks(range(len(rows)), list(rows))
+    axis.set_ylim(len(rows) - 0.5, -0.5)
+    if bounds is not None:
+        axis.set_xlim(*bounds)
+    axis.set_xlabel(label)
+    axis.grid(visible=False, axis="y")
+    return figure
+
+
+def _draw_dot(axis: Axes, one: Dot, place: float, colour: str, crowded: float) -> None:
+    """Draw a mark; its text is to its left where there is no room to the right."""
+    for ends, width in ((one.thin, 1.8), (one.thick, 5.0)):
+        if ends is not None:
+            axis.plot(ends, [place, place], color=colour, linewidth=width)
+    face = "white" if one.hollow else colour
+    axis.plot(one.at, place, "o", color=colour, markersize=7.0, markerfacecolor=face)
+    if one.text:
+        low, high = one.thin or (one.at, one.at)
+        right = high > crowded
+        axis.annotate(
+            one.text, (low if right else high, place), textcoords="offset points",
+            xytext=(-6.0 if right else 6.0, 0.0), va="center", fontsize=8.0,
+            ha="right" if right else "left",
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """A panel of curves over time: by name, instants [s] and values; pale ones behind them.
+
+    `limits` are drawn on both sides of zero, `band` is shaded around it.
+    """
+
+    label: str
+    curves: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    pale: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
+        default_factory=dict
+    )
+    limits: Sequence[float] = ()
+    band: float | None = None
+    black: bool = False  # curves in black, each in its own line style, with their own legend
+
+
+def curves(
+    panels: Sequence[Panel],
+    duration: float,
+    *,
+    shaded: Sequence[tuple[float, float]] = (),
+    width: float = 9.0,
+) -> Figure:
+    """Draw panels over one axis of time; a curve that ends before the duration ends with a cross.
+
+    `shaded` are stretches of time that are shaded in all panels [s].
+    """
+    heights = [1.6 if panel.black else 2.6 for panel in panels]
+    figure = new_figure(width, 0.8 + 0.75 * sum(heights))
+    axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
+    shades = colours(dict.fromkeys(n for panel in panels if not panel.black for n in panel.curves))
+    for axis, panel in zip(axes, panels, strict=True):
+        _draw_panel(axis, panel, shades, duration)
+        for low, high in shaded:
+            axis.axvspan(low, high, color=GREY, alpha=0.25, linewidth=0.8)
+        if panel.black or axis is axes[0]:
+            axis.legend(
+                ncols=min(max(len(panel.curves), 1), 5), loc="lower left", bbox_to_anchor=(0.0, 1.0)
+            )
+    axes[-1].set_xlabel(TIME)
+    axes[-1].set_xlim(0.0, duration)
+    return figure
+
+
+def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: float) -> None:
+    """Draw the curves, limits and band of a panel."""
+    axis.set_ylabel(panel.label)
+    if panel.band is not None:
+        axis.axhspan(-panel.band, panel.band, color=GREY, alpha=0.18, linewidth=0.0)
+    for limit in (sign * x for x in panel.limits for sign in (-1.0, 1.0)):
+        axis.axhline(limit, color=BLACK, linewidth=0.9, linestyle=_DASHED)
+    order = quietest_on_top({name: values for name, (_, values) in panel.curves.items()})
+    for number, (name, (time, values)) in enumerate(panel.curves.items()):
+        style: dict[str, Any] = {"color": shades.get(name, BLACK), "zorder": order[name]}
+        if panel.black:
+            style = {"color": BLACK, "linestyle": ("-", ":", "--", "-.")[number % 4]}
+        axis.plot(time, values, label=name, linewidth=1.3, **style)
+        if time[-1] < duration - 1e-9 and not panel.black:
+            axis.plot(time[-1], values[-1], "x", color=style["color"], markersize=8)
+    for name, (time, values) in panel.pale.items():
+        axis.plot(time, values, color=shades[name], linewidth=0.6, alpha=0.4, zorder=1.0)
+    if panel.black:
+        axis.set_ylim(bottom=0.0)

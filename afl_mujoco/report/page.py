@@ -1,0 +1,244 @@
+"""Reports as HTML: one self-contained page that works offline."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markdown_it import MarkdownIt
+from markupsafe import Markup
+from PIL import Image, UnidentifiedImageError
+
+from afl_mujoco.errors import FileError
+from afl_mujoco.files import inside
+from afl_mujoco.report import numbers
+from afl_mujoco.report.blocks import Chart, Figure, Film, Matrix, Report, Section, figures_of
+
+PACKAGE = "afl_mujoco.report"
+
+LARGE = 400_000
+"""Size above which a bitmap replaces a vector drawing, if it is smaller [bytes]."""
+
+SMALL, ROOM = 1_500_000, 17_000_000
+"""Largest size of a film that is put inside the page, and space there for films [bytes]."""
+
+POSTER_SIZE, POSTER_QUALITY = (960, 960), 75
+"""Largest size of a poster [px], and its JPEG quality."""
+
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
+    'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
+)
+_KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Chart: "chart", Film: "film"}
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A report on a page, with the anchor of its section and the folders of its figures.
+
+    The first folder that has a figure counts.
+    """
+
+    report: Report
+    anchor: str
+    folders: Sequence[Path]
+
+
+def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_folder: Path) -> str:
+    """Return a page, the same bytes each time: reports, then the last sections.
+
+    Pictures and small films are inside it, large films are linked from `page_folder`; it says which
+    ones are missing. The title is that of the report if there is only one.
+    """
+    sections = [Section(part.report.title, part.anchor, part.report.blocks) for part in parts]
+    every = [block for section in (*sections, *last) for block in section.walk()]
+    pictures = {
+        figure.name: find_picture(figure.files, part.folders)
+        for part in parts
+        for figure in figures_of(part.report.blocks)
+    }
+    judged = [part.report for part in parts if part.report.passed is not None]
+    worst = min(judged, key=lambda report: bool(report.passed), default=None)
+    style, script = _style(), _script()
+    return (
+        _environment()
+        .get_template("page.html.j2")
+        .render(
+            policy=content_policy(style, script),
+            style=style,
+            script=script,
+            icon_uri=data_uri("image/svg+xml", _ICON.encode()),
+            generator=f"afl_mujoco {version('afl_mujoco')}",
+            title=sections[0].title if len(parts) == 1 else title,
+            word=worst.word if worst else "",
+            parts=list(zip(parts, sections, strict=True)),
+            last=last,
+            pictures=pictures,
+            films=show_films([one for one in every if isinstance(one, Film)], page_folder),
+            charts=[one for one in every if isinstance(one, Chart)],
+        )
+        + "\n"
+    )
+
+
+@cache
+def _environment() -> Environment:
+    """Return the template, which escapes all values."""
+    made = Environment(
+        loader=PackageLoader(PACKAGE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+    filters: dict[str, Any] = {
+        "short": numbers.short,
+        "fixed": numbers.fixed,
+        "markdown": lambda text: Markup(markdown.render(text)),
+        "kind": _kind,
+    }
+    made.filters.update(filters)
+    return made
+
+
+def _kind(block: Any) -> str:
+    """Return the kind of a block."""
+    return next((word for kind, word in _KINDS.items() if isinstance(block, kind)), "section")
+
+
+def content_policy(style: str, script: str) -> str:
+    """Return a page's Content-Security-Policy: what is inside it, pictures and films beside it."""
+    beside = "'self' data: file:"
+    return (
+        f"default-src 'none'; img-src {beside}; media-src {beside}; "
+        f"style-src {_hash(style)}; script-src {_hash(script)}; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    """Return the hash of a text in the notation of a policy."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+@cache
+def _asset(name: str) -> str:
+    """Return a file of the package."""
+    return resources.files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
+
+
+def _style() -> Markup:
+    """Return the style sheet."""
+    return Markup(_asset("vendor/uPlot.min.css") + "\n" + _asset("assets/page.css"))
+
+
+def _script() -> Markup:
+    """Return the script, with the licence of the library in it."""
+    licence = f"/*! uPlot\n{_asset('vendor/uPlot.LICENSE')}*/\n"
+    parts = ("vendor/uPlot.iife.min.js", "assets/charts.js", "assets/page.js")
+    return Markup(licence + "\n".join(_asset(part) for part in parts))
+
+
+# --- pictures and films -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure as a page includes it: its data URI, and the size of the bitmap [px]."""
+
+    source: str
+    width: int
+    height: int
+
+
+def find_picture(files: Mapping[str, str], folders: Sequence[Path]) -> Picture | None:
+    """Return a figure as vectors unless these are large; None if its files are missing."""
+    for folder in folders:
+        paths = {kind: inside(folder, name) for kind, name in files.items()}
+        if all(path.is_file() for path in paths.values()):
+            svg, png = (_read(paths[kind]) for kind in ("svg", "png"))
+            width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
+            if len(svg) <= max(LARGE, len(png)):
+                return Picture(data_uri("image/svg+xml", svg), width, height)
+            return Picture(data_uri("image/png", png), width, height)
+    return None
+
+
+def _read(path: Path) -> bytes:
+    """Return the content of a file."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError.cannot_be("read", path, error) from None
+
+
+def data_uri(kind: str, content: bytes) -> str:
+    """Return content of a media type as a data URI."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A film as a page includes it."""
+
+    size: int  # of the file [bytes]; 0 if there is none
+    source: str  # its data URI, or its address relative to the page
+    poster: str  # a still as a data URI; empty if there is none
+
+    @property
+    def embedded(self) -> bool:
+        """Whether it is inside the page."""
+        return self.source.startswith("data:")
+
+    @property
+    def megabytes(self) -> float:
+        """Size of the file [MB]."""
+        return self.size / 1e6
+
+
+def show_films(films: Sequence[Film], page_folder: Path, room: int = ROOM) -> dict[Path, Shown]:
+    """Return how a page includes each film, by its file; wide ones come first if room is short."""
+    shown: dict[Path, Shown] = {}
+    for film in sorted(films, key=lambda film: not film.wide):
+        try:
+            shown[film.file] = _show(film, page_folder, room)
+        except OSError as error:
+            raise FileError.cannot_be("read", film.file, error) from None
+        room -= len(shown[film.file].source) + len(shown[film.file].poster)
+    return shown
+
+
+def _show(film: Film, page_folder: Path, room: int) -> Shown:
+    """Return how a page includes a film."""
+    size = film.file.stat().st_size if film.file.is_file() else 0
+    poster = _poster(film.poster) if film.poster else ""
+    if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:
+        return Shown(size, data_uri("video/mp4", film.file.read_bytes()), poster)
+    beside = Path(os.path.relpath(film.file.resolve(), page_folder.resolve()))
+    return Shown(size, quote(beside.as_posix()), poster)
+
+
+def _poster(path: Path) -> str:
+    """Return a still as a small JPEG inside a data URI; nothing if there is no such file."""
+    if not path.is_file():
+        return ""
+    try:
+        with Image.open(path) as picture:
+            small = picture.convert("RGB")
+    except (UnidentifiedImageError, OSError) as error:
+        raise FileError(str(path), f"must be a picture: {error}: run afl-mujoco render") from None
+    small.thumbnail(POSTER_SIZE)
+    stream = io.BytesIO()
+    small.save(stream, "JPEG", quality=POSTER_QUALITY)
+    return data_uri("image/jpeg", stream.getvalue())

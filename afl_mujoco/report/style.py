@@ -1,0 +1,230 @@
+"""The style of every figure: colours, fonts, labels with units, files that repeat bit for bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from colorsys import hsv_to_rgb
+from contextlib import contextmanager
+from itertools import chain, count, pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.files import atomic_file
+from afl_mujoco.report import blocks
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#707070"
+"""Colours of Okabe and Ito, which the colour-blind can tell apart, and a grey."""
+
+CONTROLLERS: Mapping[str, str] = {
+    "fixed": ORANGE,  # light, both: black dashes show on them
+    "adaptive": SKY,
+    "fixed-retuned": VERMILION,
+    "adaptive-retuned": BLUE,
+    "fixed-nominal": PURPLE,
+    "adaptive-nominal": GREEN,
+    "adaptive-held": "#117733",
+    "adaptive-angle": "#AA4499",
+    "lqr": "#882255",
+    "pole-placement": "#332288",
+    "partial-linearization": "#999933",
+}
+"""Colour of each controller that has its own; Paul Tol's after those of Okabe and Ito."""
+
+_SPARE = ("#44AA99", "#DDCC77", "#88CCEE", GREY)  # light: black dashes show on them
+
+MODES: Mapping[str, tuple[str, str]] = {
+    "mujoco sampled": (VERMILION, "sampled: as deployed, control held"),
+    "mujoco continuous": (BLUE, "continuous: RK4, controller in every stage"),
+    "mujoco exact": (GREEN, "exact: the ODE's own integrator"),
+}
+"""Colour and words of each mode of MuJoCo, the largest difference first."""
+
+STATE_LABELS = ("z [m]", "φ [rad]", "z′ [m/s]", "φ′ [rad/s]")
+"""Labels of the states, in order."""
+
+TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
+
+PNG_DPI = 130
+
+LETTER = 0.06
+"""Width of a letter of a tick's label [in]."""
+
+_RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.0,
+    "legend.fontsize": 9.0,
+    "legend.frameon": False,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "figure.titlesize": 11.0,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "axes.facecolor": "white",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "axes.prop_cycle": cycler(color=(BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)),
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "round",
+    "svg.hashsalt": "afl-mujoco",
+    "svg.fonttype": "path",
+    "text.parse_math": False,  # a name is shown as it is
+}
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_BRACES = str.maketrans("", "", "{}")
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in the style of all figures; also a decorator."""
+    with matplotlib.rc_context(_RC):
+        yield
+
+
+class _Powers(LogFormatterSciNotation):
+    """Powers of ten along an axis, as plain text: math is switched off where names are shown."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the label of a tick."""
+        label = super().__call__(x, pos).strip("$").replace(r"\mathdefault", "")
+        mantissa, _, power = label.replace(r"\times", " × ").partition("^")
+        return (mantissa + power.translate(SUPERSCRIPTS)).translate(_BRACES)
+
+
+class _Literal(Figure):
+    """A figure that shows ``$`` in a name as it is, and powers of ten without math."""
+
+    def draw(self, renderer: Any) -> None:
+        """Draw it."""
+        self.label_powers()
+        super().draw(renderer)
+
+    def label_powers(self) -> None:
+        """Label the ticks of every logarithmic axis without math."""
+        for axis in (one for axes in self.axes for one in (axes.xaxis, axes.yaxis)):
+            if type(axis.get_major_formatter()) is LogFormatterSciNotation:
+                axis.set_major_formatter(_Powers())
+            if type(axis.get_minor_formatter()) is LogFormatterSciNotation:
+                axis.set_minor_formatter(_Powers())
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure that needs no display and shows names as they are.
+
+    Parameters
+    ----------
+    width, height
+        Its size [in].
+    """
+    figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_limit(axis: Axes, limit: float, name: str, colour: str, *, under: bool = False) -> None:
+    """Draw a limit across a panel, with its name at the left end."""
+    axis.axhline(limit, color=colour, linewidth=0.8, linestyle=(0, (6, 3)), zorder=1.5)
+    axis.annotate(
+        name, (0.0, limit), xycoords=("axes fraction", "data"), textcoords="offset points",
+        xytext=(3.0, -2.0 if under else 1.5), va="top" if under else "bottom", fontsize=7.5,
+        color=colour,
+    )  # fmt: skip
+
+
+def colours(controllers: Iterable[str]) -> dict[str, str]:
+    """Return a colour for each controller of a figure: its own if it has one, no two the same."""
+    golden = (to_hex(hsv_to_rgb(0.618 * i % 1.0, 0.8, 0.6)) for i in count())
+    spare = chain(_SPARE, golden)
+    return {name: CONTROLLERS.get(name) or next(spare) for name in dict.fromkeys(controllers)}
+
+
+def quietest_on_top(signals: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
+    """Return the layer of each curve, so that one that chatters hides no other."""
+    restless = {name: float(np.nansum(np.abs(np.diff(x)))) for name, x in signals.items()}
+    order = sorted(signals, key=lambda name: -restless[name])
+    return {name: 2.0 + 0.01 * k for k, name in enumerate(order)}  # 2 is that of lines
+
+
+def in_words(value: float) -> str:
+    """Return a number for use in a sentence, with a few digits and a power of ten if needed."""
+    if value == 0.0:
+        return "0"
+    if 1e-2 <= abs(value) < 999.5:
+        return f"{value:.3g}".replace("-", "−")
+    digits, power = f"{value:.1e}".split("e")
+    return f"{digits} × 10{str(int(power)).translate(SUPERSCRIPTS)}".replace("-", "−")
+
+
+def decade_above(value: float) -> float:
+    """Return the power of ten that a logarithmic axis ends with to show a value."""
+    return float(10.0 ** math.ceil(math.log10(value)))
+
+
+def lay_out(figure: Figure) -> None:
+    """Lay out a figure once, so that its files need not repeat the layout."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        with styled():
+            if isinstance(figure, _Literal):
+                figure.label_powers()
+            engine.execute(figure)
+            for axes in figure.axes:
+                _keep_labels_apart(axes.xaxis, figure)
+        figure.set_layout_engine(None)
+
+
+def _keep_labels_apart(axis: Axis, figure: Figure) -> None:
+    """Put fewer ticks on a linear x axis whose labels touch, as long as there are two."""
+    ticks = len(axis.get_ticklabels())
+    while isinstance(axis.get_major_locator(), MaxNLocator) and ticks > 2 and _touch(axis, figure):
+        ticks -= 1
+        axis.set_major_locator(MaxNLocator(ticks - 1, steps=[1, 2, 2.5, 5, 10]))
+
+
+def _touch(axis: Axis, figure: Figure) -> bool:
+    """Return whether two labels of an x axis are less than the width of a letter apart."""
+    boxes = [one.get_window_extent() for one in axis.get_ticklabels() if one.get_text()]
+    boxes = sorted((box for box in boxes if box.width), key=lambda box: float(box.x0))
+    gap = LETTER * figure.dpi
+    return any(left.x1 + gap > right.x0 for left, right in pairwise(boxes))
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG or SVG, whole or not at all; the same figure gives the same bytes."""
+    kind = path.suffix.removeprefix(".")
+    if kind not in ("png", "svg"):
+        raise InvalidValueError("suffix of a figure", "must be .png or .svg", repr(path.suffix))
+    dated: dict[str, Any] = {"Date": None} if kind == "svg" else {}
+    lay_out(figure)  # else it would be drawn once more to be laid out
+    with styled(), atomic_file(path) as temporary:
+        figure.savefig(temporary, dpi=PNG_DPI, format=kind, metadata=dated)
+
+
+def write_figure(figure: blocks.Figure, folder: Path) -> list[Path]:
+    """Draw a figure and write it as SVG and PNG into a folder that exists; return the files."""
+    with styled():
+        drawing = figure.draw()
+    paths = [folder / name for name in figure.files.values()]
+    for path in paths:
+        save_figure(drawing, path)
+    return paths

@@ -1,0 +1,136 @@
+"""Blocks on a terminal."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.table import Table
+from rich.text import Text
+
+from afl_mujoco.errors import printable
+from afl_mujoco.report.blocks import Block, Matrix, Report, Section
+
+WIDTH = 160
+"""Number of columns if there is no terminal with a width."""
+
+SHORT = 12
+"""Largest width of texts that are not broken into lines [cells]."""
+
+GAP = 3
+"""Gap between two columns of a table [cells]."""
+
+STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "magenta"}
+
+
+def print_report(report: Report, *, headline: bool = True) -> None:
+    """Print a report without figures and what is folded; its headline, the answer, stands last."""
+    console = Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    _print(report.blocks, console)
+    if headline:
+        word = f"{report.word}: " if report.word else ""
+        style = {True: "bold green", False: "bold red", None: "bold"}[report.passed]
+        console.print(_text(f"{word}{report.headline}", style), soft_wrap=True)
+
+
+def print_blocks(found: Sequence[Block]) -> None:
+    """Print blocks, without figures and what is folded."""
+    _print(found, Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False))
+
+
+def to_text(found: Sequence[Block]) -> str:
+    """Return blocks as plain text, as wide as without a terminal."""
+    stream = io.StringIO()
+    _print(found, Console(file=stream, width=WIDTH, highlight=False))
+    return "\n".join(line.rstrip() for line in stream.getvalue().strip("\n").splitlines())
+
+
+def _print(found: Sequence[Block], console: Console) -> None:
+    """Print blocks one after another."""
+    for block in found:
+        if isinstance(block, str):
+            if block.startswith("```"):  # a command, to be copied as it is
+                console.print(_text("\n".join(block.splitlines()[1:-1])), soft_wrap=True)
+            else:
+                console.print(Markdown(re.sub(r"\]\(#[^)]*\)", "]", printable(block))))
+        elif isinstance(block, Section) and not block.folded:
+            console.print(_text(f"\n{block.title}", "bold"))
+            _print(block.blocks, console)
+        elif isinstance(block, Matrix) and not block.folded:
+            for part in _tables(block, console.width):
+                console.print(part)
+
+
+def _text(text: str, style: str = "") -> Text:
+    """Return a text of one style."""
+    return Text(printable(text), style=style)
+
+
+def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
+    """Yield a matrix in parts that fit a width, each with the columns that name the rows.
+
+    Numbers and words are not broken. A first cell that repeats the one above is left out.
+    """
+    rows = [[(printable(c.marked), STYLES.get(c.status, "")) for c in row] for row in matrix.cells]
+    texts = [[head, *(row[k][0] for row in rows)] for k, head in enumerate(matrix.columns)]
+    most = [max(map(cell_len, found)) for found in texts]
+    least = [
+        full if number or full <= SHORT else max(map(_longest_word, found))
+        for number, found, full in zip(matrix.numbers, texts, most, strict=True)
+    ]
+    firsts = [row[0][0] for row in rows]
+    names = 2 if len(set(firsts)) < len(firsts) and len(most) > 2 else 1
+    title = matrix.caption
+    for part in _parts(least, names, width - 1):
+        shown = Table(box=SIMPLE_HEAD, title=_text(title) if title else None, title_justify="left")
+        widths = _widths([least[k] for k in part], [most[k] for k in part], width - 1)
+        for k, wide in zip(part, widths, strict=True):
+            side: Any = "right" if matrix.numbers[k] else "left"
+            shown.add_column(_text(matrix.columns[k]), justify=side, overflow="fold", width=wide)
+        above = ""
+        for row in rows:
+            cells = [Text(text, style=style) for text, style in (row[k] for k in part)]
+            if row[0][0] == above:
+                cells[0] = Text("")
+            above = row[0][0]
+            shown.add_row(*cells)
+        yield shown
+        title = f"{matrix.caption} (continued)"
+
+
+def _longest_word(text: str) -> int:
+    """Return the width of the longest word of a text [cells]."""
+    return max(map(cell_len, text.split()), default=0)
+
+
+def _parts(least: Sequence[int], names: int, width: int) -> list[list[int]]:
+    """Return the columns of each part of a table, the first of which name its rows."""
+    first = list(range(names))
+    parts, room = [[*first]], width - sum(least[k] + GAP for k in first)
+    left = room
+    for k in range(names, len(least)):
+        if least[k] + GAP > left and len(parts[-1]) > names:
+            parts.append([*first])
+            left = room
+        parts[-1].append(k)
+        left -= least[k] + GAP
+    return parts
+
+
+def _widths(least: Sequence[int], most: Sequence[int], width: int) -> list[int]:
+    """Return the widths of columns: all that they can use, or a fair share of the width."""
+    widths = list(most)
+    while sum(widths) + GAP * len(widths) > width:
+        spare = [(wide - low, k) for k, (wide, low) in enumerate(zip(widths, least, strict=True))]
+        most_spare, k = max(spare)
+        if most_spare <= 0:
+            break
+        widths[k] -= 1
+    return widths

@@ -1,0 +1,264 @@
+"""Map from which starts each controller copes with a scenario as deployed in MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.errors import InvalidValueError, require_count
+from afl_mujoco.execution.executors import open_executor
+from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
+from afl_mujoco.report.numbers import fixed, percent, short
+from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.parameters import require_positive
+from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
+from afl_mujoco.simulation.trajectory import DIVERGED, FALL_ANGLE, FELL
+from afl_mujoco.studies.arrays import Array
+from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioName, Study, silent
+from afl_mujoco.studies.robustness import map_starts, require_runs
+from afl_mujoco.studies.run import Deployed, Rows, Run
+
+GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001
+"""Number of starts along each axis, and the most."""
+
+WORDS = ("passes", "falls or diverges", "passes, but does not settle", "misses a requirement",
+         "controller fails")  # fmt: skip
+"""How a run from a start ends; without requirements to pass is to survive."""
+
+COLOURS = ("#56B4E9", "#D55E00", "#F0E442", "#CC79A7", "#000000")
+GOOD, FALLEN, UNSETTLED, MISSED, FAILED = range(5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Map from which starts each controller copes with a scenario as deployed in MuJoCo.
+
+    Example: afl-mujoco attraction my-rig.toml --controllers adaptive lqr --quick
+
+    One run for each start (phi0, phi0') of a grid, with the scenario's schedules, disturbances and
+    imperfections. A start counts if the requirements are met from it or, if there are none, the run
+    settles. Writes attraction.json and a figure. A full run takes about five minutes on two cores.
+    """
+
+    scenario: ScenarioName = "step-step"
+    """Scenario by name, or TOML file."""
+    controllers: ControllerNames = (SUBJECT, REFERENCE)
+    grid: int | None = None
+    """Starts along each axis; 41 by default."""
+    quick: bool = False
+    """11 starts along each axis, unless a number is given."""
+    max_angle: float = 1.55
+    """Largest |phi0| [rad]."""
+    max_rate: float = 10.0
+    """Largest |phi0'| [rad/s]."""
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+
+
+class Request(NamedTuple):
+    """What is mapped."""
+
+    scenario: Scenario
+    controllers: Sequence[Controller]
+    angles: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    deployed: Deployed = Deployed()
+
+
+def prepare(options: Options) -> Request:
+    """Return what the options ask for, or raise if a rule is broken."""
+    from afl_mujoco.control.catalogue import find_controller
+
+    o = options
+    scenario = find_scenario(o.scenario)
+    count = o.grid if o.grid is not None else QUICK_GRID if o.quick else GRID
+    require_count("grid", count, 2, MOST_GRID)
+    require_positive("max_angle", o.max_angle)
+    require_positive("max_rate", o.max_rate)
+    if not o.max_angle < FALL_ANGLE:
+        rule = f"must be below {FALL_ANGLE:.4f} rad, where a pole has fallen"
+        raise InvalidValueError("max_angle", rule, o.max_angle)
+    deployed = Deployed(o.integrator, o.timestep)
+    controllers = [find_controller(name) for name in o.controllers]
+    require_runs(controllers, [scenario], deployed)
+    angles, rates = (np.linspace(-most, most, count) for most in (o.max_angle, o.max_rate))
+    return Request(scenario, controllers, angles, rates, deployed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """How runs end by where they start.
+
+    Attributes
+    ----------
+    scenario
+        The scenario.
+    controllers
+        Their names.
+    integrator, timestep
+        MuJoCo's integrator, and its step [s], None for the default.
+    angles, rates
+        phi(0) [rad] and phi_dot(0) [rad/s].
+    rows
+        The runs of each controller: every angle for the first rate, then for the next, and at last
+        that from the start of the scenario itself.
+    """
+
+    scenario: Scenario
+    controllers: tuple[str, ...]
+    integrator: str
+    timestep: float | None
+    angles: Array
+    rates: Array
+    rows: Rows
+
+    @property
+    def starts(self) -> int:
+        """Number of starts of the map."""
+        return len(self.angles) * len(self.rates)
+
+    def runs(self, controller: str) -> list[Run]:
+        """Return the runs of a controller, the last from the scenario's own start."""
+        first = self.controllers.index(controller) * (self.starts + 1)
+        return list(self.rows[first : first + self.starts + 1])
+
+    def kinds(self, controller: str) -> NDArray[np.int_]:
+        """Return how the runs of a controller end, indices into `WORDS`, shape (rates, angles)."""
+        judged = self.scenario.requirements != NONE and bool(self.scenario.required)
+        found = [_kind(run, judged) for run in self.runs(controller)[:-1]]
+        return np.array(found).reshape(len(self.rates), len(self.angles))
+
+
+def _kind(run: Run, judged: bool) -> int:
+    """Return how a run ended."""
+    if run.failure:
+        return {FELL: FALLEN, DIVERGED: FALLEN, CONTROLLER_FAILED: FAILED}.get(run.failure, MISSED)
+    return GOOD if judged or run.settled else UNSETTLED
+
+
+def run(
+    request: Request,
+    *,
+    progress: Progress = silent,
+    workers: int = 1,
+    cluster: str | None = None,
+) -> Result:
+    """Run every controller from every start; the result does not depend on the workers."""
+    scenario, controllers, angles, rates, deployed = request
+    done, each = 0, len(angles) * len(rates) + 1
+    rows: list[Run] = []
+    progress("mapping", 0, len(controllers) * each)
+    with open_executor(workers, cluster) as executor:
+        for one in controllers:
+
+            def advance(starts: int, name: str = one.name) -> None:
+                nonlocal done
+                done += starts
+                progress(f"mapping: {name}", done, len(controllers) * each)
+
+            rows += map_starts(one, scenario, angles, rates, deployed, executor, advance)
+    return Result(
+        scenario=scenario,
+        controllers=tuple(one.name for one in controllers),
+        integrator=deployed.integrator,
+        timestep=deployed.timestep,
+        angles=angles,
+        rates=rates,
+        rows=tuple(rows),
+    )
+
+
+def report(result: Result) -> Report:
+    """Return what is shown of the maps."""
+    maps = {name: result.kinds(name) for name in result.controllers}
+    shares = {name: float((kinds == GOOD).mean()) for name, kinds in maps.items()}
+    present = [k for k in range(len(WORDS)) if any((kinds == k).any() for kinds in maps.values())]
+    rows: list[list[Cell | str]] = []
+    for name, kinds in maps.items():
+        own = result.runs(name)[-1]
+        word = WORDS[_kind(own, result.scenario.requirements != NONE)]
+        counts = [fixed(100.0 * float((kinds == k).mean()), 1) for k in present]
+        rows.append([name, *counts, Cell(word, "bad" if own.failure else "good")])
+    angle, rate = (short(float(axis[-1])) for axis in (result.angles, result.rates))
+    reach = f"|φ₀| up to {angle} rad and |φ₀′| up to {rate} rad/s"
+    said = "; ".join(f"{name} {percent(share, 3)}" for name, share in shares.items())
+    title = f"From which starts each controller copes with {result.scenario.name}"
+    return Report(
+        headline=f"{result.scenario.name}: of {result.starts} starts, {reach}, copes with {said}.",
+        blocks=[
+            Figure(
+                name="attraction",
+                title=title,
+                caption="One run for each point; the cross is the scenario's own start.",
+                draw=partial(_draw, result),
+            ),
+            Matrix(
+                caption=f"How the runs end, in % of {result.starts} starts",
+                columns=["Controller", *(WORDS[k] for k in present), "From its own start"],
+                rows=rows,
+            ),
+        ],
+    )
+
+
+def _draw(result: Result) -> Any:
+    """Draw a panel for each controller."""
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import Patch
+
+    from afl_mujoco.report.style import new_figure
+
+    maps = {name: result.kinds(name) for name in result.controllers}
+    columns = min(len(maps), 3)
+    rows = -(-len(maps) // columns)
+    figure = new_figure(1.0 + 3.4 * columns, 0.9 + 3.0 * rows)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    colours = np.array([to_rgba(colour) for colour in COLOURS])
+    edges = [x for axis in (result.angles, result.rates) for x in _edges(axis)]
+    _, phi, _, phi_dot = result.scenario.initial_state
+    for axes, (name, kinds) in zip(panels.flat, maps.items(), strict=False):
+        axes.grid(False)
+        axes.imshow(
+            colours[kinds], extent=edges, origin="lower", aspect="auto", interpolation="nearest"
+        )
+        axes.plot(phi, phi_dot, "X", color="white", markeredgecolor="black", markersize=11)
+        axes.set_title(f"{name}: {percent(float((kinds == GOOD).mean()), 3)}")
+        axes.set_xlim(edges[:2])
+        axes.set_ylim(edges[2:])
+    for axes in panels.flat[len(maps) :]:
+        axes.set_axis_off()
+    figure.supxlabel("pole angle at the start φ₀ [rad]", fontsize=9)
+    figure.supylabel("its rate at the start φ₀′ [rad/s]", fontsize=9)
+    present = sorted({int(k) for kinds in maps.values() for k in np.unique(kinds)})
+    handles = [Patch(facecolor=COLOURS[k], edgecolor="#707070", label=WORDS[k]) for k in present]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    return figure
+
+
+def _edges(axis: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the outer edges of the outermost points."""
+    half = 0.5 * float(axis[-1] - axis[0]) / (len(axis) - 1)
+    return float(axis[0]) - half, float(axis[-1]) + half
+
+
+STUDY = Study(
+    name="attraction",
+    title="Region of attraction",
+    order=30,
+    schema=5,
+    configuration=Options,
+    prepare=prepare,
+    run=run,
+)

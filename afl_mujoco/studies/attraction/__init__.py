@@ -1,1 +1,0 @@
-"""Regions of attraction: from which starts each controller settles, by equations and in MuJoCo."""

@@ -1,0 +1,480 @@
+"""Compare controllers as deployed in MuJoCo, on any plant, by the requirements of a scenario."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.errors import UnknownNameError, require_count
+from afl_mujoco.report.blocks import Block, Figure, Report, Section
+from afl_mujoco.report.markdown import plain
+from afl_mujoco.scenario.files import as_scenarios, find_scenario
+from afl_mujoco.scenario.sample_space import draws_of
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.words import describe
+from afl_mujoco.simulation.judgement import remarks_on
+from afl_mujoco.simulation.metrics import UNITS, metrics
+from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
+from afl_mujoco.studies.arrays import Array
+from afl_mujoco.studies.contract import (
+    ControllerNames,
+    Progress,
+    ScenarioNames,
+    Study,
+    counted,
+    silent,
+)
+from afl_mujoco.studies.robustness import require_runs
+from afl_mujoco.studies.run import Deployed, Rows, Run, numbered, run_kept
+from afl_mujoco.studies.tables import grouped, metrics_matrix, passes, requirements_matrix
+
+if TYPE_CHECKING:
+    from afl_mujoco.films.plan import Film
+
+MOST_DRAWS = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Compare controllers as deployed in MuJoCo, on any plant, by the requirements of a scenario.
+
+    Example: afl-mujoco compare my-scenario.toml --controllers lqr adaptive my_module:MyController
+
+    Writes compare.json, curves over time, and the page. The exit code is 0 if every controller
+    meets every requirement of its scenario, and 1 if one does not.
+    """
+
+    scenarios: ScenarioNames = ("step-step",)
+    """Scenarios by name, or TOML files, with their imperfections and requirements."""
+    controllers: ControllerNames = (SUBJECT, REFERENCE)
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
+    control_period: float | None = None
+    """How long the force is held [s], a multiple of the timestep; by default that of the
+    scenario's imperfections, else one step."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    draws: int | None = None
+    """Number of draws of noise, and of the start within an encoder's step; by default 10 where
+    noise or encoders act, else 1."""
+    film: bool = False
+    """Film the first four controllers side by side, one MP4 for each scenario."""
+
+
+class Request(NamedTuple):
+    """What is compared."""
+
+    scenarios: Sequence[Scenario]
+    controllers: Sequence[Controller]
+    deployed: Deployed = Deployed()
+    draws: int | None = None
+    film: tuple[str, ...] = ()  # the controllers as they were asked for, if they are to be filmed
+
+    def require(self) -> Request:
+        """Return it, or raise if anything would break the comparison, before it begins."""
+        require_runs(self.controllers, self.scenarios, self.deployed)
+        for scenario, controller in itertools.product(self.scenarios, self.controllers):
+            # raises if a gain is not positive
+            controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))
+        if self.draws is not None:
+            require_count("draws", self.draws, 1, MOST_DRAWS)
+        return self
+
+
+def prepare(options: Options) -> Request:
+    """Return what the options ask for, or raise if a rule is broken."""
+    o = options
+    scenarios = [find_scenario(name) for name in o.scenarios]  # before what is slow to import
+    if o.film:
+        from afl_mujoco.graphics import require_backend
+
+        require_backend()  # before MuJoCo
+
+    from afl_mujoco.control.catalogue import find_controller
+
+    controllers = [find_controller(name) for name in o.controllers]
+    deployed = Deployed(o.integrator, o.timestep, o.control_period)
+    film = o.controllers if o.film else ()
+    request = Request(scenarios, controllers, deployed, o.draws, film).require()
+    if film:
+        from afl_mujoco.films.plan import AS_IS, side_by_side
+
+        for scenario in scenarios:  # raises if it does not last a frame
+            side_by_side(scenario, controllers, AS_IS)
+    return request
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curves:
+    """A run over time: instants [s], states, shape (N, 4), exerted forces and commands [N]."""
+
+    time: Array
+    state: Array
+    force: Array
+    command: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Result:
+    """Controllers compared.
+
+    Attributes
+    ----------
+    scenarios
+        The scenarios.
+    rows
+        Runs of every scenario with every controller, draw by draw.
+    metrics
+        All figures of each of these runs, as in `simulation.metrics`; none if its controller
+        failed.
+    remarks
+        What a reader should know about the first draw of each, by ``scenario/controller``.
+    curves
+        The first draw of each over time, by ``scenario/controller``; none if the controller failed.
+    timestep, control_period, integrator
+        How they were deployed; a period of None means that of the scenario, else one step.
+    film
+        The controllers as they were asked for, if they are to be filmed.
+    """
+
+    scenarios: tuple[Scenario, ...]
+    rows: Rows
+    metrics: tuple[Mapping[str, float | None], ...]
+    remarks: Mapping[str, tuple[str, ...]]
+    curves: Mapping[str, Curves]
+    timestep: float | None
+    control_period: float | None
+    integrator: str
+    film: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raise if the parts contradict each other."""
+        names = {scenario.name for scenario in self.scenarios}
+        if not self.rows or {run.scenario for run in self.rows} != names:
+            raise ValueError("rows must be runs of the scenarios")
+        if len(self.metrics) != len(self.rows):
+            raise ValueError("metrics must be those of the rows")
+        known = {f"{run.scenario}/{run.controller}" for run in self.rows}
+        if unknown := self.curves.keys() - known:
+            raise ValueError(f"curves must be those of the rows, got {min(unknown)!r}")
+
+    @property
+    def passed(self) -> bool:
+        """Whether every run meets every requirement."""
+        return not any(run.missed for run in self.rows)
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """How each run ended and its metrics, one row each, ready for pandas."""
+        rows = [run.row for run in self.rows]
+        for row, figures in zip(rows, self.metrics, strict=True):
+            del row["requirements"]
+            row |= {name: x for name, x in figures.items() if name not in row}
+        return rows
+
+    @property
+    def requirements(self) -> list[dict[str, Any]]:
+        """Each run judged by each requirement, one row each, ready for pandas."""
+        return [
+            {
+                "scenario": run.scenario,
+                "controller": run.controller,
+                "draw": run.draw,
+                **asdict(one),
+                "unit": one.unit,
+                "met": one.met,
+            }
+            for run in self.rows
+            for one in run.requirements
+        ]
+
+    def plot(self, scenario: str | None = None) -> Any:
+        """Draw the runs of a scenario, the first by default; return the matplotlib figure."""
+        by_name = {one.name: one for one in self.scenarios}
+        name = next(iter(by_name)) if scenario is None else scenario
+        if name not in by_name:
+            raise UnknownNameError.among("scenario", name, by_name)
+        return draw_responses(self, by_name[name])
+
+    def __repr__(self) -> str:
+        """Summarise the outcome in one line."""
+        return f"<{report(self).headline}>"
+
+    def __str__(self) -> str:
+        """Return who meets the requirements, and how much of each is left, as text."""
+        from afl_mujoco.report.terminal import to_text
+
+        return to_text(_told(self))
+
+    def _repr_markdown_(self) -> str:
+        """Return the same as Markdown, for a notebook."""
+        from afl_mujoco.report.markdown import to_markdown
+
+        return to_markdown(_told(self))
+
+    def curves_on(self, scenario: Scenario) -> dict[str, Curves]:
+        """Return the curves of a scenario by controller."""
+        keys = {run.controller: f"{scenario.name}/{run.controller}" for run in self.rows}
+        return {name: self.curves[key] for name, key in keys.items() if key in self.curves}
+
+
+def compare(
+    scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
+    controllers: Any,
+    *,
+    timestep: float | None = None,
+    control_period: float | None = None,
+    integrator: str = "RK4",
+    draws: int | None = None,
+    call_limit: float | None = None,
+) -> Result:
+    """Run controllers on scenarios as deployed in MuJoCo; one that fails does not stop the others.
+
+    Parameters
+    ----------
+    scenarios
+        One or several: scenarios, names or TOML files.
+    controllers
+        One or several, each as for `simulate_mujoco`.
+    timestep, control_period, integrator
+        As for `simulate_mujoco`.
+    draws
+        Number of draws of noise and of the start within an encoder's step, the first the scenario
+        itself; by default ten where noise or encoders act, else one.
+    call_limit
+        How long one call of a controller in Python may take [s]; 1 by default. Its first in a run
+        may take 60, for a library to compile.
+
+    Returns
+    -------
+    Result
+        Every run with its metrics and requirements: `table`, `requirements`, `plot`. Printed, or
+        shown by a notebook, it says who meets which requirement, and how much of it is left.
+
+    Raises
+    ------
+    AflMujocoError
+        If an argument breaks a rule, before the first run.
+    """
+    from afl_mujoco.control.catalogue import as_controller
+    from afl_mujoco.control.own.python_controller import calls_limited_to
+
+    several = isinstance(controllers, Sequence) and not isinstance(controllers, str)
+    with calls_limited_to(call_limit):
+        used = [as_controller(x) for x in (controllers if several else (controllers,))]
+    deployed = Deployed(integrator, timestep, control_period)
+    return run(Request(as_scenarios(scenarios), used, deployed, draws).require())
+
+
+def run(request: Request, *, progress: Progress = silent) -> Result:
+    """Run every controller on every draw of every scenario."""
+    scenarios, controllers, deployed, draws, film = request
+    rows: list[Run] = []
+    figures: list[Mapping[str, float | None]] = []
+    remarks: dict[str, tuple[str, ...]] = {}
+    curves: dict[str, Curves] = {}
+    advance = counted(progress, "simulating", len(scenarios) * len(controllers))
+    for scenario, controller in itertools.product(scenarios, controllers):
+        drawn = draws_of(scenario, draws)
+        runs, kept = zip(*run_kept(controller, drawn, deployed), strict=True)
+        rows += numbered(runs)
+        figures += [_figures(*one, controller) for one in zip(drawn, kept, strict=True)]
+        key, first = f"{scenario.name}/{controller.name}", kept[0]
+        if first is not None:
+            remarks[key] = tuple(remarks_on(first, scenario, controller))
+            curves[key] = Curves(
+                time=first.time, state=first.state, force=first.force, command=first.command
+            )
+        advance(controller.name)
+    return Result(
+        scenarios=tuple(scenarios),
+        rows=tuple(rows),
+        metrics=tuple(figures),
+        remarks={key: said for key, said in remarks.items() if said},
+        curves=curves,
+        film=film,
+        **deployed._asdict(),
+    )
+
+
+def _figures(
+    scenario: Scenario, run: Trajectory | None, controller: Controller
+) -> Mapping[str, float | None]:
+    """Return all figures of a run, none if its controller failed."""
+    return {} if run is None else metrics(scenario, controller, run)
+
+
+# --- what is shown ------------------------------------------------------------------------------
+
+
+def report(result: Result) -> Report:
+    """Return what is shown of a comparison."""
+    cases = grouped(result.rows)
+    several = len(result.scenarios) > 1
+    said = [
+        (f"{scenario}: " if several else "") + f"{controller} {_score(draws)}"
+        for (scenario, controller), draws in cases.items()
+    ]
+    blocks: list[Block] = []
+    for number, scenario in enumerate(result.scenarios, 1):
+        blocks += _shown(result, number, scenario)
+    names = dict.fromkeys(controller for _, controller in cases)
+    on = ", ".join(scenario.name for scenario in result.scenarios)
+    return Report(
+        title=f"{on}: {', '.join(names)}",
+        headline=" · ".join(said),
+        passed=result.passed,
+        blocks=blocks,
+    )
+
+
+def _score(draws: Sequence[Run]) -> str:
+    """Return how many requirements a controller meets or, of several draws, how many it passes."""
+    if len(draws) > 1:
+        return f"{passes(draws)} draws" if all(not r.failure for r in draws) else passes(draws)
+    (run,) = draws
+    return f"{len(run.requirements) - len(run.missed)} of {len(run.requirements)}"
+
+
+def _told(result: Result) -> list[Block]:
+    """Return the requirements by controllers of each scenario, and what is remarked."""
+    blocks: list[Block] = []
+    for scenario in result.scenarios:
+        blocks.append(_matrix(result, scenario))
+        blocks += _remarks(result, scenario)
+    return blocks
+
+
+def _matrix(result: Result, scenario: Scenario) -> Any:
+    """Return the requirements of a scenario by controllers, and what each run needs beside."""
+    cases = grouped([run for run in result.rows if run.scenario == scenario.name])
+    draws = {name: runs for (_, name), runs in cases.items()}
+    return requirements_matrix(scenario, draws, _metrics_on(result, scenario))
+
+
+def _metrics_on(result: Result, scenario: Scenario) -> dict[str, list[Mapping[str, float | None]]]:
+    """Return all figures of the draws of each controller on a scenario."""
+    found: dict[str, list[Mapping[str, float | None]]] = {}
+    for run, figures in zip(result.rows, result.metrics, strict=True):
+        if run.scenario == scenario.name:
+            found.setdefault(run.controller, []).append(figures)
+    return found
+
+
+def _remarks(result: Result, scenario: Scenario) -> list[str]:
+    """Return remarks on the runs of a scenario, and how a controller failed, a line each."""
+    lines = []
+    for run in result.rows:
+        if run.scenario == scenario.name and run.draw == 0:
+            said = result.remarks.get(f"{run.scenario}/{run.controller}", ())
+            lines += [f"- {plain(f'{run.controller}: {remark}')}" for remark in said]
+            lines += [f"- {plain(f'{run.controller} {run.ending}')}"] if run.message else []
+    return ["\n".join(lines)] if lines else []
+
+
+def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
+    """Return what is shown of a scenario."""
+    facts = "\n".join(f"- **{label}**: {plain(text)}" for label, text in describe(scenario))
+    blocks: list[Block] = [_matrix(result, scenario), *_remarks(result, scenario)]
+    if result.curves_on(scenario):
+        blocks.append(
+            Figure(
+                name=f"compare-{number}",
+                title=f"{scenario.name} over time",
+                caption="Dashed: limits; grey along the curves: bands of rest; grey across: "
+                "disturbances; pale: the command.",
+                draw=partial(draw_responses, result, scenario),
+            )
+        )
+    shown = [name for name in UNITS if any(name in f for f in result.metrics)]
+    return [
+        *blocks,
+        metrics_matrix(_metrics_on(result, scenario), shown, folded="All metrics"),
+        Section("The scenario", f"compare-{number}-scenario", [facts], folded=True),
+    ]
+
+
+def draw_responses(result: Result, scenario: Scenario) -> Any:
+    """Draw z, phi and F under each controller, their limits and bands, and M(t) and l(t)."""
+    from afl_mujoco.report.figures import Panel, curves
+
+    runs, asked = result.curves_on(scenario), scenario.requirements
+    rests = asked.settling_time is not None or asked.recover_within is not None
+    instants = np.array(scenario.breakpoints)
+    around = np.concatenate([np.nextafter(instants, 0.0), instants])
+    time = np.unique([*np.linspace(0.0, scenario.duration, 500), *around])
+    panels = [
+        Panel(
+            label=label,
+            curves={name: (one.time, one.state[:, k]) for name, one in runs.items()},
+            limits=[] if limit is None else [limit],
+            band=band if rests else None,
+        )
+        for k, (label, limit, band) in enumerate(
+            (
+                ("cart position z [m]", asked.max_position, asked.position_band),
+                ("pole angle φ [rad]", asked.max_angle, asked.angle_band),
+            )
+        )
+    ]
+    limits = [x for x in (asked.max_force, asked.max_command) if x is not None]
+    panels += [
+        Panel(
+            label="force F [N]",
+            curves={name: (one.time, one.force) for name, one in runs.items()},
+            pale={name: (one.time, one.command) for name, one in runs.items()
+                  if not np.array_equal(one.command, one.force)},
+            limits=limits,
+        ),
+        Panel(
+            label="plant",
+            curves={"M [kg]": (time, scenario.cart_mass(time)),
+                    "l [m]": (time, scenario.half_length(time))},
+            black=True,
+        ),
+    ]  # fmt: skip
+    pushes = [(min(d.breakpoints), max(d.breakpoints)) for d in scenario.disturbances]
+    return curves(panels, scenario.duration, shaded=pushes)
+
+
+def films(result: Result, command: str) -> list[Film]:
+    """Return a film of the controllers side by side for each scenario, if asked for."""
+    if not result.film:
+        return []
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.films.plan import side_by_side
+    from afl_mujoco.films.replay import Deployment
+
+    controllers = [find_controller(name) for name in result.film]
+    deployment = Deployment(
+        timestep=result.timestep,
+        control_period=result.control_period,
+        integrator=result.integrator,
+    )
+    found = []
+    for scenario in result.scenarios:
+        there = result.curves_on(scenario)  # the others failed
+        shown = [controller for controller in controllers if controller.name in there]
+        if shown:
+            found.append(side_by_side(scenario, shown, deployment, command=command))
+    return found
+
+
+STUDY = Study(
+    name="compare",
+    title="Controllers compared",
+    order=5,
+    schema=3,
+    configuration=Options,
+    prepare=prepare,
+    run=run,
+)

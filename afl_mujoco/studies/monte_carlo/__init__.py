@@ -1,1 +1,0 @@
-"""Monte Carlo over laboratory hardware: survival rates, and the worst case found by a search."""

@@ -1,0 +1,656 @@
+"""Run controllers on the same random hardware samples, then search for the worst case."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.names import REFERENCE, SUBJECT, subject_of
+from afl_mujoco.errors import FileError, InvalidValueError, require_count
+from afl_mujoco.execution.executors import open_executor
+from afl_mujoco.files import hidden_folder
+from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
+from afl_mujoco.report.numbers import MISSING, fixed, interval, percent, short
+from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
+from afl_mujoco.scenario.laboratory import with_ranges
+from afl_mujoco.scenario.ranges import FIXED
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.contract import (
+    ControllerNames,
+    Interrupted,
+    Progress,
+    ScenarioName,
+    Study,
+    silent,
+)
+from afl_mujoco.studies.cube_search import Budget
+from afl_mujoco.studies.robustness import (
+    HARDEST,
+    MOST_SAMPLES,
+    NEAREST,
+    Worst,
+    changes_of,
+    require_samples,
+    sample,
+    search_worst,
+    worst_scenario,
+)
+from afl_mujoco.studies.run import Deployed, Rows, Run
+from afl_mujoco.studies.tables import how
+
+if TYPE_CHECKING:
+    from afl_mujoco.films.plan import Film
+
+LABORATORY = "laboratory"
+SAMPLES, QUICK_SAMPLES = 1000, 100
+GENERATIONS, QUICK_GENERATIONS = 30, 5
+
+FOLDER = "montecarlo"
+"""Folder of the scenario files; it holds a folder for each controller."""
+
+FILES = {HARDEST: "hardest.toml", NEAREST: "nearest-failure.toml"}
+"""Names of the scenario files of what a search found."""
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Quantiles of the least margin that are shown."""
+
+PANELS, BINS, FEWEST = 6, 5, 5
+"""Most coordinates that the figure of failures shows, bins of each, and fewest runs of a kind."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Run controllers on the same random hardware samples, then search for the worst case.
+
+    Example: afl-mujoco montecarlo my-rig.toml --controllers adaptive lqr --quick
+
+    The table [ranges] of the scenario file says what varies: start, schedules of M and l within
+    bounds and rates, imperfections. A scenario without it gets random laboratory hardware for all
+    imperfections that are ideal in it. A run passes if it meets the scenario's requirements or,
+    if there are none, survives to the end. The search looks for the sample that fails worst, or
+    has the least robustness left. Writes montecarlo.json, figures, and a scenario file for every
+    failure, which `afl-mujoco simulate` replays to the same bits. A full run takes about ten
+    minutes on two cores.
+    """
+
+    scenario: ScenarioName = LABORATORY
+    """Scenario by name, or TOML file; laboratory: the paper's plant on random laboratory hardware,
+    its M and l changing at random."""
+    controllers: ControllerNames = (SUBJECT, REFERENCE)
+    samples: int | None = None
+    """Number of hardware samples; 1000 by default. Sample i does not depend on the number."""
+    seed: int = 1
+    """Seed of the samples, their noise and the search."""
+    worst_case: bool = True
+    """Do not search for the hardest sample and the nearest failure (by CMA-ES)."""
+    generations: int | None = None
+    """Number of generations of each search, 16 runs each; 30 by default."""
+    quick: bool = False
+    """100 samples and 5 generations, unless other numbers are given."""
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, the default of `simulate`, Euler, implicit, implicitfast."""
+    keep: int | None = None
+    """Number of failures of each controller to keep as scenario files; all by default."""
+    film: bool = False
+    """Film the hardest sample found for each controller."""
+
+
+class Request(NamedTuple):
+    """What is studied."""
+
+    space: SampleSpace
+    controllers: Sequence[Controller]
+    names: Sequence[str]  # by which the controllers were asked for
+    assumed: bool = False  # whether the scenario does not say what varies
+    samples: int = SAMPLES
+    seed: int = 1
+    deployed: Deployed = Deployed()
+    budget: Budget | None = None  # of the searches, if there are any
+    keep: int | None = None
+    film: bool = False
+
+    @property
+    def scenarios(self) -> tuple[Scenario, ...]:
+        """The scenario whose ranges are drawn from."""
+        return (self.space.scenario,)
+
+
+def prepare(options: Options) -> Request:
+    """Return what the options ask for, or raise if a rule is broken."""
+    o = options
+    asked = find_scenario(o.scenario)
+    if o.film:
+        from afl_mujoco.graphics import require_backend
+
+        if not o.worst_case:
+            rule = "shows what the search found: do not give --no-worst-case"
+            raise InvalidValueError("film", rule)
+        require_backend()  # before MuJoCo
+
+    from afl_mujoco.control.catalogue import find_controller
+
+    samples = QUICK_SAMPLES if o.quick else SAMPLES
+    generations = QUICK_GENERATIONS if o.quick else GENERATIONS
+    budget = Budget(generations=generations if o.generations is None else o.generations)
+    request = Request(
+        space=SampleSpace(with_ranges(asked)),
+        controllers=[find_controller(name) for name in o.controllers],
+        names=o.controllers,
+        assumed=asked.ranges == FIXED,
+        samples=samples if o.samples is None else o.samples,
+        seed=o.seed,
+        deployed=Deployed(o.integrator, o.timestep),
+        budget=budget if o.worst_case else None,
+        keep=o.keep,
+        film=o.film,
+    )
+    space, controllers = request.space, request.controllers
+    require_samples(controllers, space, request.samples, o.seed, request.deployed)
+    if o.keep is not None:
+        require_count("keep", o.keep, 0, MOST_SAMPLES)
+    if o.film:
+        from afl_mujoco.films.plan import AS_IS, side_by_side
+
+        side_by_side(space.scenario, controllers[:1], AS_IS)  # raises if it is too short
+    return request
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What a search found for one controller: its run, where in the cube, in which file."""
+
+    controller: str
+    question: str
+    run: Rows  # one
+    point: tuple[float, ...]
+    distance: float
+    tried: int
+    file: str
+
+    @property
+    def worst(self) -> Worst:
+        """The same as the search returned it."""
+        (run,) = self.run
+        return Worst(
+            question=self.question, run=run, point=self.point, distance=self.distance,
+            tried=self.tried,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """Every controller on the same samples, and the worst that a search found.
+
+    Attributes
+    ----------
+    seed
+        Of the samples.
+    integrator, timestep
+        MuJoCo's integrator, and its step [s], None for the default.
+    space
+        The space that the samples are drawn from.
+    rows
+        Every run, controller by controller; its draw is the number of the sample.
+    asked
+        By controller, the name by which it was asked for.
+    rates
+        By controller, shares of the runs that pass and that settle, with exact 95 % intervals.
+    worst_cases
+        What the searches found; none if nothing was searched.
+    keep
+        How many failures of each controller have a scenario file; None for all.
+    assumed
+        Whether the scenario does not say what varies.
+    film
+        Whether the hardest samples are to be filmed.
+    """
+
+    seed: int
+    integrator: str
+    timestep: float | None
+    space: SampleSpace
+    rows: Rows
+    asked: Mapping[str, str]
+    rates: Mapping[str, Mapping[str, tuple[float, float, float]]]
+    worst_cases: tuple[Found, ...] = ()
+    keep: int | None = None
+    assumed: bool = False
+    film: bool = False
+
+    @property
+    def runs(self) -> dict[str, list[Run]]:
+        """The runs by controller."""
+        return {name: [run for run in self.rows if run.controller == name] for name in self.asked}
+
+    @property
+    def samples(self) -> int:
+        """How many samples there are."""
+        return len(self.rows) // len(self.asked)
+
+    def failures(self, controller: str) -> list[Run]:
+        """Return the runs of a controller that have a scenario file."""
+        return [run for run in self.runs[controller] if run.failure][: self.keep]
+
+
+def rate(runs: Sequence[bool]) -> tuple[float, float, float]:
+    """Return a share, and the ends of its exact (Clopper-Pearson) 95 % interval."""
+    from scipy.stats import binomtest
+
+    count, of = sum(runs), len(runs)
+    ends = binomtest(count, of).proportion_ci(confidence_level=0.95, method="exact")
+    return count / of, float(ends.low), float(ends.high)
+
+
+def p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
+    """Return McNemar's exact test: how likely a split this uneven is if both are equally good."""
+    from scipy.stats import binomtest
+
+    only = [a for a, b in zip(first, second, strict=True) if a != b]
+    return float(binomtest(sum(only), len(only), 0.5).pvalue) if only else 1.0
+
+
+def run(
+    request: Request,
+    *,
+    progress: Progress = silent,
+    workers: int = 1,
+    cluster: str | None = None,
+) -> Result:
+    """Run the samples and the searches; the result does not depend on the workers."""
+    space, controllers, _, _, samples, seed, deployed, budget, *_ = request
+    total, worst = samples * len(controllers), list[Found]()
+    with open_executor(workers, cluster) as executor:
+        progress("sampling", 0, total)
+        runs = sample(
+            controllers, space, samples, seed, deployed, executor,
+            lambda done, name: progress(f"sampling: {name}", done, total),
+        )  # fmt: skip
+        try:
+            for one in controllers:
+                if budget is None:
+                    break
+                doing, most = f"searching the worst case for {one.name}", 2 * budget.points
+                found = search_worst(
+                    one, space, runs[one.name], seed, budget, deployed, executor,
+                    partial(_advance, progress, doing, most),
+                )  # fmt: skip
+                worst += [_found(one.name, each) for each in found]
+        except KeyboardInterrupt:
+            done = f"{total} samples, {len(worst)} searches"
+            raise Interrupted(_result(request, runs, worst), done) from None
+    return _result(request, runs, worst)
+
+
+def _advance(progress: Progress, doing: str, most: int, done: int) -> None:
+    """Report how far a search is."""
+    progress(doing, done, most)
+
+
+def _found(controller: str, one: Worst) -> Found:
+    """Return what a search found, with the file that it will have."""
+    return Found(
+        controller=controller, question=one.question, run=(one.run,), point=one.point,
+        distance=one.distance, tried=one.tried,
+        file=f"{FOLDER}/{controller}/{FILES[one.question]}",
+    )  # fmt: skip
+
+
+def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Found]) -> Result:
+    """Put the runs together."""
+    return Result(
+        seed=request.seed,
+        integrator=request.deployed.integrator,
+        timestep=request.deployed.timestep,
+        space=request.space,
+        rows=tuple(run for some in runs.values() for run in some),
+        asked=dict(zip(runs, request.names, strict=True)),
+        rates={
+            name: {
+                "passes": rate([not run.failure for run in some]),
+                "settles": rate([run.settled for run in some]),
+            }
+            for name, some in runs.items()
+        },
+        worst_cases=tuple(worst),
+        keep=request.keep,
+        assumed=request.assumed,
+        film=request.film,
+    )
+
+
+# --- what is shown ------------------------------------------------------------------------------
+
+
+def report(result: Result) -> Report:
+    """Return what is shown of samples and searches."""
+    runs = result.runs
+    ours = subject_of(list(runs))
+    said = [
+        f"{name} passes {percent(result.rates[name]['passes'][0], 3)} and settles on "
+        f"{percent(result.rates[name]['settles'][0], 3)}"
+        for name in sorted(runs, key=lambda name: name != ours)
+    ]
+    name = result.space.scenario.name
+    blocks: list[Block] = []
+    if result.assumed:
+        blocks.append(
+            f"{name} does not say what varies, so that its ideal imperfections are those of random "
+            "laboratory hardware; a table `[ranges]` in its file changes this."
+        )
+    blocks += [
+        Figure(
+            name="montecarlo-rates",
+            title=f"How often each controller passes and settles on {result.samples} samples",
+            caption="Filled: passes; hollow: settles; with exact 95 % intervals.",
+            draw=partial(_draw_rates, result),
+        ),
+        _rates(result),
+    ]
+    if any(run.margin is not None for run in result.rows):
+        blocks.append(
+            Figure(
+                name="montecarlo-margins",
+                title="By how much the requirements are met",
+                caption="Least margin of each run: median, middle half, 5 to 95 %. Larger is "
+                "better; left of 0 a requirement is missed.",
+                draw=partial(_draw_margins, result),
+            )
+        )
+    if separating(result):
+        blocks.append(
+            Figure(
+                name="montecarlo-failures",
+                title="Where the failures lie",
+                caption="Share of failures over the coordinates that separate them best, chosen "
+                f"on the same samples: a hint where to look. {BINS} bins of equal counts.",
+                draw=partial(_draw_failures, result),
+            )
+        )
+    if result.worst_cases:
+        blocks.append(_worst_cases(result))
+    blocks += [_space(result), *_messages(result), *_replays(result)]
+    headline = f"{result.samples} samples of {name}: {'; '.join(said)}."
+    return Report(headline=headline, blocks=blocks)
+
+
+def _rates(result: Result) -> Matrix:
+    """Return how often each controller passed and settled, its margins, and how it fails most."""
+    rows: list[list[Cell | str]] = []
+    runs = result.runs
+    for name, some in runs.items():
+        failures = [run.failure for run in some if run.failure]
+        kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
+        margins = [run.margin for run in some if run.margin is not None]
+        ends = [percent(float(x)) for x in np.quantile(margins, QUANTILES)] if margins else []
+        passes, settles = (result.rates[name][key] for key in ("passes", "settles"))
+        rows.append(
+            [
+                name,
+                f"{percent(passes[0], 3)} ({interval(passes[1:])})",
+                f"{percent(settles[0], 3)} ({interval(settles[1:])})",
+                ends[len(ends) // 2] if ends else MISSING,
+                f"{ends[0]} to {ends[-1]}" if ends else MISSING,
+                str(len(some) - len(margins)),
+                "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING,
+            ]
+        )
+    passed = {name: [not run.failure for run in some] for name, some in runs.items()}
+    pairs = [
+        f"{a} and {b} p = {short(p_value(passed[a], passed[b]), 2)}"
+        for a, b in combinations(runs, 2)
+    ]
+    return Matrix(
+        caption=f"Seed {result.seed}, with 95 % intervals"
+        + (f"; McNemar's exact test: {', '.join(pairs)}" if pairs else ""),
+        columns=[
+            "Controller", "Passes [%]", "Settles [%]", "Median margin", "5 to 95 %",
+            "Without margin", "How it fails",
+        ],
+        rows=rows,
+    )  # fmt: skip
+
+
+def _draw_rates(result: Result) -> Any:
+    """Draw how often each controller passes and settles."""
+    from afl_mujoco.report.figures import Dot, dots
+
+    def dot(word: str, share: float, low: float, high: float) -> Dot:
+        text = f"{word} {100.0 * share:.1f} %"
+        ends = (100.0 * low, 100.0 * high)
+        return Dot(at=100.0 * share, thin=ends, text=text, hollow=word == "settles")
+
+    rows = {
+        name: [dot(word, *found) for word, found in rates.items()]
+        for name, rates in result.rates.items()
+    }
+    return dots(rows, "share of the samples [%]", bounds=(-1.0, 101.0))
+
+
+def _draw_margins(result: Result) -> Any:
+    """Draw quantiles of the least margin of each controller's runs."""
+    from afl_mujoco.report.figures import Dot, dots
+
+    rows: dict[str, list[Dot]] = {}
+    for name, runs in result.runs.items():
+        margins = [100.0 * run.margin for run in runs if run.margin is not None]
+        rows[name] = []
+        if margins:
+            a, b, middle, c, d = np.quantile(margins, QUANTILES).tolist()
+            rows[name].append(Dot(at=middle, thin=(a, d), thick=(b, c)))
+    return dots(rows, "least margin [% of the limit]; larger is better", line=0.0)
+
+
+def separating(result: Result) -> dict[str, NDArray[np.float64]]:
+    """Return the coordinates that separate failures from the rest best, each of shape (samples,).
+
+    They are ranked by the largest gap between the two distribution functions (the statistic of
+    Kolmogorov and Smirnov), the largest over the controllers.
+    """
+    from scipy.stats import ks_2samp
+
+    failed = [np.array([bool(run.failure) for run in runs]) for runs in result.runs.values()]
+    ranked = [bad for bad in failed if FEWEST <= int(bad.sum()) <= len(bad) - FEWEST]
+    if not ranked:
+        return {}
+    space = result.space
+    points = np.array([sample_point(space, i, result.seed) for i in range(result.samples)])
+    named = dict(zip(space.coordinates, points.T, strict=True))
+
+    def gap(x: NDArray[np.float64]) -> float:
+        return max(float(ks_2samp(x[bad], x[~bad]).statistic) for bad in ranked)
+
+    return dict(sorted(named.items(), key=lambda item: -gap(item[1]))[:PANELS])
+
+
+def _draw_failures(result: Result) -> Any:
+    """Draw the failure rate of each controller over the coordinates that separate best."""
+    from afl_mujoco.report.style import colours, new_figure
+
+    chosen = separating(result)
+    columns = min(3, len(chosen))
+    figure = new_figure(max(3.5 * columns, 5.0), 0.6 + 2.7 * -(-len(chosen) // columns))
+    panels = figure.subplots(-(-len(chosen) // columns), columns, sharey=True, squeeze=False)
+    shades = colours(result.runs)
+    for axis, (name, x) in zip(panels.flat, chosen.items(), strict=False):
+        low, high = result.space.varied.get(name.split(" ")[0], (0.0, 1.0))
+        low, high = (0.0, 1.0) if "instant" in name or "shape" in name else (low, high)
+        bins = np.array_split(np.argsort(x, kind="stable"), BINS)
+        at = np.array([low + (high - low) * float(np.median(x[part])) for part in bins])
+        for controller, runs in result.runs.items():
+            rates = [rate([bool(runs[i].failure) for i in part.tolist()]) for part in bins]
+            shares, lows, highs = 100.0 * np.array(rates).T
+            axis.errorbar(
+                at, shares, yerr=[shares - lows, highs - shares], color=shades[controller],
+                marker="o", markersize=5.0, linewidth=1.2, capsize=2.5, label=controller,
+            )  # fmt: skip
+        axis.set_xlabel(name)
+    for axis in panels.flat[len(chosen) :]:
+        axis.set_axis_off()
+    for axis in panels[:, 0]:
+        axis.set_ylabel("failures [% of the samples]")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return figure
+
+
+def _worst_cases(result: Result) -> Matrix:
+    """Return what the searches found."""
+    rows: list[list[Cell | str]] = []
+    for one in result.worst_cases:
+        (run,) = one.run
+        moved = [(name, x) for name, x in changes_of(result.space, one.point).items()
+                 if " instant " not in name and " shape" not in name]  # fmt: skip
+        at = f" at {fixed(run.time, 2)} s" if run.failure == run.outcome and run.time else ""
+        rows.append(
+            [
+                one.controller,
+                one.question,
+                Cell(how(run.failure) + at, "bad" if run.failure else "good"),
+                percent(run.margin),
+                fixed(one.distance, 2),
+                ", ".join(f"{name} {fixed(x, 2)}" for name, x in moved[:2]),
+                one.file,
+            ]
+        )
+    return Matrix(
+        caption="What a search found: distance from the scenario as a share of the diagonal of all "
+        "ranges; what was moved most, as a share of its range",
+        columns=["Controller", "Search", "Outcome", "Margin", "Distance", "Moved most", "File"],
+        rows=rows,
+    )
+
+
+def _space(result: Result) -> Matrix:
+    """Return the ranges that samples are drawn from."""
+    rows: list[list[Cell | str]] = []
+    for name, unit, value in result.space.quantities():
+        low, high = value if isinstance(value, tuple) else (value, value)
+        rows.append([name, unit, short(low), short(high)])
+    return Matrix(
+        folded="Ranges of the random hardware",
+        caption="What varies between samples, drawn uniformly",
+        columns=["Quantity", "Unit", "Least", "Largest"],
+        rows=rows,
+    )
+
+
+def _messages(result: Result) -> Iterator[str]:
+    """Say which controllers pass no sample, and the first error of each that raised one."""
+    for name, runs in result.runs.items():
+        if all(run.failure for run in runs):
+            yield f"{name} passes no sample, so no harder one is searched for."
+        for run in [run for run in runs if run.message][:1]:
+            yield f"{name} on sample {run.draw}: {run.message}"
+
+
+def _replays(result: Result) -> Iterator[str]:
+    """Return the command that replays the first failure of each controller."""
+    lines = [
+        f"afl-mujoco simulate {file_of(name, runs[0])} --controller {result.asked[name]}"
+        for name in result.asked
+        if (runs := result.failures(name))
+    ]
+    if lines:
+        yield "Replay a failure, identical to the last bit, from the folder of the results:"
+        yield "```sh\n" + "\n".join(lines) + "\n```"
+
+
+# --- scenario files and films -------------------------------------------------------------------
+
+_OURS = re.compile(r"failure-\d{4,}\.toml|" + "|".join(map(re.escape, FILES.values())))
+
+
+def file_of(controller: str, run: Run) -> str:
+    """Return the scenario file of a failure beside the result."""
+    return f"{FOLDER}/{controller}/failure-{run.draw:04d}.toml"
+
+
+def require_files(folder: Path) -> None:
+    """Raise if the folder of the scenario files holds anything that this study did not write."""
+    held = folder / FOLDER
+    if not held.exists():
+        return
+    if not held.is_dir() or held.is_symlink():
+        raise FileError(str(held), "must be a folder that this study wrote: it is replaced")
+    for path in sorted(held.rglob("*")):
+        level = len(path.relative_to(held).parts)
+        ours = path.is_dir() if level == 1 else level == 2 and _OURS.fullmatch(path.name)
+        if path.is_symlink() or not ours:
+            rule = "was not written by this study, which replaces its folder: move it away"
+            raise FileError(str(path), rule)
+
+
+def write_files(result: Result, folder: Path) -> list[Path]:
+    """Write a scenario file of each failure kept and of each worst case, in place of older ones."""
+    require_files(folder)
+    space, seed = result.space, result.seed
+    scenarios = {
+        file_of(name, run): sample_scenario(space, run.draw, seed)
+        for name in result.asked
+        for run in result.failures(name)
+    }
+    scenarios |= {one.file: worst_scenario(space, one.worst, seed) for one in result.worst_cases}
+    replays = {
+        name: Replay(controller=asked, integrator=result.integrator, timestep=result.timestep)
+        for name, asked in result.asked.items()
+    }
+    with hidden_folder(folder, FOLDER) as staging:
+        try:
+            for name in replays:
+                (staging / FOLDER / name).mkdir(parents=True)
+            for file, scenario in scenarios.items():
+                save_scenario(scenario, staging / file, replay=replays[Path(file).parent.name])
+            if (folder / FOLDER).exists():
+                (folder / FOLDER).rename(staging / "before")
+            (staging / FOLDER).rename(folder / FOLDER)
+        except OSError as error:
+            raise FileError.cannot_be("written", folder / FOLDER, error) from None
+        finally:
+            before = staging / "before"
+            if not (folder / FOLDER).exists() and before.exists():  # a Ctrl-C in between
+                before.rename(folder / FOLDER)
+    return [folder / FOLDER]
+
+
+def films(result: Result, command: str) -> list[Film]:
+    """Return a film of the hardest sample of each controller, if films were asked for."""
+    if not result.film:
+        return []
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.films.plan import side_by_side
+    from afl_mujoco.films.replay import Deployment
+
+    deployment = Deployment(timestep=result.timestep, integrator=result.integrator)
+    return [
+        side_by_side(
+            worst_scenario(result.space, one.worst, result.seed),
+            [find_controller(result.asked[one.controller])],
+            deployment,
+            command=command,
+        )
+        for one in result.worst_cases
+        if one.question == HARDEST and not one.run[0].message
+    ]
+
+
+STUDY = Study(
+    name="montecarlo",
+    title="Monte Carlo and worst case",
+    order=20,
+    schema=6,
+    configuration=Options,
+    prepare=prepare,
+    run=run,
+)

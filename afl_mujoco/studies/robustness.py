@@ -1,0 +1,494 @@
+"""Many runs: sweeps of imperfections, samples of a space, the worst of it, maps of starts."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.execution.executors import Executor, compute_all
+from afl_mujoco.scenario.belief import ERROR, ERRORS
+from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfection
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.ranges import SCHEDULES
+from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
+from afl_mujoco.studies.cube_search import Budget, minimise
+from afl_mujoco.studies.run import Deployed, Run, run_all
+
+Scenarios = tuple[Scenario, ...]
+Hardware = dict[str, Any]
+"""Imperfections and errors of the belief by name, as `Scenario.changed` takes them."""
+
+TIMESTEP = 1e-3
+"""Longest physics step, and unit of a control period that is scaled with all others [s]."""
+
+LARGEST_SEED = 2**63 - 1
+MOST_SEEDS = MOST_LEVELS = 1000
+MOST_SAMPLES = 1_000_000
+
+
+def require_runs(
+    controllers: Sequence[Controller], scenarios: Sequence[Scenario], deployed: Deployed
+) -> None:
+    """Raise if anything would break runs as deployed, before the first."""
+    from afl_mujoco.simulation.mujoco_model import require_integrator
+    from afl_mujoco.simulation.sampled.runs import ticks_of
+
+    given = any(c.interpreted and getattr(c, "spec", None) is None for c in controllers)
+    hint = "; set __name__ on one of them" if given else ""
+    require_distinct("controller", [controller.name for controller in controllers], hint)
+    require_distinct("scenario", [scenario.name for scenario in scenarios])
+    require_integrator(deployed.integrator)
+    for scenario in scenarios:
+        ticks_of(scenario, deployed.timestep, deployed.control_period)
+
+
+# --- imperfections at a level -------------------------------------------------------------------
+
+RAIL = "rail"
+"""Not combined with the rest: the rail alone decides for a controller that does not know it."""
+
+COMBINED = Imperfection(
+    name="combined", title="all combined but the rail", unit="×", fields={},
+    reference=1.0, benign=0.05, harsh=20.0, seeded=True,
+)  # fmt: skip
+"""All at once: each as many times worse than the reference hardware as the level says."""
+
+KNOWN: Mapping[str, Imperfection] = MappingProxyType(
+    {one.name: one for one in (*IMPERFECTIONS, COMBINED)}
+)
+"""All that can be swept, by name."""
+
+LESS_IS_WORSE = {name for one in IMPERFECTIONS if one.less_is_worse for name in one.fields}
+"""Imperfections whose smaller levels are the harsher ones."""
+
+
+def find_imperfection(name: str) -> Imperfection:
+    """Return an imperfection by its name."""
+    if name not in KNOWN:
+        raise UnknownNameError.among("imperfection", name, KNOWN)
+    return KNOWN[name]
+
+
+@functools.cache
+def added() -> tuple[Imperfection, ...]:
+    """Return the imperfections that can be present at once, in their order.
+
+    One that sets only what an earlier one has set is left out: it would contradict the earlier one.
+    """
+    found, set_before = [], set[str]()
+    for one in IMPERFECTIONS:
+        sets = {*one.fields, *one.switches}
+        if not sets <= set_before:
+            found.append(one)
+        set_before |= sets
+    return tuple(found)
+
+
+def hardware_at(imperfection: Imperfection, level: float, seed: int = 0) -> Hardware:
+    """Return one imperfection, or all combined, at a level."""
+    if imperfection.name == COMBINED.name:
+        return combined(level, [one for one in added() if one.name != RAIL], seed)
+    return {**imperfection.options(level), "seed": seed}
+
+
+def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0) -> Hardware:
+    """Return several imperfections at once, each as many times worse than the reference."""
+    options: Hardware = {}
+    for one in imperfections:
+        scaled = one.reference / scale if one.less_is_worse else one.reference * scale
+        options |= one.options((max if one.less_is_worse else min)(scaled, one.harsh))
+    if "control_period" in options:
+        options["control_period"] = max(1, round(options["control_period"] / TIMESTEP)) * TIMESTEP
+    return {**options, "seed": seed}
+
+
+def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scenario]:
+    """Return every scenario with each of some imperfections on top of its own.
+
+    The harsher of each counts: what is milder than the scenario's own level would not come on top
+    of it, and could even be worse, as a control period where velocities are differences of
+    quantised positions. Errors of the belief are added to its own, in the direction of the sweep;
+    seeds add up.
+    """
+
+    def on_top(own: Any, name: str, level: Any) -> Any:
+        if name in (*ERRORS, "seed"):
+            return own + level
+        if own is None:  # ideal
+            return level
+        return min(own, level) if name in LESS_IS_WORSE else max(own, level)
+
+    return [
+        one.changed(**{name: on_top(one.hardware(name), name, x) for name, x in changes.items()})
+        for one in scenarios
+        for changes in hardware
+    ]
+
+
+def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
+    """Return an imperfection whose reference is no milder than what a scenario has itself."""
+    first = list(one.fields.items())[:1]  # all combined has none
+    if one.adds:
+        return one
+    own = [(s.hardware(key), factor) for s in scenarios for key, factor in first]
+    levels = [one.reference, *(x / factor for x, factor in own if x and x / factor > 0.0)]
+    return replace(one, reference=min(levels) if one.less_is_worse else max(levels))
+
+
+def times_reference(imperfection: Imperfection, level: float) -> float:
+    """Return how many times worse than the reference a level is."""
+    ratio = level / imperfection.reference
+    return round(1.0 / ratio if imperfection.less_is_worse else ratio, 9)  # 10 is 10
+
+
+# --- sweeps -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """How thresholds are searched."""
+
+    seeds: int = 4  # of noise, all of which must be survived where there is noise
+    scan: int = 13  # levels of the scan, and levels beside the threshold that must be survived
+    tolerance: float = 0.02  # relative width to which bisection narrows a threshold [1]
+    integrator: str = "RK4"
+    timestep: float | None = None  # [s]
+
+    @property
+    def deployed(self) -> Deployed:
+        """How MuJoCo runs."""
+        return Deployed(self.integrator, self.timestep)
+
+    def require(self) -> None:
+        """Raise if a number breaks its rule."""
+        require_count("seeds", self.seeds, 1, MOST_SEEDS)
+        require_count("scan", self.scan, 2, MOST_LEVELS)
+        if not 1e-4 <= self.tolerance <= 1.0:
+            raise InvalidValueError("tolerance", "must lie in 1e-4 to 1", self.tolerance)
+
+
+class Swept(NamedTuple):
+    """One controller under one imperfection: runs and thresholds."""
+
+    reference: tuple[Run, ...]  # at the level of the reference hardware
+    survives: Threshold
+    settles: Threshold
+    failure: tuple[Run, ...]  # at the mildest level found that is not survived; empty if none is
+    applies: bool  # whether it acts on the controller: an error of a belief that it reads
+
+
+class SweepUnit(NamedTuple):
+    """What a worker sweeps: an imperfection by name, or "" for nothing added."""
+
+    name: str
+    controller: Controller
+    scenarios: Scenarios
+    settings: Settings
+
+
+def seeds(seeded: bool, scenarios: Scenarios, settings: Settings) -> range:
+    """Return the seeds that must be survived; one where nothing is random."""
+    noisy = seeded or any(scenario.imperfections.noisy for scenario in scenarios)
+    return range(settings.seeds if noisy else 1)
+
+
+def survived(runs: Sequence[Run]) -> bool:
+    """Return whether every run met its requirements."""
+    return not any(run.failure for run in runs)
+
+
+def all_settled(runs: Sequence[Run], scenarios: Scenarios) -> bool:
+    """Return whether every run survived and, where its scenario has no requirements, settled."""
+    judged = {scenario.name for scenario in scenarios if scenario.requirements != NONE}
+    return survived(runs) and all(run.settled or run.scenario in judged for run in runs)
+
+
+def run_bare(unit: SweepUnit) -> tuple[Run, ...]:
+    """Run a controller with nothing added to the scenarios."""
+    _, controller, scenarios, settings = unit
+    chance = seeds(False, scenarios, settings)
+    bare = on_hardware(scenarios, [{"seed": seed} for seed in chance])
+    return tuple(run_all(controller, bare, settings.deployed))
+
+
+def sweep(unit: SweepUnit) -> Swept:
+    """Find the levels up to which a controller survives an imperfection, and settles under it."""
+    name, controller, scenarios, settings = unit
+    one = referred(find_imperfection(name), scenarios)
+
+    @functools.cache
+    def at(level: float) -> tuple[Run, ...]:
+        chance = seeds(one.seeded, scenarios, settings)
+        hardware = [hardware_at(one, level, seed) for seed in chance]
+        return tuple(run_all(controller, on_hardware(scenarios, hardware), settings.deployed))
+
+    def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
+        scan = scan_levels(one.benign, one.harsh, settings.scan)
+        return find_threshold(holds, scan, settings.tolerance, one.snapped, closer=closer)
+
+    def harshness(found: Threshold) -> float:
+        return math.inf if found.fails_at is None else times_reference(one, found.fails_at)
+
+    if one.of_belief and not any(
+        _depends(run_bare(unit), at(level)) for level in (one.reference, one.harsh)
+    ):
+        holds = Threshold(bound=LOWER, holds_at=one.harsh, fails_at=None, islands=0)
+        return Swept(at(one.reference), holds, holds, (), False)
+    survives = threshold(lambda level: survived(at(level)), settings.scan)
+    settles = threshold(lambda level: all_settled(at(level), scenarios))
+    return Swept(
+        reference=at(one.reference),
+        survives=survives,
+        settles=min(settles, survives, key=harshness),  # what is not survived is not settled
+        failure=() if survives.fails_at is None else at(survives.fails_at),
+        applies=True,
+    )
+
+
+def _depends(bare: Sequence[Run], runs: Sequence[Run]) -> bool:
+    """Return whether a run changes by any bit where what the controller believes does."""
+    pairs = zip(bare, runs, strict=True)
+    return any(a.metrics != b.metrics or a.time != b.time or b.message for a, b in pairs)
+
+
+# --- samples, and the worst of them -------------------------------------------------------------
+
+CHUNK, PIECE = 20, 4
+"""Number of samples, and of points of a generation, that a worker runs at a time."""
+
+HARDEST, NEAREST = "hardest", "nearest"
+"""What is searched: the hardest sample, and the failure nearest to the scenario itself."""
+
+STEP = {HARDEST: 0.3, NEAREST: 0.1}
+"""Standard deviation at the start of a search, as a share of the cube's edge."""
+
+
+class SampleUnit(NamedTuple):
+    """What a worker runs: points of the cube, each with the number of a sample, for its noise."""
+
+    controller: Controller
+    space: SampleSpace
+    seed: int
+    points: Sequence[NDArray[np.float64]]
+    numbers: Sequence[int]
+    deployed: Deployed
+
+
+def run_points(unit: SampleUnit) -> list[Run]:
+    """Run a controller at points of the cube."""
+    controller, space, seed, points, numbers, deployed = unit
+    scenarios = [space.scenario_of(x, i, seed) for x, i in zip(points, numbers, strict=True)]
+    runs = run_all(controller, scenarios, deployed)
+    return [replace(run, draw=i) for run, i in zip(runs, numbers, strict=True)]
+
+
+def run_samples(unit: SampleUnit) -> list[Run]:
+    """Run a controller on samples, whose points are drawn here."""
+    points = [sample_point(unit.space, i, unit.seed) for i in unit.numbers]
+    return run_points(unit._replace(points=points))
+
+
+def sample(
+    controllers: Sequence[Controller],
+    space: SampleSpace,
+    count: int,
+    seed: int,
+    deployed: Deployed,
+    executor: Executor,
+    advance: Callable[[int, str], None] = lambda done, controller: None,
+) -> dict[str, list[Run]]:
+    """Run controllers on the same samples; sample i depends on neither workers nor count."""
+    units = [
+        SampleUnit(one, space, seed, (), range(i, min(i + CHUNK, count)), deployed)
+        for one in controllers
+        for i in range(0, count, CHUNK)
+    ]
+    done = 0
+
+    def progress(index: int) -> None:
+        nonlocal done
+        done += len(units[index].numbers)
+        advance(done, units[index].controller.name)
+
+    found = compute_all(run_samples, units, executor, progress)
+    runs: dict[str, list[Run]] = {controller.name: [] for controller in controllers}
+    for unit, some in zip(units, found, strict=True):
+        runs[unit.controller.name] += some
+    return runs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Worst:
+    """What a search found for one controller."""
+
+    question: str  # HARDEST or NEAREST
+    run: Run  # its draw is the number of the sample whose noise it has
+    point: tuple[float, ...]  # in the cube
+    distance: float  # from the scenario itself, as a share of the cube's diagonal
+    tried: int  # runs that the search took
+
+
+def search_worst(
+    controller: Controller,
+    space: SampleSpace,
+    runs: Sequence[Run],
+    seed: int,
+    budget: Budget,
+    deployed: Deployed,
+    executor: Executor,
+    progress: Callable[[int], None] = lambda runs: None,
+) -> list[Worst]:
+    """Search for a controller's hardest sample, then for its failure nearest to the scenario.
+
+    The first search starts from the hardest of its runs on samples, the second from the nearest
+    failure known. Each keeps the noise of the sample that it starts from, so that its cost function
+    does not change and it finds nothing milder than what was known. There is no second search if
+    nothing fails, and none at all if nothing passes.
+    """
+    rng, duration, spent = search_generator(seed), space.scenario.duration, 0
+
+    def at(points: Sequence[NDArray[np.float64]], noise: int) -> list[Run]:
+        units = [
+            SampleUnit(controller, space, seed, piece, [noise] * len(piece), deployed)
+            for piece in (points[i : i + PIECE] for i in range(0, len(points), PIECE))
+        ]
+        return [run for some in compute_all(run_points, units, executor) for run in some]
+
+    def cost(question: str, point: NDArray[np.float64], run: Run) -> float:
+        severity = run.severity(duration)
+        if question == HARDEST:
+            return -severity
+        # every failure ranks before every run that passes; of those the most severe ranks first
+        return distance_of(space, point) if run.failure else 2.0 - severity
+
+    def search(question: str, start: NDArray[np.float64], noise: int) -> Worst:
+        def costs(points: list[NDArray[np.float64]]) -> list[float]:
+            nonlocal spent
+            found = at(points, noise)
+            spent += len(points)
+            progress(spent)
+            return [cost(question, x, run) for x, run in zip(points, found, strict=True)]
+
+        point, tried = minimise(costs, start, STEP[question], rng, budget)
+        (run,) = at([point], noise)
+        found = tuple(point.tolist())
+        away = distance_of(space, point)
+        return Worst(question=question, run=run, point=found, distance=away, tried=tried)
+
+    if all(run.failure for run in runs):
+        return []
+    points = [sample_point(space, i, seed) for i in range(len(runs))]
+    worst = int(np.argmax([run.severity(duration) for run in runs]))
+    hardest = search(HARDEST, points[worst], worst)
+    known = [(points[i], i) for i, run in enumerate(runs) if run.failure]
+    known += [(np.array(hardest.point), hardest.run.draw)] if hardest.run.failure else []
+    if not known:
+        return [hardest]
+    return [hardest, search(NEAREST, *min(known, key=lambda one: distance_of(space, one[0])))]
+
+
+def worst_scenario(space: SampleSpace, worst: Worst, seed: int) -> Scenario:
+    """Return the scenario that a search found."""
+    scenario = space.scenario_of(worst.point, worst.run.draw, seed)
+    return replace(scenario, name=f"{scenario.name}-{worst.question}")
+
+
+def changes_of(space: SampleSpace, point: ArrayLike) -> dict[str, float]:
+    """Return how far each coordinate is from the scenario, as a share of its range, farthest first.
+
+    Coordinates that the shapes of its schedules do not use are left out.
+    """
+    away = np.asarray(point) - space.reference
+    moved = acting(dict(zip(space.coordinates, away.tolist(), strict=True)))
+    return dict(sorted(moved.items(), key=lambda item: (-abs(item[1]), item[0])))
+
+
+def distance_of(space: SampleSpace, point: ArrayLike) -> float:
+    """Return how far a point is from the scenario, as a share of the cube's diagonal."""
+    away = np.asarray(point) - space.reference
+    moved = acting(dict(zip(space.coordinates, away.tolist(), strict=True)))
+    return float(np.linalg.norm(list(moved.values())) / np.sqrt(space.dimension))
+
+
+def require_samples(
+    controllers: Sequence[Controller],
+    space: SampleSpace,
+    samples: int,
+    seed: int,
+    deployed: Deployed,
+) -> None:
+    """Raise if anything would break runs on samples, before the first."""
+    require_runs(controllers, [space.scenario], deployed)
+    require_count("samples", samples, 1, MOST_SAMPLES)
+    if not 0 <= seed <= LARGEST_SEED:
+        raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
+    scenario = space.scenario
+    masses, lengths = np.meshgrid(*(_assumed(space, name) for name in SCHEDULES))
+    for controller in controllers:
+        if not controller.interpreted:  # raises if a gain is not positive
+            controller.inputs_along_run(masses, lengths, *scenario.told_constants)
+
+
+def _assumed(space: SampleSpace, name: str) -> NDArray[np.float64]:
+    """Return levels of M [kg] or l [m] over the whole range that a controller may assume."""
+    own = space.scenario.hardware(f"{name}{ERROR}")
+    bounds, errors = space.bounds(name), space.varied.get(f"{name}{ERROR}", (own, own))
+    known = space.scenario.belief.known(space.scenario.parameters_at(0.0))
+    told = [
+        known.changed(**{f"{name}{ERROR}": error}).told(name, value)
+        for value in bounds
+        for error in errors
+    ]
+    return np.linspace(min(told), max(told), 21)
+
+
+# --- starts -------------------------------------------------------------------------------------
+
+
+class StartUnit(NamedTuple):
+    """What a worker runs: a controller from some starts of a scenario."""
+
+    controller: Controller
+    starts: Scenarios
+    deployed: Deployed
+
+
+def run_starts(unit: StartUnit) -> list[Run]:
+    """Run a controller from some starts."""
+    return run_all(unit.controller, unit.starts, unit.deployed)
+
+
+def map_starts(
+    controller: Controller,
+    scenario: Scenario,
+    angles: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    deployed: Deployed,
+    executor: Executor,
+    advance: Callable[[int], None] = lambda starts: None,
+) -> list[Run]:
+    """Run a controller from every phi(0) [rad] and phi_dot(0) [rad/s], rate by rate.
+
+    The last run is from the start of the scenario itself.
+    """
+    z, _, z_dot, _ = scenario.initial_state
+    rows = [
+        tuple(replace(scenario, initial_state=(z, x, z_dot, rate)) for x in angles.tolist())
+        for rate in rates.tolist()
+    ]
+    units = [StartUnit(controller, starts, deployed) for starts in (*rows, (scenario,))]
+    found = compute_all(run_starts, units, executor, lambda i: advance(len(units[i].starts)))
+    runs = [run for some in found for run in some]
+    return [replace(run, draw=number) for number, run in enumerate(runs)]

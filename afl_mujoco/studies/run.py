@@ -1,0 +1,255 @@
+"""One run of one controller on one scenario, judged: the row of every study."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import (
+    CONTROLLER_FAILED,
+    Judgement,
+    failure_of,
+    judge,
+    judge_failure,
+    least_margin,
+    settling_time,
+)
+from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, Trajectory
+
+if TYPE_CHECKING:
+    from afl_mujoco.simulation.sampled.rollouts import Rollout
+
+METRICS = (
+    "peak_z", "peak_phi", "max_command", "max_force", "iae_z", "iae_phi", "settling_time",
+)  # fmt: skip
+"""Figures of every row, in SI units; None for a missing one."""
+
+INTEGRALS = ("iae_z", "iae_phi")
+"""Figures that only a run to the end has: a part of the horizon cannot be compared."""
+
+
+class Deployed(NamedTuple):
+    """How MuJoCo runs: its integrator, its step and the control period [s], None for the default.
+
+    A scenario's own control period cannot be replaced.
+    """
+
+    integrator: str = "RK4"
+    timestep: float | None = None
+    control_period: float | None = None
+
+
+DEFAULT = Deployed()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """One run: the row of every table."""
+
+    scenario: str
+    controller: str
+    draw: int = 0  # of noise and start, or number of the sample or the start, from 0
+    outcome: str  # one of `OUTCOMES`, or CONTROLLER_FAILED
+    failure: str  # how it failed, from `failure_of`; empty if it met every requirement
+    settled: bool  # within its bands for the last second at least, required or not
+    time: float | None  # when it ended, or reached the end stop if that is its failure [s]
+    metrics: Mapping[str, float | None]  # `METRICS`
+    requirements: tuple[Judgement, ...]
+    message: str = ""  # of a controller that computed no force
+
+    @property
+    def missed(self) -> list[Judgement]:
+        """The requirements that are not met."""
+        return [one for one in self.requirements if not one.met]
+
+    @property
+    def ending(self) -> str:
+        """How it ended, and when, in words."""
+        if self.outcome == CONTROLLER_FAILED:
+            return f"failed: {self.message}"
+        if self.outcome == COMPLETED or self.time is None:
+            return self.outcome
+        return f"{self.outcome} at t = {self.time:.3f} s"
+
+    @property
+    def margin(self) -> float | None:
+        """The least margin of a run that completed; None if it has none."""
+        return least_margin(self.requirements) if self.outcome == COMPLETED else None
+
+    def severity(self, duration: float) -> float:
+        """Return how bad it was: up to 1 if it passed, from 1 on if it did not.
+
+        Of a run that completed it is the share of the tightest limit that is used up, 1 + x / (1 +
+        x) if the limit is exceeded by a share x; without requirements, the mean of its largest and
+        its average abs(phi) as shares of the angle of a fall. A run that ended early comes after
+        all of these, the earlier the worse, a controller that failed last.
+        """
+        if self.outcome == CONTROLLER_FAILED:
+            return 3.0
+        if self.failure == self.outcome:
+            return 3.0 - (self.time or 0.0) / duration
+        tightest = self._robustness
+        if tightest is None:
+            mean = (self.metrics["iae_phi"] or 0.0) / duration
+            return 0.5 * ((self.metrics["peak_phi"] or 0.0) + mean) / FALL_ANGLE
+        return 1.0 - tightest if tightest >= 0.0 else 1.0 - tightest / (1.0 - tightest)
+
+    @property
+    def _robustness(self) -> float | None:
+        """The least margin for a search: what never settles has a graded one there."""
+        if self.outcome != COMPLETED:
+            return None
+        found = [
+            one.graded if one.margin is None else one.margin
+            for one in self.requirements
+            if one.requirement != "completes"
+        ]
+        return min((x for x in found if x is not None), default=None)
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """The run as one flat row, as the result files and pandas have it."""
+        named = {one.name: getattr(self, one.name) for one in fields(self)}
+        metrics, requirements, message = (
+            named.pop(key) for key in ("metrics", "requirements", "message")
+        )
+        judged = [{**asdict(one), "met": one.met} for one in requirements]
+        return {**named, **metrics, "message": message, "requirements": judged}
+
+
+def run_all(
+    controller: Controller,
+    scenarios: Sequence[Scenario],
+    deployed: Deployed = DEFAULT,
+    *,
+    threads: int = 1,
+) -> list[Run]:
+    """Run a controller on scenarios as deployed; one that computes no force fails its own run."""
+    return [run for run, _ in run_kept(controller, scenarios, deployed, threads, keep=False)]
+
+
+def run_kept(
+    controller: Controller,
+    scenarios: Sequence[Scenario],
+    deployed: Deployed = DEFAULT,
+    threads: int = 1,
+    *,
+    keep: bool = True,
+) -> list[tuple[Run, Trajectory | None]]:
+    """Do the same, and keep the trajectories; a run whose controller fails has none."""
+    from afl_mujoco.control.catalogue import GainError
+    from afl_mujoco.control.own.python_controller import ControllerError
+    from afl_mujoco.errors import AflMujocoError
+    from afl_mujoco.simulation.sampled.rollouts import roll_out  # not before MuJoCo may be imported
+
+    found = roll_out(
+        scenarios, controller, **deployed._asdict(), threads=threads, keep=keep,
+        caught=(ControllerError, GainError),
+    )  # fmt: skip
+    return [
+        (_failed(scenario, controller, str(one)), None)
+        if isinstance(one, AflMujocoError)
+        else (_row(scenario, controller, one), one.trajectory)
+        for scenario, one in zip(scenarios, found, strict=True)
+    ]
+
+
+def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
+    """Return the row of a run that any simulator made."""
+    settled = settling_time(scenario, run)
+    return Run(
+        scenario=scenario.name,
+        controller=controller.name,
+        outcome=run.outcome.kind,
+        failure=failure_of(run.outcome.kind, asked := judge(scenario, run)),
+        settled=settled is not None,
+        time=run.outcome.time,
+        metrics={name: run.metrics.get(name) for name in METRICS} | {"settling_time": settled},
+        requirements=asked,
+    )
+
+
+def numbered(runs: Iterable[Run]) -> list[Run]:
+    """Return runs with their number as their draw."""
+    return [replace(run, draw=number) for number, run in enumerate(runs)]
+
+
+def _row(scenario: Scenario, controller: Controller, run: Rollout) -> Run:
+    """Return the row of a run."""
+    failure, stop = run.failure, run.figures["stop_time"]
+    metrics = {name: _known(run.figures[name]) for name in METRICS}
+    if run.outcome.kind != COMPLETED:
+        metrics |= dict.fromkeys(INTEGRALS)
+    return Run(
+        scenario=scenario.name,
+        controller=controller.name,
+        outcome=run.outcome.kind,
+        failure=failure,
+        settled=metrics["settling_time"] is not None,
+        time=stop if failure == "end_stops" else run.outcome.time,
+        metrics=metrics,
+        requirements=run.requirements,
+    )
+
+
+def _failed(scenario: Scenario, controller: Controller, message: str) -> Run:
+    """Return the row of a run whose controller computed no force."""
+    return Run(
+        scenario=scenario.name,
+        controller=controller.name,
+        outcome=CONTROLLER_FAILED,
+        failure=CONTROLLER_FAILED,
+        settled=False,
+        time=None,
+        metrics=dict.fromkeys(METRICS),
+        requirements=judge_failure(scenario),
+        message=message.removeprefix(f"controller {controller.name!r}").strip().removeprefix(": "),
+    )
+
+
+def _known(value: float) -> float | None:
+    """Return a figure, None if it is not finite."""
+    return value if math.isfinite(value) else None
+
+
+@cache
+def _adapter() -> TypeAdapter[Any]:
+    """Return the parser of rows."""
+    return TypeAdapter(tuple[Run, ...])
+
+
+def _to_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return runs as flat rows."""
+    return [run.row for run in runs]
+
+
+def _from_rows(rows: Any) -> tuple[Run, ...]:
+    """Return runs from flat rows, or raise ValueError."""
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError("must be a list of objects")
+    known, judged = ({one.name for one in fields(kind)} for kind in (Run, Judgement))
+    nested = []
+    for row in rows:
+        own = {key: value for key, value in row.items() if key in known}
+        own["metrics"] = {key: value for key, value in row.items() if key not in known}
+        asked = own.get("requirements")
+        if isinstance(asked, list) and all(isinstance(one, dict) for one in asked):
+            own["requirements"] = [{k: v for k, v in one.items() if k in judged} for one in asked]
+        nested.append(own)
+    try:
+        found: tuple[Run, ...] = _adapter().validate_python(nested)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(f"{first['msg']} at {'.'.join(map(str, first['loc']))}") from None
+    return found
+
+
+Rows = Annotated[tuple[Run, ...], PlainSerializer(_to_rows), PlainValidator(_from_rows)]
+"""A field of a result that holds runs, in its file one flat row for each."""

@@ -1,0 +1,168 @@
+"""Rows of runs as a reader sees them: how each failed, requirements by controllers, metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from statistics import median
+
+from afl_mujoco.report.blocks import Cell, Matrix, Status
+from afl_mujoco.report.numbers import MISSING, percent, short
+from afl_mujoco.scenario.requirements import UNITS
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
+from afl_mujoco.simulation.metrics import LABELS, unit_of
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
+from afl_mujoco.studies.run import Run
+
+IN_WORDS = {
+    "completes": "runs to the end",
+    "end_stops": "keeps off the end stops at",
+    "max_position": "|z| at most",
+    "max_angle": "|φ| at most",
+    "max_command": "command at most",
+    "max_force": "|F| exerted at most",
+    "settling_time": "settles within",
+    "recover_within": "recovers within",
+}
+"""Each requirement in words."""
+
+ENDINGS = {
+    FELL: "falls",
+    DIVERGED: "diverges",
+    CONTROLLER_FAILED: "controller fails",
+    "completes": "ends early",
+    "end_stops": "reaches the end stop",
+}
+"""How runs fail that do not miss a limit."""
+
+NEVER = "never"
+"""Value of a requirement to settle that a run never meets."""
+
+
+def how(failure: str) -> str:
+    """Return how a run fails, in words: the same in every study."""
+    return ENDINGS.get(failure) or f"misses “{IN_WORDS[failure]}”" if failure else "passes"
+
+
+def passes(runs: Sequence[Run]) -> str:
+    """Return how many of some runs pass, and how most of the others fail."""
+    failures = [run.failure for run in runs if run.failure]
+    if len(runs) == 1:
+        return how(runs[0].failure)
+    text = f"passes {len(runs) - len(failures)} of {len(runs)}"
+    return f"{text}, else {how(max(failures, key=failures.count))}" if failures else text
+
+
+def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
+    """Return the draws of each scenario and controller, in their order."""
+    found: dict[tuple[str, str], list[Run]] = {}
+    for run in runs:
+        found.setdefault((run.scenario, run.controller), []).append(run)
+    return found
+
+
+def spread(values: Sequence[float | None], digits: int = 3) -> str:
+    """Return a number, of several draws the median, with the range in brackets."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return MISSING
+    text = short(median(known), digits)
+    if len(values) > 1 and min(known) < max(known):
+        text += f" ({short(min(known), digits)} to {short(max(known), digits)})"
+    return text
+
+
+def asked(one: Judgement) -> str:
+    """Return what a requirement asks for."""
+    if one.requirement == "completes":
+        return IN_WORDS["completes"]
+    return f"{IN_WORDS[one.requirement]} {short(one.limit)} {UNITS[one.requirement]}"
+
+
+NEEDS = {
+    "max_position": "peak_z", "max_angle": "peak_phi", "max_command": "max_command",
+    "max_force": "max_force", "": "limited_share",
+}  # fmt: skip
+"""What a run needs of its hardware, shown where no requirement limits it."""
+
+Figures = Mapping[str, Sequence[Mapping[str, float | None]]]
+"""Metrics of the draws of each controller."""
+
+
+def requirements_matrix(
+    scenario: Scenario, draws: Mapping[str, Sequence[Run]], metrics: Figures
+) -> Matrix:
+    """Return requirements by controllers: values, margins, whether they are met; needs below.
+
+    Of several draws the cells have the medians.
+    """
+    names = dict.fromkeys(
+        one.requirement for runs in draws.values() for run in runs for one in run.requirements
+    )
+    rows: list[list[Cell | str]] = []
+    for name in [key for key in UNITS if key in names]:
+        cells: list[Cell | str] = []
+        label = name
+        for runs in draws.values():
+            judged = [one for run in runs for one in run.requirements if one.requirement == name]
+            label = asked(judged[0]) if judged else label
+            cells.append(_cell(name, runs, judged))
+        rows.append([label, *cells])
+    rows.append(["settles, required or not", *(_settled(runs) for runs in draws.values())])
+    for name in [need for limit, need in NEEDS.items() if limit not in names]:
+        label = f"{LABELS[name]} [{unit}]" if (unit := unit_of(name)) else LABELS[name]
+        found = [[x for one in some if (x := one.get(name)) is not None]
+                 for some in metrics.values()]  # fmt: skip
+        if any(found):
+            rows.append([label, *(short(median(x), 3) if x else MISSING for x in found)])
+    several = any(len(runs) > 1 for runs in draws.values())
+    return Matrix(
+        caption=f"{scenario.name}: value (margin)"
+        + (", medians over the draws, and how many meet it" if several else ""),
+        columns=["Requirement", *draws],
+        rows=rows,
+    )
+
+
+def _settled(runs: Sequence[Run]) -> str:
+    """Return how many runs settled."""
+    count = sum(run.settled for run in runs)
+    return ("no", "yes")[count] if len(runs) == 1 else f"{count} of {len(runs)}"
+
+
+def _cell(name: str, runs: Sequence[Run], judged: Sequence[Judgement]) -> Cell:
+    """Return how the draws of a controller meet one requirement."""
+    met = sum(one.met for one in judged)
+    status: Status = "good" if met == len(runs) else "bad" if not met else "neutral"
+    share = "" if met in (0, len(runs)) else f" {met} of {len(runs)}"
+    if name == "completes":
+        early = next((run for run in runs if run.outcome != COMPLETED), None)
+        if early is None:
+            return Cell(f"yes{share}", status)
+        at = "" if early.time is None else f" at {short(early.time, 3)} s"
+        return Cell(f"{how(early.outcome)}{at}{share}", status)
+    values = [one.value for one in judged if one.value is not None]
+    margins = [one.margin for one in judged if one.margin is not None]
+    if not values:
+        return Cell((NEVER if any(one.graded is not None for one in judged) else MISSING) + share,
+                    status)  # fmt: skip
+    text = short(median(values), 3)
+    if margins:
+        text += f" ({percent(median(margins))})"
+    if any(one.limited for one in judged):  # so that the margin is the drive's
+        text += " limited"
+    return Cell(text + share, status)
+
+
+def metrics_matrix(
+    metrics: Figures, shown: Sequence[str], *, folded: str = "", digits: int = 3
+) -> Matrix:
+    """Return metrics by controllers; of several draws the medians, with the ranges in brackets."""
+    rows = [
+        [
+            f"{LABELS[name]} [{unit}]" if (unit := unit_of(name)) else LABELS[name],
+            *(spread([one.get(name) for one in draws], digits) for draws in metrics.values()),
+        ]
+        for name in shown
+    ]
+    return Matrix(caption="Metrics", columns=["Metric", *metrics], rows=rows, folded=folded)

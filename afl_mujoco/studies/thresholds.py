@@ -1,0 +1,459 @@
+"""Find how much delay, noise, friction and so on each controller survives in MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import tyro
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.names import AFL, BASELINES, ESTIMATED, SUBJECT, subject_of
+from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report, Status
+from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
+from afl_mujoco.scenario.files import find_scenario
+from afl_mujoco.scenario.imperfections import Imperfection
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
+from afl_mujoco.studies.contract import (
+    ControllerNames,
+    Interrupted,
+    Progress,
+    ScenarioNames,
+    Study,
+    counted,
+    silent,
+)
+from afl_mujoco.studies.robustness import (
+    COMBINED,
+    KNOWN,
+    Settings,
+    SweepUnit,
+    Swept,
+    all_settled,
+    find_imperfection,
+    referred,
+    require_runs,
+    run_bare,
+    survived,
+    sweep,
+    times_reference,
+)
+from afl_mujoco.studies.run import Rows, Run
+from afl_mujoco.studies.tables import how
+
+DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
+"""Seeds, levels of the scan and tolerance, unless given otherwise."""
+
+GRADES = (
+    "fails on the reference hardware",
+    "less than 3 × to spare",
+    "3 to 10 × to spare",
+    "more than 10 ×, or all that was tried",
+    "the force does not depend on it",
+)
+"""Grades of a threshold, by how it compares with the reference hardware."""
+
+FAILS, LITTLE, SOME, MUCH, IDLE = range(5)
+
+MARKS: tuple[Status, ...] = ("bad", "neutral", "", "", "")
+"""Status of a cell of each grade."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Find how much delay, noise, friction and so on each controller survives in MuJoCo.
+
+    Example: afl-mujoco thresholds step-step --controllers adaptive lqr --imperfections delay noise
+
+    Each imperfection is one departure from the ideal loop. For each of them the study runs the
+    level of the reference hardware (good but ordinary laboratory equipment), and finds by
+    bisection the level from which the pole falls, the run diverges or the cart reaches an end
+    stop or, where a scenario has requirements, one of these is missed. It then does the same with
+    all imperfections combined. Writes thresholds.json and figures. A full run takes about ten
+    minutes on two cores.
+    """
+
+    scenarios: ScenarioNames = ()
+    """Scenarios by name, or TOML files: each level must be survived in all of them; step-step by
+    default."""
+    controllers: ControllerNames = (
+        *(name for name in AFL if name != "fixed-nominal"),
+        f"{SUBJECT}{ESTIMATED}",
+        *BASELINES,
+    )
+    imperfections: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(help=f"Imperfections by name: {', '.join(KNOWN)}; all by default."),
+    ] = ()
+    seeds: int | None = None
+    """Number of noise seeds, all of which must be survived; 4 by default."""
+    scan: int | None = None
+    """Number of levels in the scan before bisection; 13 by default."""
+    tolerance: float | None = None
+    """Relative width to which bisection narrows a threshold; 0.02 by default."""
+    quick: bool = False
+    """2 seeds, 7 levels and a tolerance of 0.2, unless given otherwise."""
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+
+
+class Request(NamedTuple):
+    """What is studied."""
+
+    controllers: Sequence[Controller]
+    scenarios: tuple[Scenario, ...]
+    settings: Settings = Settings()
+    names: Sequence[str] = tuple(KNOWN)  # of imperfections
+
+    def require(self) -> Request:
+        """Return it, or raise if a rule is broken."""
+        require_distinct("imperfection", [find_imperfection(name).name for name in self.names])
+        self.settings.require()
+        require_runs(self.controllers, self.scenarios, self.settings.deployed)
+        return self
+
+
+def prepare(options: Options) -> Request:
+    """Return what the options ask for."""
+    from afl_mujoco.control.catalogue import find_controller
+
+    o = options
+    seeds, scan, tolerance = QUICK if o.quick else DEFAULT
+    settings = Settings(
+        seeds=seeds if o.seeds is None else o.seeds,
+        scan=scan if o.scan is None else o.scan,
+        tolerance=tolerance if o.tolerance is None else o.tolerance,
+        integrator=o.integrator,
+        timestep=o.timestep,
+    )
+    scenarios = tuple(find_scenario(name) for name in o.scenarios or ("step-step",))
+    controllers = [find_controller(name) for name in o.controllers]
+    return Request(controllers, scenarios, settings, o.imperfections or tuple(KNOWN)).require()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """One controller under one imperfection; runs are places among the rows of the result.
+
+    Attributes
+    ----------
+    imperfection, controller
+        Their names.
+    reference, failure
+        Runs at the level of the reference hardware, and at the mildest level found that is not
+        survived; none where all that was tried is.
+    survives, settles
+        Thresholds up to which the controller survives, and settles.
+    applies
+        Whether it acts on the controller at all: what is wrong about a belief does not where the
+        force does not depend on it.
+    """
+
+    imperfection: str
+    controller: str
+    reference: tuple[int, ...]
+    failure: tuple[int, ...]
+    survives: Threshold
+    settles: Threshold
+    applies: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """Thresholds of every controller under every imperfection.
+
+    Attributes
+    ----------
+    settings
+        How they were searched.
+    scenarios
+        Each level must be survived in all of them.
+    imperfections
+        Those that were swept, with the level of the reference hardware.
+    rows
+        The runs that the sweeps name, and those with nothing added.
+    bare
+        By controller, its runs with nothing added, as places among the rows; one that fails there
+        has no sweeps.
+    sweeps
+        Each controller under each imperfection, by imperfection and then by controller.
+    """
+
+    settings: Settings
+    scenarios: tuple[Scenario, ...]
+    imperfections: tuple[Imperfection, ...]
+    rows: Rows
+    bare: Mapping[str, tuple[int, ...]]
+    sweeps: tuple[Sweep, ...] = field(default=())
+
+    def runs(self, places: Sequence[int]) -> list[Run]:
+        """Return some of the runs."""
+        return [self.rows[place] for place in places]
+
+    @property
+    def controllers(self) -> list[str]:
+        """The controllers that survive with nothing added."""
+        return [name for name, places in self.bare.items() if survived(self.runs(places))]
+
+    def sweep(self, imperfection: str, controller: str) -> Sweep:
+        """Return one controller under one imperfection, by their names."""
+        asked = (imperfection, controller)
+        return next(one for one in self.sweeps if (one.imperfection, one.controller) == asked)
+
+
+def run(
+    request: Request,
+    *,
+    progress: Progress = silent,
+    workers: int = 1,
+    cluster: str | None = None,
+) -> Result:
+    """Find the thresholds; workers and cluster do not change a bit of them."""
+    controllers, scenarios, settings, names = request
+    asked = [SweepUnit("", one, scenarios, settings) for one in controllers]
+    found: dict[int, Swept] = {}
+    units: list[SweepUnit] = []
+    bare: list[tuple[Run, ...]] = []
+    try:
+        with open_executor(workers, cluster) as executor:
+            bare = compute_all(run_bare, asked, executor)
+            sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
+            units = [unit._replace(name=name) for name in names for unit in sound]
+            progress("sweeping", 0, len(units))
+            told = [f"{u.controller.name}, {find_imperfection(u.name).title}" for u in units]
+            advance = counted(progress, "sweeping", len(units), told)
+            compute_all(sweep, units, executor, advance, kept=found)
+    except KeyboardInterrupt:
+        each = max(len(units) // len(names), 1)
+        whole = [name for row, name in enumerate(names)
+                 if units and all(row * each + k in found for k in range(each))]  # fmt: skip
+        if not whole:
+            raise
+        partial_result = _result(request._replace(names=whole), bare, units, found)
+        count = f"{len(found)} of {len(units)} sweeps"
+        raise Interrupted(partial_result, f"{count}; whole: {', '.join(whole)}") from None
+    return _result(request, bare, units, found)
+
+
+def _result(
+    request: Request,
+    bare: Sequence[tuple[Run, ...]],
+    units: Sequence[SweepUnit],
+    found: Mapping[int, Swept],
+) -> Result:
+    """Put together the sweeps of some imperfections, all of them unless it was interrupted."""
+    rows: list[Run] = []
+
+    def kept(runs: Sequence[Run]) -> tuple[int, ...]:
+        rows.extend(runs)
+        return tuple(range(len(rows) - len(runs), len(rows)))
+
+    names = [controller.name for controller in request.controllers]
+    first = {name: kept(runs) for name, runs in zip(names, bare, strict=True)}
+    sweeps = [
+        Sweep(
+            imperfection=unit.name,
+            controller=unit.controller.name,
+            reference=kept(found[place].reference),
+            failure=kept(found[place].failure),
+            survives=found[place].survives,
+            settles=found[place].settles,
+            applies=found[place].applies,
+        )
+        for place, unit in enumerate(units)
+        if unit.name in request.names
+    ]
+    swept = (referred(find_imperfection(name), request.scenarios) for name in request.names)
+    return Result(
+        settings=request.settings,
+        scenarios=request.scenarios,
+        imperfections=tuple(swept),
+        rows=tuple(rows),
+        bare=first,
+        sweeps=tuple(sweeps),
+    )
+
+
+# --- what is shown ------------------------------------------------------------------------------
+
+
+def level_text(one: Imperfection, level: float) -> str:
+    """Return a level [SI] in the unit of its imperfection, with two digits."""
+    digits = 3 if one.name == COMBINED.name else 2  # near 1 a third digit matters
+    return short(one.scale * level, digits)
+
+
+def threshold_text(one: Imperfection, threshold: Threshold) -> str:
+    """Return a threshold: the level of the failure, or that all levels hold or none."""
+    past, before = ("<", ">") if one.less_is_worse else (">", "<")
+    sign = {LOWER: f"{past} ", UPPER: f"{before} "}.get(threshold.bound, "")
+    level = threshold.holds_at if threshold.fails_at is None else threshold.fails_at
+    return MISSING if level is None else sign + level_text(one, level)
+
+
+def grade_of(result: Result, one: Imperfection, found: Sweep) -> int:
+    """Return the grade of a sweep, an index into `GRADES`."""
+    if not found.applies:
+        return IDLE
+    if not survived(result.runs(found.reference)):
+        return FAILS
+    ratio = times_reference(one, found.survives.holds_at) if found.survives.holds_at else 0.0
+    if found.survives.bound == LOWER or ratio >= 10.0:
+        return MUCH
+    return SOME if ratio >= 3.0 else LITTLE
+
+
+def report(result: Result) -> Report:
+    """Return what is shown of thresholds."""
+    names = result.controllers
+    on = listed([scenario.name for scenario in result.scenarios], "and")
+    failing = [name for name in result.bare if name not in names]
+    headline = _headline(result, names) if names else f"No controller survives {on} as it is."
+    blocks: list[Block] = []
+    if failing:
+        blocks.append(f"With nothing added: {'; '.join(_fails(result, name) for name in failing)}.")
+    if names:
+        grades = np.array(
+            [[grade_of(result, one, result.sweep(one.name, c)) for c in names]
+             for one in result.imperfections]
+        )  # fmt: skip
+        texts = [[_text(result, one, result.sweep(one.name, c)) for c in names]
+                 for one in result.imperfections]  # fmt: skip
+        labels = [_label(result, one) for one in result.imperfections]
+        found = percent(result.settings.tolerance, 3)
+        blocks += [
+            Figure(
+                name="thresholds",
+                title=f"Level at which each controller fails on {on}",
+                caption=f"Found to {found}. ~: does not settle on the reference hardware.",
+                draw=partial(_draw, labels, names, grades, texts),
+            ),
+            Matrix(
+                caption=f"Level at which each controller fails on {on}, found to {found}",
+                columns=["Imperfection", *names],
+                rows=[
+                    [label, *(Cell(t, MARKS[g]) for t, g in zip(row, kinds, strict=True))]
+                    for label, row, kinds in zip(labels, texts, grades.tolist(), strict=True)
+                ],
+            ),
+            _details(result, names),
+        ]
+    return Report(headline=headline, blocks=blocks)
+
+
+def _draw(*arguments: Any) -> Any:
+    """Draw the grid of thresholds."""
+    from afl_mujoco.report.figures import heat
+
+    labels, names, grades, texts = arguments
+    return heat(labels, names, grades, texts, GRADES)
+
+
+def _headline(result: Result, names: Sequence[str]) -> str:
+    """Say what the controller that the study is about survives, and what has the least to spare."""
+    ours = subject_of(names)
+    single = [one for one in result.imperfections if one.name != COMBINED.name]
+    graded = [(grade_of(result, one, result.sweep(one.name, ours)), one) for one in single]
+    acting = [(grade, one) for grade, one in graded if grade != IDLE]
+    if not acting:
+        return f"{ours}: no single imperfection was tried that acts on it."
+    survives = sum(grade > FAILS for grade, _ in acting)
+
+    def spare(one: Imperfection) -> float:
+        held = result.sweep(one.name, ours).survives.holds_at
+        return times_reference(one, held) if held else 0.0
+
+    _, least = min(acting, key=lambda pair: (pair[0] == MUCH, spare(pair[1])))
+    at = threshold_text(least, result.sweep(least.name, ours).survives)
+    return (
+        f"{ours} survives the reference level of {survives} of {len(acting)} imperfections; least "
+        f"to spare: {least.title} (reference {level_text(least, least.reference)} {least.unit}, "
+        f"fails at {at} {least.unit})."
+    )
+
+
+def _fails(result: Result, name: str) -> str:
+    """Say how a controller fails with nothing added."""
+    first = next(one for one in result.runs(result.bare[name]) if one.failure)
+    return f"{name} {how(first.failure)}" + (f" ({first.message})" if first.message else "")
+
+
+def _label(result: Result, one: Imperfection) -> str:
+    """Return an imperfection with its reference, and what a level is where the scenario has one."""
+    own = [s.hardware(key) for s in result.scenarios for key in list(one.fields)[:1]]
+    kind = "" if not any(own) else ", added" if one.adds else ", total"
+    return f"{one.title} ({level_text(one, one.reference)} {one.unit}{kind})"
+
+
+def _text(result: Result, one: Imperfection, found: Sweep) -> str:
+    """Return a threshold as a cell has it."""
+    if not found.applies:
+        return MISSING
+    reference = result.runs(found.reference)
+    unsettled = survived(reference) and not all_settled(reference, result.scenarios)
+    return threshold_text(one, found.survives) + " ~" * unsettled
+
+
+def _details(result: Result, names: Sequence[str]) -> Matrix:
+    """Return what each controller needs, with nothing added and at the reference; how it fails."""
+
+    def most(runs: Sequence[Run], name: str, decimals: int) -> str:
+        values = [run.metrics[name] for run in runs]
+        return fixed(None if None in values else max(x for x in values if x is not None), decimals)
+
+    def row(title: str, at: str, controller: str, fails: str, settles: str, runs: Sequence[Run],
+            failure: Sequence[Run]) -> list[Cell | str]:  # fmt: skip
+        needs = (("peak_z", 2), ("max_command", 0), ("max_force", 0))
+        first = next((one for one in failure if one.failure), None)
+        word = how(first.failure) if first else MISSING
+        when = f" at {fixed(first.time, 2)} s" if first and first.failure == first.outcome else ""
+        shown = [most(runs, name, decimals) for name, decimals in needs]
+        return [title, controller, at, fails, settles, *shown, word + when]
+
+    rows = [
+        row("nothing added", MISSING, name, MISSING, MISSING, result.runs(result.bare[name]), ())
+        for name in names
+    ]
+    for one in result.imperfections:
+        for found in (result.sweep(one.name, name) for name in names):
+            if found.applies:
+                rows.append(
+                    row(
+                        one.title,
+                        f"{level_text(one, one.reference)} {one.unit}",
+                        found.controller,
+                        threshold_text(one, found.survives),
+                        threshold_text(one, found.settles),
+                        result.runs(found.reference),
+                        result.runs(found.failure),
+                    )
+                )
+    return Matrix(
+        folded="Every imperfection and controller: thresholds, and what the runs needed",
+        caption="With the reference hardware: largest |z|, command and |F| exerted; how it fails",
+        columns=[
+            "Imperfection", "Controller", "Reference", "Fails at", "Unsettled at", "|z| [m]",
+            "Command [N]", "|F| exerted [N]", "How it fails",
+        ],
+        rows=rows,
+    )  # fmt: skip
+
+
+STUDY = Study(
+    name="thresholds",
+    title="Imperfection thresholds",
+    order=10,
+    schema=6,
+    configuration=Options,
+    prepare=prepare,
+    run=run,
+)
