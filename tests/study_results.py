@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from afl_mujoco.report.old import Section
+import afl_mujoco as afl
 from afl_mujoco.identification.prediction import Errors
 from afl_mujoco.identification.shipped import load_estimates
-from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
-from afl_mujoco.simulation.attraction.grid import AttractionMap, Settling, state_grid
-from afl_mujoco.simulation.judgement import Judgement
-from afl_mujoco.simulation.metrics import UNITS
-from afl_mujoco.studies.attraction import result as attraction_result
-from afl_mujoco.studies.attraction.comparison import Comparison
-from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER, Threshold
-from afl_mujoco.studies.compare import result as compare_result
-from afl_mujoco.studies.delay_margin import LeastMargin
+from afl_mujoco.studies import attraction as attraction_study
+from afl_mujoco.studies import compare as compare_study
+from afl_mujoco.studies import montecarlo
+from afl_mujoco.studies import thresholds as thresholds_study
+from afl_mujoco.studies.cube_search import Budget
 from afl_mujoco.studies.estimation import result as estimation_result
 from afl_mujoco.studies.estimation.loops import ESTIMATED, TRUE, Loop
 from afl_mujoco.studies.estimation.tracking import Ramp, Step, Tracking
@@ -29,170 +27,60 @@ from afl_mujoco.studies.hardware import result as hardware_result
 from afl_mujoco.studies.identify import result as identify_result
 from afl_mujoco.studies.margins import result as margins_result
 from afl_mujoco.studies.margins.measured_delay import DelayComparison
-from afl_mujoco.studies.monte_carlo import result as monte_carlo_result
 from afl_mujoco.studies.paper_readings import AXES, CASES, random_readings
 from afl_mujoco.studies.paper_tables import published_fits
 from afl_mujoco.studies.readings import result as readings_result
 from afl_mujoco.studies.readings.optima import Optima
 from afl_mujoco.studies.readings.search import GOALS
 from afl_mujoco.studies.readings.sensitivity import EDGES, CaseShares, Sensitivity
-from afl_mujoco.studies.record import Record, load_records, save_record
+from afl_mujoco.studies.record import Record, save_record
 from afl_mujoco.studies.registry import find_study
-from afl_mujoco.studies.thresholds import result as thresholds_result
-from afl_mujoco.studies.thresholds.imperfections import find_imperfection
-from afl_mujoco.studies.thresholds.result import Sweep, Verdict
-from afl_mujoco.studies.thresholds.sweep import added
+from afl_mujoco.studies.robustness import Settings
 from tests.verification_result import NASTY, OWN, make_result
 
 CONTROLLERS = ("adaptive", "lqr")
-
-# (survives: bound, level), (settles: bound, level), at the reference: survives, settles
-SWEEPS: dict[str, dict[str, tuple[Any, ...]]] = {
-    "delay": {
-        "adaptive": (BRACKETED, 0.047, BRACKETED, 0.040, True, True),
-        "lqr": (BRACKETED, 0.036, BRACKETED, 0.036, True, True),
-    },
-    "control-period": {
-        "adaptive": (LOWER, 0.05, LOWER, 0.05, True, True),
-        "lqr": (BRACKETED, 0.041, BRACKETED, 0.041, True, True),
-    },
-    "force-limit": {
-        "adaptive": (BRACKETED, 10.0, BRACKETED, 10.0, True, True),
-        "lqr": (BRACKETED, 9.9, BRACKETED, 9.9, True, True),
-    },
-    "rail-damping": {
-        "adaptive": (BRACKETED, 7.3, BRACKETED, 3.6, True, False),
-        "lqr": (BRACKETED, 11.0, BRACKETED, 9.7, True, True),
-    },
-    "rail": {
-        "adaptive": (BRACKETED, 3.7, BRACKETED, 3.7, False, False),
-        "lqr": (UPPER, 100.0, UPPER, 100.0, False, False),
-    },
-    "combined": {
-        "adaptive": (BRACKETED, 1.1, BRACKETED, 0.33, True, False),
-        "lqr": (BRACKETED, 1.3, BRACKETED, 0.73, True, False),
-    },
-}
-
-_METRICS = {
-    "settling_time": 6.6, "peak_z": 4.05, "peak_phi": 1.05, "max_command": 60.0,
-    "max_force": 59.0, "iae_z": 9.1, "iae_phi": 0.8,
-}  # fmt: skip
+SHORT = replace(OWN, duration=0.4, disturbances=())
+USED = [afl.CONTROLLERS[name] for name in CONTROLLERS]
 
 
-def verdict(survives: bool, settles: bool, name: str = "", level: float = 1.0) -> Verdict:
-    """Return the outcome of a controller at a level."""
-    failure = "" if survives else "end_stops" if name == "rail" else "fell"
-    return Verdict(
-        level=level,
-        survives=survives,
-        settles=settles,
-        failure=failure,
-        scenario=None if settles else "step-step",
-        time=1.25 if failure else None,
-        metrics=_METRICS | ({} if settles else {"settling_time": None}),
+@cache
+def thresholds() -> thresholds_study.Result:
+    """Return thresholds of a run that is soon over, on a scenario with a nasty name."""
+    settings = Settings(seeds=1, scan=2, tolerance=1.0)
+    scenario = replace(SHORT, name=NASTY)
+    return thresholds_study.run(
+        thresholds_study.Request(USED, (scenario,), settings, ("delay", "rail", "combined"))
     )
 
 
-def threshold(bound: str, level: float) -> Threshold:
-    """Return a threshold at a level."""
-    return Threshold(
-        bound=bound,
-        holds_at=level if bound == LOWER else None if bound == UPPER else level * 0.99,
-        fails_at=None if bound == LOWER else level,
-        islands=0,
+@cache
+def monte_carlo() -> montecarlo.Result:
+    """Return samples, some of which fail, and worst cases; controllers were asked for nastily."""
+    asked = Requirements(max_position=0.12)
+    ranges = Ranges(varied={"phi": (-0.4, 0.4), "delay": (0.0, 0.004)})
+    space = SampleSpace(replace(SHORT, name=NASTY, requirements=asked, ranges=ranges))
+    budget = Budget(generations=1, population=4)
+    return montecarlo.run(
+        montecarlo.Request(space, USED, [f"{NASTY}:{x}" for x in "ab"], samples=12, budget=budget)
     )
 
 
-def sweep(name: str, controller: str, found: tuple[Any, ...]) -> Sweep:
-    """Return one controller under one imperfection."""
-    bound, level, settles_bound, settles, survives_reference, settles_reference = found
-    return Sweep(
-        imperfection=name,
-        controller=controller,
-        reference=verdict(survives_reference, settles_reference, name),
-        survives=threshold(bound, level),
-        settles=threshold(settles_bound, settles),
-        failure=None if bound == LOWER else verdict(False, False, name, level),
-    )
+@cache
+def attraction() -> attraction_study.Result:
+    """Return a map of three rows and five columns."""
+    axes = np.linspace(-1.0, 1.0, 5), np.linspace(-2.0, 2.0, 3)
+    return attraction_study.run(attraction_study.Request(SHORT, USED, *axes))
 
 
-def thresholds(
-    changes: dict[str, tuple[Any, ...]] | None = None, only: tuple[str, ...] = tuple(SWEEPS)
-) -> thresholds_result.Result:
-    """Return thresholds, the adaptive controller's changed, of some imperfections only."""
-    found = {
-        n: {**of, "adaptive": (changes or {}).get(n, of["adaptive"])} for n, of in SWEEPS.items()
-    }
-    names = tuple(one.name for one in added())
-    margins = (
-        LeastMargin(controller="adaptive", margin=0.0323, cart_mass=0.5, half_length=0.2),
-        LeastMargin(controller="lqr", margin=0.0, cart_mass=0.5, half_length=0.2),
-    )
-    return thresholds_result.Result(
-        settings=thresholds_result.Settings(
-            scenarios=("step-step",), seeds=4, scan=13, tolerance=0.02, integrator="RK4",
-            timestep=1e-3,
-        ),
-        controllers=CONTROLLERS,
-        imperfections=tuple(find_imperfection(name) for name in only),
-        sweeps=tuple(sweep(n, c, found[n][c]) for n in only for c in CONTROLLERS),
-        added=names,
-        combined={
-            "adaptive": tuple(verdict(i < 10, i < 8) for i in range(len(names))),
-            "lqr": tuple(verdict(True, True) for _ in names),
-        },
-        delay_margins=margins if "delay" in only else (),
-    )  # fmt: skip
+@cache
+def compare() -> compare_study.Result:
+    """Return two controllers on a scenario with a nasty name, one of which computes no force."""
+    asked = Requirements(max_position=1.0, settling_time=0.39)
 
+    def broken(time: float, state: Any, belief: Any) -> float:
+        raise RuntimeError(NASTY)
 
-def monte_carlo() -> monte_carlo_result.Result:
-    """Return rates, a comparison and worst cases; the controllers were asked for nastily."""
-    space = SampleSpace(LABORATORY)
-    return monte_carlo_result.Result(
-        seed=1,
-        samples=60,
-        integrator="RK4",
-        timestep=1e-3,
-        confidence=0.95,
-        space=space,
-        controllers=tuple(
-            monte_carlo_result.ControllerRates(
-                controller=name, asked=NASTY, samples=60, passed=survived, rate=survived / 60,
-                interval=(0.8608, 0.9896), settled=18, settled_rate=0.3,
-                settled_interval=(0.1884, 0.4321), median_displacement=1.234,
-                largest_displacement=5.6,
-                failures_by_kind={"fell": 60 - survived}, margins=(), unmargined=60,
-                missed={},
-                failures=tuple(
-                    monte_carlo_result.Failure(
-                        index=i, outcome="fell", end_time=2.5, message=None, missed=("completes",),
-                        failure="fell", margin=None,
-                        file=f"montecarlo/{name}/failure-0007.toml" if i == 7 else None,
-                    )
-                    for i in range(7, 67 - survived)
-                ),
-            )
-            for name, survived in zip(CONTROLLERS, (57, 55), strict=True)
-        ),
-        comparisons=(
-            monte_carlo_result.Comparison(
-                first="adaptive", second="lqr", both=52, only_first=5, only_second=3, neither=0,
-                p_value=0.7266,
-            ),
-        ),
-        worst_cases=tuple(
-            monte_carlo_result.WorstCase(
-                controller=name, question="hardest", failed=failed, outcome="fell", end_time=9.9,
-                message=None, failure="fell" if failed else "", missed=(), margin=None,
-                severity=1.5, distance=0.43, runs=33,
-                changes={"rail_friction": 0.99, "delay": 0.5},
-                point=tuple(space.reference.tolist()), noise=3,
-                file=f"montecarlo/{name}/hardest.toml",
-            )
-            for name, failed in zip(CONTROLLERS, (True, False), strict=True)
-        ),
-    )  # fmt: skip
+    return compare_study.compare(replace(SHORT, name=NASTY, requirements=asked), ["lqr", broken])
 
 
 def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
@@ -227,24 +115,6 @@ def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
             for length, margin, measured in ((0.05, 0.012, 0.01206), (0.2, 0.03, None))
         ),
     )  # fmt: skip
-
-
-def attraction() -> attraction_result.Result:
-    """Return one pair of maps, of three rows and five columns, that differ in one grid point."""
-    grid = state_grid(np.linspace(-1.0, 1.0, 5), np.linspace(-2.0, 2.0, 3))
-    outcome = np.array([[0, 1, 2, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 0]], dtype=np.uint8)
-    other = outcome.copy()
-    other[1, 4] = 0
-    times = np.full(outcome.shape, 3.2)
-    maps = (
-        AttractionMap(
-            grid=grid, controller="lqr", simulator=simulator, outcome=found,
-            settings=Settling().describe() | {"timestep": 2e-3},
-            time=times, peak_z=times, peak_force=times,
-        )
-        for simulator, found in (("ode", outcome), ("mujoco", other))
-    )  # fmt: skip
-    return attraction_result.result_of([Comparison(*maps)])
 
 
 def estimation() -> estimation_result.Result:
@@ -340,57 +210,6 @@ def readings() -> readings_result.Result:
     )  # fmt: skip
 
 
-def compare() -> compare_result.Result:
-    """Return two controllers on a scenario with a nasty name: one falls, the other is good."""
-    scenario = replace(
-        OWN,
-        name=NASTY,
-        requirements=Requirements(max_position=1.0, settling_time=1.1, recover_within=0.6),
-    )
-    time = np.linspace(0.0, 2.0, 40)
-
-    def run(controller: str, reached: int, outcome: str, values: tuple[Any, ...]) -> Any:
-        judged = {
-            "completes": (2.0, values[0], values[0] - 2.0),
-            "max_position": (1.0, 0.4, values[1]),
-            "settling_time": (1.1, values[2], values[3]),
-            "recover_within": (0.6, values[2], values[3]),
-        }
-        curves = compare_result.Curves(
-            time=time[:reached],
-            state=np.outer(np.cos(3.0 * time[:reached]), (0.4, 0.2, 1.0, 1.0)),
-            force=20.0 * np.exp(-time[:reached]),
-            command=21.0 * np.exp(-time[:reached]),
-        )
-        compared = compare_result.ComparedRun(
-            scenario=NASTY,
-            controller=controller,
-            outcome=outcome,
-            metrics=dict.fromkeys(UNITS, 1.5) if outcome == "completed" else {},
-            requirements=tuple(
-                Judgement(requirement=name, limit=limit, value=value, left=left)
-                for name, (limit, value, left) in judged.items()
-            ),
-            failure="" if outcome == "completed" else "fell",
-            settled=outcome == "completed",
-            remarks=("Its gains are extrapolated.",),
-        )
-        return compared, curves
-
-    found = {
-        "lqr": run("lqr", 40, "completed", (2.0, 0.6, 0.5, 0.1)),
-        "adaptive": run("adaptive", 15, "fell at t = 0.7 s", (0.7, None, None, -0.4)),
-    }
-    return compare_result.Result(
-        scenarios=(scenario,),
-        runs=tuple(compared for compared, _ in found.values()),
-        curves={f"{NASTY}/{name}": curves for name, (_, curves) in found.items()},
-        timestep=1e-3,
-        control_period=None,
-        integrator="RK4",
-    )
-
-
 def identified() -> identify_result.Result:
     """Return the shipped estimates beside a made-up log."""
     time = np.linspace(0.0, 2.0, 100)
@@ -477,8 +296,3 @@ def write_records(folder: Path) -> Path:
     for name in RESULTS:
         save_record(record(name), folder)
     return folder
-
-
-def sections_of(folder: Path) -> list[Section]:
-    """Return what the records in a folder say."""
-    return [section for record in load_records(folder) for section in record.sections]

@@ -64,6 +64,8 @@ def _print(found: Sequence[Block], console: Console) -> None:
             console.print(_text(f"\n{block.title}", "bold"))
             _print(block.blocks, console)
         elif isinstance(block, Matrix) and not block.folded:
+            if block.caption:
+                console.print(_text(block.caption, "italic"))
             for part in _tables(block, console.width):
                 console.print(part)
 
@@ -87,9 +89,8 @@ def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
     ]
     firsts = [row[0][0] for row in rows]
     names = 2 if len(set(firsts)) < len(firsts) and len(most) > 2 else 1
-    title = matrix.caption
     for part in _parts(least, names, width - 1):
-        shown = Table(box=SIMPLE_HEAD, title=_text(title) if title else None, title_justify="left")
+        shown = Table(box=SIMPLE_HEAD, show_edge=False)
         widths = _widths([least[k] for k in part], [most[k] for k in part], width - 1)
         for k, wide in zip(part, widths, strict=True):
             side: Any = "right" if matrix.numbers[k] else "left"
@@ -102,7 +103,6 @@ def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
             above = row[0][0]
             shown.add_row(*cells)
         yield shown
-        title = f"{matrix.caption} (continued)"
 
 
 def _longest_word(text: str) -> int:

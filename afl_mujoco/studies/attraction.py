@@ -21,7 +21,7 @@ from afl_mujoco.scenario.parameters import require_positive
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
-from afl_mujoco.simulation.trajectory import DIVERGED, FALL_ANGLE, FELL
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FALL_ANGLE, FELL
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioName, Study, silent
 from afl_mujoco.studies.robustness import map_starts, require_runs
@@ -136,16 +136,16 @@ class Result:
 
     def kinds(self, controller: str) -> NDArray[np.int_]:
         """Return how the runs of a controller end, indices into `WORDS`, shape (rates, angles)."""
-        judged = self.scenario.requirements != NONE and bool(self.scenario.required)
-        found = [_kind(run, judged) for run in self.runs(controller)[:-1]]
+        found = [self.kind(run) for run in self.runs(controller)[:-1]]
         return np.array(found).reshape(len(self.rates), len(self.angles))
 
-
-def _kind(run: Run, judged: bool) -> int:
-    """Return how a run ended."""
-    if run.failure:
-        return {FELL: FALLEN, DIVERGED: FALLEN, CONTROLLER_FAILED: FAILED}.get(run.failure, MISSED)
-    return GOOD if judged or run.settled else UNSETTLED
+    def kind(self, run: Run) -> int:
+        """Return how a run ended, an index into `WORDS`."""
+        judged = self.scenario.requirements != NONE and bool(self.scenario.required)
+        if run.failure or not (judged or run.outcome == COMPLETED):
+            fallen = {FELL: FALLEN, DIVERGED: FALLEN, CONTROLLER_FAILED: FAILED}
+            return fallen.get(run.outcome, MISSED)
+        return GOOD if judged or run.settled else UNSETTLED
 
 
 def run(
@@ -188,7 +188,7 @@ def report(result: Result) -> Report:
     rows: list[list[Cell | str]] = []
     for name, kinds in maps.items():
         own = result.runs(name)[-1]
-        word = WORDS[_kind(own, result.scenario.requirements != NONE)]
+        word = WORDS[result.kind(own)]
         counts = [fixed(100.0 * float((kinds == k).mean()), 1) for k in present]
         rows.append([name, *counts, Cell(word, "bad" if own.failure else "good")])
     angle, rate = (short(float(axis[-1])) for axis in (result.angles, result.rates))

@@ -12,13 +12,13 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.digests import digests
-from afl_mujoco.report.old import Film
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
 from afl_mujoco.films.plan import side_by_side
 from afl_mujoco.films.replay import Deployment
 from afl_mujoco.films.sections import sections
 from afl_mujoco.films.video import write_video
+from afl_mujoco.report.old import Film
 from tests.verification_result import film_entry, write_listing
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from afl_mujoco.control.names import NAMES
+from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.report.style import (
     CONTROLLERS,
     colours,
@@ -24,7 +25,6 @@ from afl_mujoco.report.style import (
     save_figure,
     styled,
 )
-from afl_mujoco.errors import FileError, InvalidValueError
 
 
 @styled()

@@ -4,34 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from io import StringIO
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
-from afl_mujoco.report.old import (
-    Bar,
-    Cell,
-    Chart,
-    Column,
-    Command,
-    Fact,
-    Facts,
-    Figure,
-    Finding,
-    Section,
-    Table,
-    Tag,
-    Tally,
-    Text,
-    Verdict,
-    figures_of,
-)
-from afl_mujoco.report.html import to_html
-from afl_mujoco.report.markdown import to_markdown
+from afl_mujoco.report import terminal as terminal_module
+from afl_mujoco.report.blocks import Block, Cell, Chart, Figure, Matrix, Report, Section, figures_of
+from afl_mujoco.report.markdown import code, plain, to_markdown
+from afl_mujoco.report.page import Part, to_html
 from afl_mujoco.report.style import new_figure, write_figure
-from afl_mujoco.report.terminal import print_sections
+from afl_mujoco.report.terminal import print_report, to_text
 
 NASTY = "<script>alert(1)</script> [red] | a_b"
 
@@ -42,21 +24,17 @@ def draw():
     return figure
 
 
-def table(summary: str = "") -> Table:
-    return Table(
+def matrix(folded: str = "") -> Matrix:
+    return Matrix(
         caption="How far each goes",
-        columns=(Column("name"), Column("distance", "m", number=True), Column("verdict")),
+        columns=("name", "distance [m]", "verdict"),
         rows=(
             ("first", "1.5", Cell("stays", "good")),
             (NASTY, "−2", Cell("falls", "bad")),
-            ("third", "0", Cell("rests", "neutral", note="as *told*")),
-            (
-                Cell("fourth", anchor="fourth"),
-                Cell("half", bar=Bar(0.0, 0.5, 0.9, point=0.4)),
-                Cell("unclear", "open", link="part"),
-            ),
+            ("third", "0", Cell("rests", "neutral")),
+            ("fourth", "–", Cell("unclear", "open")),
         ),
-        summary=summary,
+        folded=folded,
     )
 
 
@@ -66,127 +44,114 @@ CHART = Chart(
     quantities=(("z", "z", "position"),),
     data={"shortcuts": [{"label": "start", "from": 0.0, "to": 1.0}]},
 )
-LINE = Figure(name="a-line", title="A line", caption="It rises.", alt="a line", draw=draw)
-SECTION = Section(
-    "Study",
-    "study",
-    (
-        Verdict(False, "1 of 3 fails", "Nothing rests on it."),
-        Tally(
-            "Three at a glance",
-            (Tag("T1", "good", "part", "right"), Tag("T2", "open", "part", "unknown")),
-        ),
-        Finding("In short", "It holds with `--quick` and *without*."),
-        Facts((Fact("mass", "1 kg at [Part](#part)"),)),
-        Text(f"Given: {NASTY}"),
-        table(),
-        Section("Part", "part", (table("All rows"), LINE)),
-        Section("Behind", "behind", (Text("in the depth"), CHART), folded=True, aside="beside"),
-        Command("Made by", "afl-mujoco study 'my file.toml'"),
-    ),
+LINE = Figure(name="a-line", title="A line", caption="It rises.", draw=draw)
+BLOCKS: tuple[Block, ...] = (
+    "It holds with `--quick` and *without*, see [there](#part).",
+    f"Given: {plain(NASTY)}",
+    "- **mass** 1 kg",
+    matrix(),
+    Section("Part", "part", (matrix("All rows"), LINE)),
+    Section("Behind", "behind", ("in the depth", CHART), folded=True),
+    "```sh\nafl-mujoco study 'my file.toml'\n```",
 )
+REPORT = Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=False, blocks=BLOCKS)
 
 
-def terminal(section: Section) -> str:
-    stream = StringIO()
-    print_sections([section], Path("out"), Console(file=stream, width=140))
-    return stream.getvalue()
-
-
-def html(folder: Path) -> str:
-    return to_html("Report", [([SECTION], folder)], folder)
+def html(folder: Path, *others: Report) -> str:
+    parts = [Part(one, f"study{k or ''}", [folder]) for k, one in enumerate((REPORT, *others))]
+    return to_html("Reports", parts, [Section("Reproduce", "reproduce", ("the command",))], folder)
 
 
 @pytest.fixture
 def page(tmp_path: Path) -> str:
-    for figure in figures_of([SECTION]):
+    for figure in figures_of(BLOCKS):
         write_figure(figure, tmp_path)
     return html(tmp_path)
 
 
 WRITERS: dict[str, Callable[[Path], str]] = {
-    "terminal": lambda folder: terminal(SECTION),
-    "Markdown": lambda folder: to_markdown([SECTION]),
+    "terminal": lambda folder: to_text(BLOCKS),
+    "Markdown": lambda folder: to_markdown(BLOCKS),
     "HTML": lambda folder: re.sub(r"<[^>]*>", "", html(folder)),
 }
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_every_writer_says_titles_findings_cells_and_commands(writer: str, tmp_path: Path) -> None:
+def test_every_writer_says_texts_cells_and_commands(writer: str, tmp_path: Path) -> None:
     said = WRITERS[writer](tmp_path)
     for text in (
-        "Study", "Part", "In short", "--quick", "without", "How far each goes", "distance", "−2",
-        "stays", "falls", "rests", "All rows", "A line", "FAIL", "1 of 3 fails", "unclear",
-        "Three at a glance", "right", "unknown", "mass", "1 kg at Part",
+        "Part", "--quick", "without", "How far each goes", "distance", "−2", "stays", "falls",
+        "rests", "unclear", "mass", "1 kg", "there", "afl-mujoco study",
     ):  # fmt: skip
         assert text in said, text
-    assert "afl-mujoco study" in said
     assert "`--quick`" in said or writer != "Markdown"
 
 
-def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are() -> None:
-    said = terminal(SECTION)
-    assert "✗ falls" in said and "◐ rests" in said
-    assert NASTY in said
-    assert said.count("first") == 1  # the folded table is left out
-    assert "[All rows: 4 rows, not shown here]" in said
-
-
-def test_what_is_folded_or_moves_is_for_a_page(page: str) -> None:
-    assert "in the depth" not in terminal(SECTION)
-    assert "A curve" not in to_markdown([SECTION]) + terminal(SECTION)
-    assert "in the depth" in to_markdown([SECTION])
-    assert '<details class="folded" id="behind">' in page and "beside" in page
-    assert '<script type="application/json" id="curve-curves">' in page
-    assert 'data-from="0.0" data-to="1.0"' in page
-
-
-def test_a_cell_has_its_note_anchor_link_and_bar(page: str) -> None:
-    assert 'id="fourth"' in page and 'class="bar "' in page
-    assert "as <em>told</em>" in page
-    assert "rests<br>as *told*" in to_markdown([SECTION])
-    assert "as told" not in terminal(SECTION)
+def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are(capsys) -> None:
+    said = to_text(BLOCKS)
+    assert "✗ falls" in said and "◐ rests" in said and NASTY in said
+    assert said.count("first") == 1  # the folded matrix is left out
+    assert "in the depth" not in said and "A curve" not in said and "#part" not in said
+    print_report(REPORT)
+    assert capsys.readouterr().out.splitlines()[-1] == f"FAIL: 1 of 3 fails {NASTY}"
 
 
 def test_a_row_does_not_repeat_the_name_of_the_row_above_on_the_terminal() -> None:
-    twice = Table(caption="t", columns=(Column("a"), Column("b")), rows=(("x", "1"), ("x", "2")))
-    assert terminal(Section("s", "s", (twice,))).count("x") == 1
+    twice = Matrix(caption="t", columns=("a", "b"), rows=(("x", "1"), ("x", "2")))
+    assert to_text([twice]).count("x") == 1
+
+
+def test_a_row_of_another_length_is_refused() -> None:
+    with pytest.raises(ValueError, match="every row of 't' must have 2 cells"):
+        to_text([Matrix(caption="t", columns=("a", "b"), rows=(("x",),))])
 
 
 def test_markdown_escapes_what_would_be_markup() -> None:
-    said = to_markdown([SECTION])
+    said = to_markdown(BLOCKS)
     assert "<script>" not in said.replace("\\<", "")
     assert r"\<script\>alert(1)\</script\> \[red\] \| a\_b" in said
-    assert "![a line](a-line.png)" in said
+    assert "![A line. It rises.](a-line.png)" in said
     assert "| name | distance \\[m\\] | verdict |\n| --- | ---: | --- |" in said
-    assert "## Part" in said and "<details><summary>All rows</summary>" in said
+    assert "# Part" in said and "<details><summary>All rows</summary>" in said
+    assert "in the depth" in said and "A curve" not in said
+    assert (code("a"), code("`a`")) == ("`a`", "`` `a` ``")
 
 
 def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> None:
-    assert "<script>alert" not in page
-    assert "&lt;script&gt;alert(1)" in page
+    assert "<script>alert" not in page and "&lt;script&gt;alert(1)" in page
     assert '<img src="data:image/svg+xml;base64,' in page
     assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page) == []
-    assert page.count("<script>") == 1
-    assert "Content-Security-Policy" in page
-    assert '<h2 id="study">' in page and '<h3 id="part">' in page
-    assert 'href="#study"' in page
+    assert page.count("<script>") == 1 and "Content-Security-Policy" in page
+    assert "<h1>Study</h1>" in page and '<h2 id="part">' in page
+    assert '<a href="#part">there</a>' in page
     assert 'class="tag bad"' in page and 'class="tag part"' in page
     assert "<em>without</em>" in page and "<code>--quick</code>" in page
+    assert '<details class="folded" id="behind">' in page
+    assert '<script type="application/json" id="curve-curves">' in page
+    assert 'data-from="0.0" data-to="1.0"' in page
+    assert "<title>FAIL: Study</title>" in page
 
 
-def test_a_figure_without_its_files_is_said_to_be_missing(tmp_path: Path) -> None:
-    assert "The figure “A line” is missing" in html(tmp_path)
+def test_markdown_in_a_page_has_no_html_and_no_script(tmp_path: Path) -> None:
+    evil = "<img src=x onerror=alert(1)> [x](javascript:alert(1)) ![y](https://elsewhere/y.png)"
+    said = html(tmp_path, Report(title="b", headline="c", blocks=(evil,)))
+    assert "<img src=x" not in said and 'href="javascript' not in said
+    assert 'src="https:' not in said
 
 
-WIDE = Table(
+def test_a_page_of_several_reports_has_a_heading_for_each_and_a_failure_counts(
+    tmp_path: Path,
+) -> None:
+    said = html(tmp_path, Report(title="Good", headline="all hold", passed=True, blocks=()))
+    assert "<h1>Reports</h1>" in said and "<title>FAIL: Reports</title>" in said
+    for title in ("Study", "Good"):
+        assert re.search(rf"<h2 [^>]*>{title}</h2>", said)
+    assert "The figure “A line” is missing" in said
+
+
+WIDE = Matrix(
     caption="Wide",
-    columns=(
-        Column("Scenario"),
-        Column("Controller"),
-        Column("Outcome"),
-        *(Column(f"B{k}", number=True) for k in range(8)),
-    ),
+    columns=("Scenario", "Controller", "Outcome", *(f"B{k}" for k in range(8))),
     rows=[
         (scenario, controller, "fell at t = 1.26 s", *(f"{k}.0×10⁻¹²" for k in range(8)))
         for scenario in ("step-step", "a-very-long-name-of-a-scenario")
@@ -197,34 +162,26 @@ WIDE = Table(
 
 @pytest.mark.parametrize("width", [80, 104, 300])
 def test_a_table_that_is_too_wide_goes_on_below_with_no_column_lost_and_no_number_broken(
-    width: int,
+    width: int, monkeypatch
 ) -> None:
-    out = StringIO()
-    console = Console(file=out, width=width, highlight=False)
-    print_sections([Section("Part", "part", (WIDE,))], Path(), console)
-    lines = out.getvalue().splitlines()
-    assert max(map(len, lines)) <= width
-    text = out.getvalue()
-    for column in WIDE.columns:
-        assert column.header in text
-    for k in range(8):
-        assert text.count(f"{k}.0×10⁻¹²") == 4
+    monkeypatch.setattr(terminal_module, "WIDTH", width)
+    text = to_text([WIDE])
+    assert max(map(len, text.splitlines())) <= width
+    assert all(column in text for column in WIDE.columns)
+    assert all(text.count(f"{k}.0×10⁻¹²") == 4 for k in range(8))
     assert text.count("fell at") == 4
     parts = text.count("Scenario")
-    assert (parts > 1) == ("(continued)" in text) == (width < 150)
+    assert (parts > 1) == (width < 150)
     assert text.count("lqr") == 2 * parts  # what names a row stands in every part
 
 
-def test_no_name_steers_the_terminal() -> None:
+def test_no_name_steers_the_terminal(capsys) -> None:
     raw = "x\x1b]0;mine\x07\x9b2J\u202e"
     blocks = (
-        Verdict(False, raw, raw), Tally(raw, (Tag("T1", "good", "part", raw),)), Finding(raw, raw),
-        Facts((Fact(raw, raw),)), Text(f"`{raw}`"), Command(raw, raw),
-        Table(caption=raw, columns=(Column(raw), Column("b")), rows=((raw, raw), (raw, "c"))),
-        Table(caption=raw, columns=(Column("a"),), rows=((raw,),), summary=raw),
-        Figure(name="a", title=raw, caption=raw, alt=raw, draw=draw),
-        Section(raw, "part", (Text(raw),)),
+        raw, f"```sh\n{raw}\n```", Matrix(caption=raw, columns=(raw, "b"), rows=((raw, raw),)),
+        Section(raw, "part", (raw,)),
     )  # fmt: skip
-    said = terminal(Section(raw, "raw", blocks))
+    print_report(Report(headline=raw, blocks=blocks))
+    said = to_text(blocks) + capsys.readouterr().out
     assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", said)
-    assert said.count(r"\x1b]0;mine\x07\x9b2J\u202e") >= 15
+    assert said.count("]0;mine") >= 14

@@ -1,4 +1,4 @@
-"""A small case of each robustness study against single runs: what the slow tests do at length."""
+"""Sweeps, samples, searches and maps of starts against single runs."""
 
 from __future__ import annotations
 
@@ -8,96 +8,258 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.execution.executors import open_executor
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.execution.executors import in_process, open_executor
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
-from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
-from afl_mujoco.simulation.attraction.grid import FALLEN, SETTLED
-from afl_mujoco.studies.attraction.deployed import map_starts
+from afl_mujoco.scenario.sample_space import (
+    SampleSpace,
+    sample_point,
+    sample_scenario,
+    search_generator,
+)
+from afl_mujoco.studies import robustness
 from afl_mujoco.studies.bisection import BRACKETED
-from afl_mujoco.studies.cube_search import Budget
-from afl_mujoco.studies.monte_carlo import worst_case
-from afl_mujoco.studies.monte_carlo.campaign import Campaign, run_campaign
-from afl_mujoco.studies.monte_carlo.trial import Settings
-from afl_mujoco.studies.monte_carlo.worst_case import distance_of, search_worst
-from afl_mujoco.studies.thresholds import sweep as thresholds
+from afl_mujoco.studies.cube_search import Budget, minimise
+from afl_mujoco.studies.robustness import (
+    HARDEST,
+    NEAREST,
+    Settings,
+    SweepUnit,
+    changes_of,
+    distance_of,
+    map_starts,
+    require_samples,
+    sample,
+    search_worst,
+    sweep,
+    worst_scenario,
+)
+from afl_mujoco.studies.run import DEFAULT, Deployed, Run, run_all
+from tests.sample_spaces import near_laboratory
 
-LQR = afl.CONTROLLERS["lqr"]
+LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 LEANING = afl.Scenario(name="leaning", duration=2.0, initial_state=(0.0, 0.2, 0.0, 0.0))
 SPACE = SampleSpace(
     replace(LEANING, ranges=Ranges(varied={"phi": (-1.3, 1.3), "delay": (0.0, 0.2)}))
 )
 SAMPLES = 16
+SMALL = Budget(generations=3, population=6)
+SHORT = near_laboratory(duration=2.0, last_change=1.0)
+EULER = Deployed("Euler")
 
 
-def run(scenario: afl.Scenario) -> afl.Trajectory:
-    return afl.simulate_mujoco(scenario, LQR, "sampled")
+def drawn(count=SAMPLES, space=SPACE, deployed=DEFAULT, workers=1, controllers=(LQR,), seed=1):
+    with open_executor(workers) as executor:
+        return sample(controllers, space, count, seed, deployed, executor)
 
 
 @pytest.fixture(scope="module")
-def campaign() -> Campaign:
-    with open_executor(1) as executor:
-        return run_campaign(
-            [LQR], SPACE, samples=SAMPLES, seed=1, settings=Settings(), executor=executor
-        )
+def runs() -> list[Run]:
+    return drawn()["lqr"]
+
+
+def searched(runs, space=SPACE, budget=SMALL, deployed=DEFAULT, workers=1, **how):
+    with open_executor(workers) as executor:
+        return search_worst(LQR, space, runs, 1, budget, deployed, executor, **how)
 
 
 @pytest.mark.parametrize("name", ["delay", "rail"])
 def test_a_threshold_is_where_single_runs_begin_to_fail(name: str) -> None:
-    settings = thresholds.Settings(seeds=1, scan=5, tolerance=0.1)
-    found = thresholds.sweep((name, LQR, (LEANING,), settings)).survives
+    settings = Settings(seeds=1, scan=5, tolerance=0.1)
+    found = sweep(SweepUnit(name, LQR, (LEANING,), settings)).survives
     assert found.bound == BRACKETED
     key = {"delay": "delay", "rail": "rail_half_length"}[name]
     for level, survives in ((found.holds_at, True), (found.fails_at, False)):
-        alone = run(replace(LEANING, imperfections=Imperfections(**{key: level})))
+        alone = afl.simulate_mujoco(
+            replace(LEANING, imperfections=Imperfections(**{key: level})), LQR
+        )
         reached = np.abs(alone.state[:, 0]).max() >= level if name == "rail" else False
         assert (alone.outcome.kind == "completed" and not reached) == survives
 
 
-def test_a_campaign_is_of_single_runs(campaign: Campaign) -> None:
-    trials = campaign.trials["lqr"]
-    for index, trial in enumerate(trials):
-        alone = run(sample_scenario(SPACE, index, 1))
-        assert (alone.outcome.kind, alone.outcome.time) == (trial.outcome, trial.end_time)
-        assert trial.peak_phi == np.abs(alone.state[:, 1]).max()
-        assert trial.passed == (alone.outcome.kind == "completed")
-    assert campaign.success("lqr").count == sum(trial.passed for trial in trials)
-    assert 0 < len(campaign.failures("lqr")) < SAMPLES
+def test_samples_are_single_runs_and_depend_on_neither_number_nor_company(runs) -> None:
+    for index, run in enumerate(runs):
+        alone = afl.simulate_mujoco(sample_scenario(SPACE, index, 1), LQR)
+        assert (alone.outcome.kind, alone.outcome.time) == (run.outcome, run.time)
+        assert run.metrics["peak_phi"] == np.abs(alone.state[:, 1]).max()
+        assert bool(run.failure) == (alone.outcome.kind != "completed")
+        assert run.draw == index
+    assert 0 < sum(bool(run.failure) for run in runs) < SAMPLES
+    assert drawn(5, controllers=(ADAPTIVE, LQR))["lqr"] == runs[:5]
+    assert drawn(5, seed=2)["lqr"] != runs[:5]
 
 
-def test_a_search_finds_worse_than_the_samples_and_nearer(campaign: Campaign) -> None:
-    with open_executor(1) as executor:
-        budget = Budget(generations=3, population=6)
-        hardest, nearest = search_worst(LQR, campaign, budget=budget, executor=executor)
-    assert hardest.trial.severity(2.0) >= max(t.severity(2.0) for t in campaign.trials["lqr"])
-    failures = [distance_of(SPACE, sample_point(SPACE, i, 1)) for i in campaign.failures("lqr")]
+@pytest.mark.slow
+def test_neither_workers_nor_chunks_change_a_bit(runs, monkeypatch) -> None:
+    assert drawn(workers=2)["lqr"] == runs
+    monkeypatch.setattr(robustness, "CHUNK", 7)
+    assert drawn()["lqr"] == runs
+
+
+def test_a_search_finds_worse_than_the_samples_and_nearer(runs) -> None:
+    reported: list[int] = []
+    hardest, nearest = searched(runs, progress=reported.append)
+    assert (hardest.question, nearest.question) == (HARDEST, NEAREST)
+    assert hardest.run.severity(2.0) >= max(run.severity(2.0) for run in runs)
+    failures = [distance_of(SPACE, sample_point(SPACE, r.draw, 1)) for r in runs if r.failure]
     assert nearest.distance <= min(failures)
-    assert not nearest.trial.passed
+    assert nearest.run.failure
+    assert reported[-1] == hardest.tried + nearest.tried <= 2 * SMALL.points
+    for found in (hardest, nearest):
+        scenario = worst_scenario(SPACE, found, 1)
+        (alone,) = run_all(LQR, [scenario])
+        assert replace(alone, scenario="", draw=0) == replace(found.run, scenario="", draw=0)
+        changes = np.abs(list(changes_of(SPACE, found.point).values()))
+        assert (np.diff(changes) <= 0.0).all()
+        assert np.linalg.norm(changes) / np.sqrt(SPACE.dimension) == pytest.approx(found.distance)
 
 
-def test_the_nearest_failure_is_searched_from_the_nearest_known(
-    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worst_case, "minimise", lambda cost, start, *rest: (start, 1))
-    points = {i: sample_point(SPACE, i, 1) for i in campaign.failures("lqr")}
+def test_the_nearest_failure_is_searched_from_the_nearest_known(runs, monkeypatch) -> None:
+    monkeypatch.setattr(robustness, "minimise", lambda cost, start, *rest: (start, 1))
+    points = {run.draw: sample_point(SPACE, run.draw, 1) for run in runs if run.failure}
     distances = {i: distance_of(SPACE, point) for i, point in points.items()}
     best = min(distances, key=lambda i: distances[i])
     assert best != min(distances), "the first failure must not be the nearest one too"
-    with open_executor(1) as executor:
-        budget = Budget(generations=1, population=4)
-        _, nearest = search_worst(LQR, campaign, budget=budget, executor=executor)
-    assert (nearest.noise, nearest.distance) == (best, distances[best])
+    _, nearest = searched(runs)
+    assert (nearest.run.draw, nearest.distance) == (best, distances[best])
+
+
+def test_nearest_means_failures_by_distance_then_survivors_from_the_hardest(
+    runs, monkeypatch
+) -> None:
+    points, costs = [sample_point(SPACE, i, 1) for i in range(SAMPLES)], []
+
+    def ask(cost, start, *rest):
+        costs.append(cost(points))
+        return start, 1
+
+    monkeypatch.setattr(robustness, "minimise", ask)
+    searched(runs)
+    fallen = sorted(
+        (i for i in range(SAMPLES) if runs[i].failure), key=lambda i: distance_of(SPACE, points[i])
+    )
+    upright = sorted(
+        (i for i in range(SAMPLES) if not runs[i].failure), key=lambda i: -runs[i].severity(2.0)
+    )
+    assert fallen and upright
+    assert np.argsort(costs[1]).tolist() == fallen + upright
+
+
+def test_where_nothing_fails_or_nothing_passes_there_is_less_to_search(runs) -> None:
+    gentle = SampleSpace(replace(LEANING, ranges=Ranges(varied={"phi": (-0.1, 0.1)})))
+    (hardest,) = searched(drawn(4, gentle)["lqr"], gentle)
+    assert hardest.question == HARDEST and not hardest.run.failure
+    assert searched([run for run in runs if run.failure]) == []
+
+
+def test_what_changes_no_scenario_is_no_distance() -> None:
+    home = SHORT.scenario_of(SHORT.reference, 0, 1)
+    for axis, name in enumerate(SHORT.coordinates):
+        point = SHORT.reference.copy()
+        point[axis] += 0.3 if point[axis] < 0.5 else -0.3
+        assert (distance_of(SHORT, point) > 0.0) == (SHORT.scenario_of(point, 0, 1) != home), name
+
+
+@pytest.mark.slow
+def test_on_random_hardware_two_processes_give_the_same_bits() -> None:
+    found = drawn(10, SHORT, EULER)["lqr"]
+    assert not any(run.failure for run in found)  # a failure that only the search finds
+    budget = Budget(generations=4, population=8)
+    one, two = (searched(found, SHORT, budget, EULER, workers) for workers in (1, 2))
+    assert one == two
+    hardest, nearest = one
+    assert hardest.run.failure and nearest.run.failure and nearest.distance <= hardest.distance
 
 
 def test_a_map_of_starts_is_of_single_runs() -> None:
     scenario = replace(LEANING, duration=6.0)
     angles, rates = np.linspace(-1.4, 1.4, 5), np.array([-1.0, 1.0])
-    found = map_starts(
-        scenario, LQR, angles, rates, timestep=None, integrator="RK4", threads=1,
-        progress=lambda runs: None,
-    )  # fmt: skip
-    kinds = {FALLEN: "fell", SETTLED: "completed"}
-    assert set(kinds) <= set(found.outcome.ravel().tolist())
-    for (row, column), code in np.ndenumerate(found.outcome):
-        alone = run(replace(scenario, initial_state=(0.0, angles[column], 0.0, rates[row])))
-        assert alone.outcome.kind == kinds.get(code, "completed")
+    found = map_starts(LQR, scenario, angles, rates, Deployed(), in_process)
+    assert {run.outcome for run in found} == {"completed", "fell"}
+    assert [run.draw for run in found] == list(range(11))
+    for run in found[:-1]:
+        row, column = divmod(run.draw, 5)
+        start = (0.0, angles[column], 0.0, rates[row])
+        alone = afl.simulate_mujoco(replace(scenario, initial_state=start), LQR)
+        assert (alone.outcome.kind, alone.outcome.time) == (run.outcome, run.time)
+    assert replace(found[-1], draw=0) == run_all(LQR, [scenario])[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"samples": 0}, "samples must be at least 1, got 0"),
+        ({"seed": -1}, "seed must lie in 0 to 2**63 - 1, got -1"),
+        ({"controllers": []}, "controllers must be at least one, got 0"),
+        ({"controllers": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
+        ({"space": near_laboratory(control_period=1.5e-3), "deployed": Deployed("RK4", 1e-3)},
+         "timestep 0.001 s must divide control_period 0.0015 s"),
+        ({"controllers": [ADAPTIVE], "space": near_laboratory(half_length=(1e-3, 1.0))},
+         "switching of the gain function at M = 0.1 kg, l = 0.001 m must be positive, got -"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_cannot_be_run_is_refused_before_it_begins(changes, message: str) -> None:
+    asked = {"controllers": [LQR], "space": SPACE, "samples": 2, "seed": 1, "deployed": Deployed()}
+    with pytest.raises(AflMujocoError) as raised:
+        require_samples(**{**asked, **changes})
+    assert str(raised.value).startswith(message)
+
+
+# The search itself
+
+
+def test_it_finds_a_failure_region_planted_in_a_corner_of_thirty_dimensions() -> None:
+    planted = np.tile([0.9, 0.1], 15)
+
+    def cost(points):
+        return [float(np.linalg.norm(point - planted)) for point in points]
+
+    middle, budget = np.full(30, 0.5), Budget(generations=60, population=16)
+    best, tried = minimise(cost, middle, 0.3, search_generator(1), budget)
+    assert cost([best])[0] < 0.2 * cost([middle])[0]
+    assert tried == budget.points == 961
+    again, _ = minimise(cost, middle, 0.3, search_generator(1), budget)
+    other, _ = minimise(cost, middle, 0.3, search_generator(2), budget)
+    assert best.tobytes() == again.tobytes() != other.tobytes()
+
+
+def test_it_stays_in_the_cube_and_leaves_numpys_global_numbers_alone(capfd) -> None:
+    seen = []
+
+    def cost(points):
+        seen.extend(points)
+        return [-float(np.sum(point)) for point in points]
+
+    before = np.random.get_state()[1].tobytes()  # noqa: NPY002
+    best, _ = minimise(cost, np.full(5, 0.9), 0.3, search_generator(0), Budget(generations=40))
+    assert np.random.get_state()[1].tobytes() == before  # noqa: NPY002
+    assert (np.min(seen) >= 0.0) and (np.max(seen) <= 1.0)
+    assert best.min() > 0.99
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_start_that_nothing_beats_is_the_answer_and_one_number_can_be_searched() -> None:
+    start = np.full(4, 0.5)
+
+    def away(points):
+        return [float(np.linalg.norm(point - start)) for point in points]
+
+    best, _ = minimise(away, start, 0.2, search_generator(0), Budget(generations=3))
+    assert best.tobytes() == start.tobytes()
+
+    def least(points):
+        return [float(point[0]) for point in points]
+
+    for seed in range(4):
+        best, tried = minimise(
+            least, np.array([0.8]), 0.3, search_generator(seed), Budget(generations=20)
+        )
+        assert best.shape == (1,) and best[0] < 0.01 and tried > 20
+
+
+@pytest.mark.parametrize("changes", [{"generations": 0}, {"population": 3}], ids=str)
+def test_a_budget_of_nothing_is_refused(changes) -> None:
+    with pytest.raises(InvalidValueError, match=r"must be at least \d, got \d$"):
+        Budget(**changes)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.report.old import figures_of
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.report.old import figures_of
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies.estimation.loops import (
     ESTIMATED,

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from afl_mujoco.report.old import Cell, Facts, Finding, Section, Table, Tally
 from afl_mujoco.report.markdown import to_markdown
+from afl_mujoco.report.old import Cell, Facts, Finding, Section, Table, Tally
 from afl_mujoco.simulation.judgement import JudgedRun, Judgement
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.result import Result, verdict_of

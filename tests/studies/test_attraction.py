@@ -1,0 +1,142 @@
+"""The map of a scenario: each point is a run of the scenario from there, judged as any other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.report.terminal import to_text
+from afl_mujoco.scenario.files import save_scenario
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.simulation.judgement import judge
+from afl_mujoco.studies.attraction import (
+    FAILED,
+    FALLEN,
+    GOOD,
+    MISSED,
+    UNSETTLED,
+    Options,
+    Request,
+    prepare,
+    report,
+    run,
+)
+from tests.program import interrupt
+
+RIG = afl.Scenario(
+    name="rig",
+    cart_mass=afl.staircase([1.0], [8.0, 10.0]),
+    half_length=afl.constant(1.5),
+    pole_mass=0.2,
+    duration=5.0,
+    initial_state=(0.1, 0.2, 0.0, 0.0),
+    disturbances=(afl.ForcePulse(force=20.0, start=2.0, duration=0.1),),
+    imperfections=Imperfections(control_period=0.01, delay=0.004, force_limit=150.0),
+    requirements=Requirements(max_position=1.0),
+)
+PLAIN = replace(RIG, requirements=Requirements(), duration=12.0)
+LQR = afl.CONTROLLERS["lqr"]
+
+
+def mapped(scenario, *controllers, angle=0.8, rate=2.0, count=5, **how):
+    axes = (np.linspace(-most, most, count) for most in (angle, rate))
+    return run(Request(scenario, controllers or (LQR,), *axes), **how)
+
+
+@pytest.mark.parametrize("scenario", [RIG, PLAIN], ids=["rig", "plain"])
+def test_every_point_is_a_run_from_there(scenario) -> None:
+    result = mapped(scenario, count=4)
+    kinds = result.kinds("lqr")
+    for (row, column), kind in np.ndenumerate(kinds):
+        start = (0.1, result.angles[column], 0.0, result.rates[row])
+        started = replace(scenario, initial_state=start)
+        alone = afl.simulate_mujoco(started, LQR)
+        if alone.outcome.kind != "completed":
+            expected = FALLEN
+        elif scenario is RIG:
+            expected = GOOD if all(one.met for one in judge(started, alone)) else MISSED
+        else:
+            last = np.abs(alone.state[alone.time >= 11.0])
+            rests = (last[:, 0] <= 0.05).all() and (last[:, 1] <= 0.02).all()
+            expected = GOOD if rests else UNSETTLED
+        assert kind == expected, (row, column)
+    assert len(np.unique(kinds)) > 1
+
+
+@pytest.mark.slow
+def test_the_rows_do_not_depend_on_the_workers() -> None:
+    one, two = (mapped(RIG, LQR, afl.CONTROLLERS["adaptive"], workers=n) for n in (1, 2))
+    assert one.rows == two.rows and len(one.rows) == 2 * 26
+
+
+def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> None:
+    result = mapped(RIG, angle=1.5, rate=4.0, count=2)
+    assert (result.kinds("lqr") != GOOD).all() and not result.runs("lqr")[-1].failure
+    shown = report(result)
+    assert "✓ passes" in to_text(shown.blocks)
+    assert shown.headline == (
+        "rig: of 4 starts, |φ₀| up to 1.5 rad and |φ₀′| up to 4 rad/s, copes with lqr 0 %."
+    )
+    cross = shown.blocks[0].draw().axes[0].lines[0]
+    assert (cross.get_xdata()[0], cross.get_ydata()[0]) == (0.2, 0.0)
+
+
+def test_a_controller_that_fails_from_some_starts_fails_there_only() -> None:
+    def fragile(time, state, belief):
+        if abs(state[1]) > 0.6:
+            raise RuntimeError("far")
+        return 0.0
+
+    own = PythonController(name="fragile", function=fragile)
+    kinds = mapped(replace(RIG, duration=0.3, disturbances=()), own).kinds("fragile")
+    assert (kinds[:, [0, -1]] == FAILED).all() and (kinds[2, 1:-1] == GOOD).all()
+
+
+def test_where_nothing_is_asked_for_a_fall_is_a_fall() -> None:
+    careless = replace(PLAIN, requirements=Requirements(completes=False), duration=3.0)
+    kinds = mapped(careless, angle=1.5, rate=4.0, count=3).kinds("lqr")
+    assert kinds[2, 2] == FALLEN and kinds[1, 1] != FALLEN
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"max_angle": 1.6}, "max_angle must be below 1.5698 rad, where a pole has fallen"),
+        ({"max_rate": 0.0}, "max_rate must be "),
+        ({"grid": 1}, "grid must be at least 2, got 1"),
+        ({"controllers": ("lqr", "lqr")}, "controller names must differ, got 'lqr' twice"),
+        ({"integrator": "RK5"}, "integrator must be one of "),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_mapped_is_refused(settings, message: str) -> None:
+    with pytest.raises(AflMujocoError) as raised:
+        prepare(Options(scenario="nominal", **settings))
+    assert str(raised.value).startswith(message)
+
+
+def test_the_command_writes_rows_and_a_map(tmp_path: Path, command_line) -> None:
+    save_scenario(replace(RIG, duration=3.0), tmp_path / "rig.toml")
+    code, output, errors = command_line(
+        "attraction", "rig.toml", "--controllers", "lqr", "--grid", "3", "--out", "out"
+    )
+    assert (code, errors) == (0, "")
+    assert "How the runs end, in % of 9 starts" in output
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    suffixes = ("json", "npz", "md", "svg", "png")
+    assert written == {"report.html", *(f"attraction.{x}" for x in suffixes)}
+
+
+@pytest.mark.slow
+def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:
+    out = tmp_path / "out"  # it is made when everything is imported and checked
+    words = ("attraction", "--grid", "201", "--out", "out")
+    interrupt(*words, cwd=tmp_path, once=out.exists, after=3.0)
+    assert list(out.iterdir()) == []

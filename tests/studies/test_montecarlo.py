@@ -1,0 +1,324 @@
+"""Monte Carlo: rates, every failure replayed from its file, controllers that break down."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import beta, binom
+
+import afl_mujoco as afl
+from afl_mujoco.control.own.loading import load_python_controller
+from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.errors import FileError
+from afl_mujoco.report.terminal import to_text
+from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
+from afl_mujoco.studies import montecarlo
+from afl_mujoco.studies.montecarlo import (
+    FOLDER,
+    Request,
+    Result,
+    p_value,
+    rate,
+    report,
+    require_files,
+    run,
+    separating,
+    write_files,
+)
+from afl_mujoco.studies.robustness import HARDEST, worst_scenario
+from afl_mujoco.studies.run import run_all
+from tests.program import interrupt
+from tests.program import run as program
+
+LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
+HEAVY = afl.Scenario(
+    name="heavy",
+    pole_mass=0.2,
+    duration=4.0,
+    initial_state=(0.0, 0.2, 0.0, 0.0),
+    cart_mass=afl.constant(8.0),
+    half_length=afl.constant(1.5),
+    imperfections=Imperfections(control_period=0.01, delay=0.004),
+    requirements=Requirements(max_position=0.5, max_force=150.0),
+    ranges=Ranges(varied={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)}, cart_mass_rate=4.0),
+)
+SPACE = SampleSpace(HEAVY)
+
+
+def asked(*controllers, samples=20, space=SPACE, **more) -> Request:
+    used = controllers or (LQR,)
+    return Request(space, used, [one.name for one in used], samples=samples, **more)
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Result:
+    return run(asked(LQR, ADAPTIVE))
+
+
+def written(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy: Result) -> None:
+    runs = heavy.runs["lqr"]
+    for i, one in enumerate(runs):
+        alone = afl.simulate_mujoco(sample_scenario(SPACE, i, 1), LQR)
+        far, hard = np.abs(alone.state[:, 0]).max(), alone.metrics["max_force"]
+        missed = ["max_position"] * bool(far > 0.5) + ["max_force"] * bool(hard > 150.0)
+        assert [m.requirement for m in one.missed] == missed
+        assert bool(one.failure) == bool(missed) == (one.severity(4.0) > 1.0)
+        assert one.margin == pytest.approx(min(1.0 - far / 0.5, 1.0 - hard / 150.0))
+    passed = sum(not one.failure for one in runs)
+    assert 0 < passed < 20
+    share, low, high = heavy.rates["lqr"]["passes"]
+    assert share == passed / 20
+    assert low == pytest.approx(beta.ppf(0.025, passed, 21 - passed))
+    assert high == pytest.approx(beta.ppf(0.975, passed + 1, 20 - passed))
+    text = to_text(report(heavy).blocks)
+    assert (
+        "misses “|z| at most”" in text
+        and f"lqr passes {100 * share:.3g} %" in report(heavy).headline
+    )
+    assert rate([run.settled for run in runs]) == heavy.rates["lqr"]["settles"]
+
+
+def test_the_paired_test_is_of_the_samples_on_which_two_controllers_differ() -> None:
+    both, only, other = [(True, True)] * 30, [(True, False)] * 7, [(False, True)]
+    first, second = zip(*both, *only, *other, strict=True)
+    assert p_value(first, second) == pytest.approx(2.0 * binom.cdf(1, 8, 0.5))
+    assert p_value(first, first) == 1.0
+
+
+def test_every_failure_replays_from_its_file_to_the_same_bits(heavy: Result, tmp_path) -> None:
+    assert write_files(heavy, tmp_path) == [tmp_path / FOLDER]
+    failures = [one for runs in heavy.runs.values() for one in runs if one.failure]
+    assert len(written(tmp_path)) == len(failures) > 2
+    for one in failures:
+        file = tmp_path / montecarlo.file_of(one.controller, one)
+        assert load_scenario(file) == sample_scenario(SPACE, one.draw, 1)
+        (again,) = run_all(afl.CONTROLLERS[one.controller], [load_scenario(file)])
+        assert replace(again, draw=one.draw) == one
+        assert find_replay(str(file)) == Replay(controller=one.controller, integrator="RK4")
+
+
+def test_a_study_finds_the_coordinate_that_decides() -> None:
+    wide = replace(HEAVY, ranges=Ranges(varied={"phi": (0.0, 0.6), "delay": (0.0, 0.002)}))
+    found = run(asked(samples=40, space=SampleSpace(wide)))
+    assert next(iter(separating(found))) == "phi"
+    names = [block.name for block in report(found).blocks if hasattr(block, "draw")]
+    assert names == ["montecarlo-rates", "montecarlo-margins", "montecarlo-failures"]
+
+
+# Controllers that break down
+
+
+def not_a_number(t, state, belief):
+    return math.nan
+
+
+def hangs(t, state, belief):
+    while True:
+        pass
+
+
+def raises(t, state, belief):
+    if t > 0.1 and state[1] > 0.0:
+        raise RuntimeError("no idea")
+    return ADAPTIVE.force(state, belief)
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (raises, "raised RuntimeError at t = "),
+        (lambda t, x, b: np.zeros(2), "must return one number at t = 0 s, got an array of shape"),
+        (hangs, "must answer within 0.05 s (--call-limit), but did not at t = 0 s"),
+    ],
+    ids=["raises", "wrong shape", "hangs"],
+)
+def test_a_controller_that_breaks_down_fails_its_runs_and_says_how(function, message) -> None:
+    limit = 5.0 if function is raises else 0.05
+    own = PythonController(
+        name="broken", function=function, call_limit=limit, first_call_limit=limit
+    )
+    found = run(asked(own, LQR, samples=4))
+    failed = [one for one in found.runs["broken"] if one.failure == CONTROLLER_FAILED]
+    assert len(failed) == 4 or (failed and function is raises)
+    assert all(one.message.startswith(message) for one in failed)
+    assert message in " ".join(to_text(report(found).blocks).split())
+
+
+def test_a_controller_without_a_force_ends_the_run_as_a_failure() -> None:
+    own = PythonController(name="nan", function=not_a_number)
+    assert {one.failure for one in run(asked(own, samples=3)).runs["nan"]} == {"diverged"}
+
+
+@pytest.mark.slow
+def test_a_controller_of_a_users_module_goes_to_the_workers(tmp_path, monkeypatch) -> None:
+    (tmp_path / "mine_for_montecarlo.py").write_text(
+        "def controller(t, state, belief):\n    return 1 / 0\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    own = load_python_controller("mine_for_montecarlo:controller")
+    try:
+        runs = run(asked(own, samples=2), workers=2).runs[own.name]
+    finally:
+        sys.modules.pop("mine_for_montecarlo")
+    assert [one.outcome for one in runs] == [CONTROLLER_FAILED] * 2
+    assert runs[0].message.startswith("raised ZeroDivisionError at t = 0 s")
+
+
+# The folder of the scenario files
+
+
+def failing(heavy: Result, *numbers: int, **more) -> Result:
+    """A result in which just these samples of lqr failed."""
+    fell = next(one for one in heavy.rows if one.failure)
+    good = next(one for one in heavy.rows if not one.failure)
+    rows = [replace(fell if i in numbers else good, controller="lqr", draw=i) for i in range(150)]
+    made = {"rows": tuple(rows), "asked": {"lqr": "lqr"}, "worst_cases": ()}
+    return replace(heavy, **{**made, **more})
+
+
+def test_files_are_by_number_of_this_study_alone_and_no_more_than_asked_for(
+    heavy: Result, tmp_path
+) -> None:
+    write_files(failing(heavy, 3, 123, asked={"lqr": "mine:lqr"}), tmp_path)
+    names = {"montecarlo/lqr/failure-0003.toml", "montecarlo/lqr/failure-0123.toml"}
+    assert written(tmp_path) == names
+    assert find_replay(str(tmp_path / min(names))).controller == "mine:lqr"
+    write_files(failing(heavy, 3, 4, 5, keep=2), tmp_path)
+    assert written(tmp_path) == {f"montecarlo/lqr/failure-000{i}.toml" for i in (3, 4)}
+    write_files(failing(heavy, 3, keep=0), tmp_path)
+    assert written(tmp_path) == set()
+    assert [path.name for path in tmp_path.iterdir()] == [FOLDER]
+
+
+def test_what_a_search_found_is_a_file_too(heavy: Result, tmp_path) -> None:
+    found = montecarlo.Found(
+        controller="lqr", question=HARDEST, run=(replace(heavy.rows[0], draw=9),), distance=0.1,
+        point=tuple(sample_point(SPACE, 9, 1).tolist()), tried=1, file="montecarlo/lqr/hardest.toml",
+    )  # fmt: skip
+    write_files(failing(heavy, worst_cases=(found,)), tmp_path)
+    assert written(tmp_path) == {found.file}
+    expected = replace(sample_scenario(SPACE, 9, 1), name="heavy-1-0009-hardest")
+    assert load_scenario(tmp_path / found.file) == worst_scenario(SPACE, found.worst, 1) == expected
+
+
+@pytest.mark.parametrize(
+    "name", ["notes.txt", "lqr/notes.txt", "lqr/failure-1.toml", "lqr/deep/failure-0001.toml"]
+)
+def test_a_file_of_somebody_elses_is_not_lost(heavy: Result, tmp_path, name: str) -> None:
+    write_files(failing(heavy, 3), tmp_path)
+    theirs = tmp_path / FOLDER / name
+    theirs.parent.mkdir(parents=True, exist_ok=True)
+    theirs.write_text("mine")
+    for deed in (lambda: write_files(failing(heavy, 5), tmp_path), lambda: require_files(tmp_path)):
+        with pytest.raises(FileError, match="was not written by this study, which replaces its"):
+            deed()
+    assert theirs.read_text() == "mine"
+    assert "montecarlo/lqr/failure-0003.toml" in written(tmp_path)
+
+
+@pytest.mark.parametrize("when", ["writing", "moving"])
+def test_a_write_that_is_broken_off_leaves_what_was_there(
+    heavy: Result, tmp_path, monkeypatch, when: str
+) -> None:
+    write_files(failing(heavy, 3), tmp_path)
+    calls, save, rename = [], montecarlo.save_scenario, Path.rename
+
+    def interrupted(deed):
+        def act(*arguments, **options):
+            calls.append(arguments)
+            if len(calls) == 2:
+                raise KeyboardInterrupt
+            return deed(*arguments, **options)
+
+        return act
+
+    if when == "writing":
+        monkeypatch.setattr(montecarlo, "save_scenario", interrupted(save))
+    else:
+        monkeypatch.setattr(Path, "rename", interrupted(rename))
+    with pytest.raises(KeyboardInterrupt):
+        write_files(failing(heavy, 5, 6), tmp_path)
+    assert written(tmp_path) == {"montecarlo/lqr/failure-0003.toml"}
+    assert [path.name for path in tmp_path.iterdir()] == [FOLDER]
+
+
+# The command line
+
+
+@pytest.mark.slow
+def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: Path) -> None:
+    words = ("--samples", "16", "--integrator", "Euler", "--generations", "1", "--out")
+    result = program("montecarlo", *words, "out", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    content = json.loads((tmp_path / "out" / "montecarlo.json").read_text())
+    assert content["command"] == (
+        "afl-mujoco montecarlo --samples 16 --generations 1 --integrator Euler"
+    )
+    failures = [row for row in content["rows"] if row["failure"]]
+    files = {f"montecarlo/{r['controller']}/failure-{r['draw']:04d}.toml" for r in failures}
+    files |= {one["file"] for one in content["worst_cases"]}
+    assert written(tmp_path / "out") == {
+        *content["files"],
+        *files,
+        "montecarlo.json",
+        "report.html",
+    }
+    assert {"montecarlo.md", "montecarlo-rates.svg"} <= {*content["files"]}
+    again = program("montecarlo", *words, "one", "--workers", "1", cwd=tmp_path)
+    assert again.returncode == 0
+    for two in (tmp_path / "out").rglob("*"):
+        if two.is_file() and two.suffix != ".html":  # the page names its folder
+            one = tmp_path / "one" / two.relative_to(tmp_path / "out")
+            assert one.read_bytes() == two.read_bytes(), two
+    (printed, *_) = [x for x in result.stdout.splitlines() if x.startswith("afl-mujoco simulate")]
+    shown = program(*shlex.split(printed)[1:], "--out", "../shown", cwd=tmp_path / "out")
+    assert shown.returncode == 1, shown.stderr  # it falls again
+    (file,) = (tmp_path / "shown").glob("*.npz")
+    outcome = afl.Trajectory.load(file).outcome
+    assert (outcome.kind, outcome.time) == (failures[0]["outcome"], failures[0]["time"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_ctrl_c_is_one_line_exit_130_and_nothing_written(tmp_path: Path, workers: str) -> None:
+    out = tmp_path / "out"
+    command = ("montecarlo", "--workers", workers, "--out", "out")
+    interrupt(*command, cwd=tmp_path, once=out.exists, after=2.0)
+    assert list(out.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_scenario_of_ones_own_is_drawn_from_and_its_hardest_sample_filmed(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(
+        "duration = 1.0\ninitial_state = [0, 0.2, 0, 0]\nrequirements.max_position = 0.6\n"
+        "[ranges]\ncart_mass = [0.5, 2.0]\nchanges = 4\ncart_mass_rate = 8.0\n"
+    )
+    result = program(
+        "montecarlo", "own.toml", "--controllers", "lqr", "--samples", "4", "--generations", "1",
+        "--film", "--out", "out", cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    hardest = json.loads((tmp_path / "out" / "montecarlo.json").read_text())["worst_cases"][0]
+    films = json.loads((tmp_path / "out" / "films.json").read_text())["films"]
+    assert [film["controllers"] for film in films] == [["lqr"]]
+    assert (tmp_path / "out" / films[0]["file"]).stat().st_size > 10_000
+    assert "Films" in (tmp_path / "out" / "report.html").read_text()
+    scenario = afl.load_scenario(tmp_path / "out" / hardest["file"])
+    assert films[0]["scenario"] == scenario.name
+    assert len(scenario.cart_mass.times) >= 5

@@ -1,0 +1,152 @@
+"""One row a run: how it is judged, how bad it was, what a file keeps of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.files import as_plain, parse_json
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
+from afl_mujoco.simulation.trajectory import FALL_ANGLE
+from afl_mujoco.studies.attraction import Result as Map
+from afl_mujoco.studies.run import METRICS, Deployed, Run, run_all, run_kept, run_of
+from afl_mujoco.studies.tables import how, passes, requirements_matrix
+
+LQR = afl.CONTROLLERS["lqr"]
+NEAR = afl.Scenario(name="near", duration=3.0, initial_state=(0.0, 0.2, 0.0, 0.0))
+UNDONE = Judgement(requirement="completes", limit=20.0, value=15.0, margin=-0.25)
+
+
+def made(outcome: str = "completed", time: float = 20.0, **values) -> Run:
+    """A run made by hand; one that ended early did not complete."""
+    early = outcome not in ("completed", CONTROLLER_FAILED)
+    given = {"peak_phi": 0.1, "iae_phi": 0.1} | values.pop("metrics", {})
+    missed = [one for one in values.get("requirements", ()) if not one.met]
+    return Run(
+        scenario="case", controller="lqr", outcome=outcome, settled=True, time=time,
+        failure=outcome if outcome != "completed" else missed[0].requirement if missed else "",
+        metrics=dict.fromkeys(METRICS) | given,
+        **{"requirements": (UNDONE,) * early} | values,
+    )  # fmt: skip
+
+
+def limited(*margins: float, **values) -> Run:
+    names = ("max_position", "max_force")
+    found = tuple(
+        Judgement(requirement=name, limit=2.0, value=2.0 - 2.0 * x, margin=x)
+        for name, x in zip(names, margins, strict=False)
+    )
+    return made(requirements=found, **values)
+
+
+def test_severity_ranks_failures_before_survivors_and_early_falls_first() -> None:
+    order = [
+        made(),
+        made(metrics={"peak_phi": 1.5, "iae_phi": 20.0}),
+        made("fell", 19.0),
+        made("diverged", 0.5),
+        made(CONTROLLER_FAILED),
+    ]
+    severities = [run.severity(20.0) for run in order]
+    assert severities == sorted(set(severities))
+    assert severities[1] < 1.0 < severities[2]
+
+
+def test_severity_is_what_its_words_say() -> None:
+    survivor = made(metrics={"peak_phi": 1.2, "iae_phi": 8.0})
+    assert survivor.severity(20.0) == pytest.approx(0.5 * (1.2 + 0.4) / FALL_ANGLE)
+    assert made("fell", 15.0).severity(20.0) == pytest.approx(2.25)
+    order = [limited(0.75, 0.5), limited(0.25, 0.75), limited(0.0), limited(0.75, -0.05),
+             limited(-5.0, 0.5), made("fell", 19.0), made("fell", 1.0)]  # fmt: skip
+    severities = [run.severity(20.0) for run in order]
+    assert severities == sorted(severities)
+    assert severities[:3] == pytest.approx([0.5, 0.75, 1.0])
+    assert [bool(run.failure) for run in order] == [False] * 3 + [True] * 4
+
+
+def test_a_row_is_of_the_run_of_the_simulator() -> None:
+    late = Imperfections(delay=0.004)
+    peak = np.abs(afl.simulate_mujoco(replace(NEAR, imperfections=late), LQR).state[:, 0]).max()
+    rail = replace(late, rail_half_length=0.999 * float(peak))
+    scenarios = [
+        NEAR,
+        replace(NEAR, imperfections=rail),
+        replace(NEAR, initial_state=(0.0, 1.5, 0.0, 0.0)),
+    ]
+    for scenario, run in zip(scenarios, run_all(LQR, scenarios), strict=True):
+        alone = afl.simulate_mujoco(scenario, LQR)
+        other = run_of(scenario, LQR, alone)
+        assert (run.outcome, run.failure, run.settled) == (
+            other.outcome, other.failure, other.settled,
+        )  # fmt: skip
+        assert run.metrics["peak_z"] == np.abs(alone.state[:, 0]).max()
+        assert run.metrics["settling_time"] == other.metrics["settling_time"]
+        if run.outcome == "completed":
+            for name in ("iae_z", "iae_phi"):
+                assert run.metrics[name] == pytest.approx(other.metrics[name], rel=1e-3)
+        else:  # a part of the horizon is no integral
+            assert run.metrics["iae_z"] is other.metrics["iae_z"] is None
+    hit = run_all(LQR, scenarios)[1]
+    assert hit.failure == "end_stops"
+    far = np.abs(afl.simulate_mujoco(scenarios[1], LQR).state[:, 0]) >= rail.rail_half_length
+    assert hit.time == pytest.approx(1e-3 * np.flatnonzero(far)[0])
+
+
+def test_a_controller_that_computes_no_force_fails_its_own_run_alone() -> None:
+    def fragile(time, state, belief):
+        if abs(state[1]) > 0.5:
+            raise RuntimeError("far")
+        return LQR.force(state, belief)
+
+    own = PythonController(name="fragile", function=fragile)
+    leaning = replace(NEAR, initial_state=(0.0, 0.7, 0.0, 0.0))
+    good, bad = run_all(own, [NEAR, leaning])
+    assert (good.failure, bad.failure) == ("", CONTROLLER_FAILED)
+    assert bad.message == "raised RuntimeError at t = 0 s: far"
+    assert (bad.time, bad.settled, {*bad.metrics.values()}) == (None, False, {None})
+    assert bad.missed and how(bad.failure) == "controller fails"
+
+
+def test_kept_runs_have_their_trajectories() -> None:
+    (found,) = run_kept(LQR, [NEAR], Deployed("Euler"))
+    run, trajectory = found
+    alone = afl.simulate_mujoco(NEAR, LQR, integrator="Euler")
+    np.testing.assert_array_equal(trajectory.state, alone.state)
+    assert run == run_all(LQR, [NEAR], Deployed("Euler"))[0]
+
+
+def test_rows_come_back_from_their_file_and_what_is_no_row_is_refused() -> None:
+    asked = afl.Requirements(max_position=0.3, settling_time=2.9)
+    runs = run_all(LQR, [replace(NEAR, requirements=asked), NEAR])
+    axis = np.array([0.0])
+    result = Map(
+        scenario=NEAR, controllers=("lqr",), integrator="RK4", timestep=None, angles=axis,
+        rates=axis, rows=tuple(runs),
+    )  # fmt: skip
+    data = as_plain(result, arrays := {})
+    assert data["rows"][0] | {"requirements": []} == runs[0].row | {"requirements": []}
+    assert {"requirement", "value", "limit", "margin", "met"} <= {
+        *data["rows"][0]["requirements"][1]
+    }
+    again = parse_json(json.dumps(data), Map, arrays)
+    assert again.rows == tuple(runs)
+    for rows, rule in (({}, "must be a list of objects"), ([{"scenario": 3}], "rows")):
+        with pytest.raises(ValueError, match=rule):
+            parse_json(json.dumps(data | {"rows": rows}), Map, arrays)
+
+
+def test_the_matrix_counts_draws_and_shows_margins() -> None:
+    good, bad = limited(0.5, 0.25), limited(-0.1, 0.25)
+    found = requirements_matrix(NEAR, {"a": [good, bad], "b": [good, good]}, {})
+    cells = {row[0].text: row[1:] for row in found.cells}
+    first, second = cells["|z| at most 2 m"]
+    assert (first.text, first.status) == ("1.6 (20 %) 1 of 2", "neutral")
+    assert (second.text, second.status) == ("1 (50 %)", "good")
+    assert passes([good, bad]) == "passes 1 of 2, else misses “|z| at most”"
+    assert passes([good]) == "passes"

@@ -1,0 +1,436 @@
+"""The sweeps against runs made another way: peaks, single simulations, controllers made to fail."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.cli.main import main
+from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.errors import AflMujocoError, UnknownNameError
+from afl_mujoco.report.terminal import to_text
+from afl_mujoco.scenario.belief import ERRORS
+from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
+from afl_mujoco.studies import robustness
+from afl_mujoco.studies.bisection import BRACKETED, LOWER, Threshold
+from afl_mujoco.studies.robustness import (
+    COMBINED,
+    KNOWN,
+    RAIL,
+    Settings,
+    SweepUnit,
+    added,
+    combined,
+    find_imperfection,
+    hardware_at,
+    on_hardware,
+    referred,
+    run_bare,
+    seeds,
+    sweep,
+    times_reference,
+)
+from afl_mujoco.studies.run import run_all
+from afl_mujoco.studies.thresholds import Options, Request, prepare, report, run
+from tests.program import interrupt
+
+CASE = replace(afl.SCENARIOS["step-step"], duration=8.0)
+CASES = (CASE,)
+CALM = replace(CASE, duration=2.0, initial_state=(0.0, 0.1, 0.0, 0.0))
+SETTINGS = Settings(seeds=2, scan=5, tolerance=0.05)
+LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
+OWN = replace(
+    CASE,
+    duration=6.0,
+    imperfections=Imperfections(control_period=0.005, delay=0.002, noise_phi=1e-4, seed=7),
+    requirements=afl.Requirements(max_position=3.0, settling_time=5.5),
+)
+NAMES = [one.name for one in IMPERFECTIONS]
+PUBLISHED = Path(__file__).parents[2] / "docs" / "results" / "thresholds.json"
+
+
+def simulated(controller, **options: float) -> afl.Trajectory:
+    return afl.simulate_mujoco(replace(CASE, imperfections=Imperfections(**options)), controller)
+
+
+def swept(name: str, controller=LQR, scenarios=CASES, settings=SETTINGS):
+    return sweep(SweepUnit(name, controller, scenarios, settings))
+
+
+# What a level is
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_imperfection_sets_its_fields_at_levels_within_its_range(name: str) -> None:
+    one = KNOWN[name]
+    found = hardware_at(one, one.reference)
+    assert found.keys() == {*one.fields, *one.switches, "seed"}
+    for field, factor in one.fields.items():
+        assert found[field] == pytest.approx(factor * one.reference)
+    low, high = sorted((one.benign, one.harsh))
+    assert low < one.reference < high
+    assert one.less_is_worse == (name in ("force-limit", "slew-rate", "rail"))
+    for level in (one.benign, one.harsh):
+        afl.SCENARIOS["nominal"].changed(**hardware_at(one, level))
+    thousandth = one.unit.startswith("g") or (one.unit[0] == "m" and one.unit[1:2].isalpha())
+    assert one.scale == (1e2 if one.unit == "%" else 1e3 if thousandth else 1.0)
+
+
+def test_every_departure_that_a_scenario_can_have_is_an_imperfection() -> None:
+    set_ = {field for one in IMPERFECTIONS for field in (*one.fields, *one.switches)}
+    there = {*(field.name for field in fields(Imperfections)), *ERRORS}
+    # a filter that does harm only with others, and a friction that is seen where it is identified
+    # and what is assumed of m and g
+    known = {"seed", "velocity_filter", "hinge_friction", "pole_mass_error", "gravity_error"}
+    assert set_ == there - known
+
+
+def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_as_bad() -> None:
+    real = hardware_at(COMBINED, 1.0, seed=3)
+    left_out = {one.name for one in IMPERFECTIONS} - {one.name for one in added()}
+    assert left_out == {"mass-under", "length-under"}  # which contradict mass-over, length-over
+    for one in added():
+        if one.name != RAIL:
+            for field, factor in one.fields.items():
+                assert real[field] == pytest.approx(factor * one.reference)
+    assert real["seed"] == 3 and "rail_half_length" not in real
+    double = hardware_at(COMBINED, 2.0)
+    for field in ("delay", "noise_phi", "rail_friction", "cart_mass_error", "control_period"):
+        assert double[field] == pytest.approx(2.0 * real[field])
+    for field in ("force_limit", "slew_rate"):
+        assert double[field] == pytest.approx(0.5 * real[field])
+    worst = combined(1e6, IMPERFECTIONS)
+    assert worst["tip_mass_share"] == KNOWN["tip-mass"].harsh
+    assert worst["force_limit"] == KNOWN["force-limit"].harsh
+
+
+def test_the_published_thresholds_are_of_these_levels_and_units() -> None:
+    published = json.loads(PUBLISHED.read_text(encoding="utf-8"))["imperfections"]
+    for one in published:
+        here = asdict(KNOWN[one["name"]])
+        assert one == json.loads(json.dumps({key: here[key] for key in one})), one["name"]
+
+
+def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
+    hardware = [{"delay": 0.009, "seed": s} for s in (0, 1)]
+    found = [scenario.imperfections for scenario in on_hardware((OWN,), hardware)]
+    assert found == [replace(OWN.imperfections, delay=0.009, seed=7 + s) for s in (0, 1)]
+    assert len(seeds(False, (OWN,), SETTINGS)) == SETTINGS.seeds  # the scenario is noisy itself
+    assert len(seeds(False, CASES, SETTINGS)) == 1
+
+
+@pytest.mark.parametrize(
+    ("own", "put", "found"),
+    [
+        ({"delay": 0.02}, {"delay": 0.002}, {"delay": 0.02}),
+        ({"force_limit": 60.0}, {"force_limit": 1000.0}, {"force_limit": 60.0}),
+        ({"force_limit": 60.0}, {"force_limit": 50.0}, {"force_limit": 50.0}),
+        ({}, {"force_limit": 50.0}, {"force_limit": 50.0}),
+        ({"control_period": 0.02}, {"control_period": 0.001}, {"control_period": 0.02}),
+        ({"differentiated": True}, {"noise_phi": 0.1}, {"differentiated": True, "noise_phi": 0.1}),
+    ],
+    ids=str,
+)
+def test_nothing_gets_milder_than_it_is_in_the_scenario(own, put, found) -> None:
+    scenario = replace(CASE, imperfections=Imperfections(**own))
+    (on_top,) = on_hardware((scenario,), [put])
+    assert on_top.imperfections == Imperfections(**found)
+
+
+@pytest.mark.parametrize(("level", "found"), [(0.01, -0.29), (0.5, 0.2), (-0.1, -0.4)])
+def test_an_error_of_the_belief_is_added_to_that_of_the_file(level: float, found: float) -> None:
+    scenario = replace(CASE, belief={"cart_mass": {"error": -0.3}})
+    (on_top,) = on_hardware((scenario,), [{"cart_mass_error": level}])
+    assert on_top.belief.cart_mass.error == pytest.approx(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "own", "reference"),
+    [
+        ("delay", {}, 0.002),
+        ("delay", {"delay": 0.001}, 0.002),
+        ("delay", {"delay": 0.04}, 0.04),
+        ("force-limit", {"force_limit": 60.0}, 50.0),
+        ("force-limit", {"force_limit": 20.0}, 20.0),
+        ("combined", {"delay": 0.04}, 1.0),
+    ],
+)
+def test_the_reference_is_no_milder_than_the_scenario(name, own, reference) -> None:
+    scenario = replace(CASE, imperfections=Imperfections(**own))
+    assert referred(find_imperfection(name), (scenario,)).reference == reference
+
+
+def test_ten_times_is_ten_times_whatever_the_rounding() -> None:
+    assert times_reference(KNOWN["rail-damping"], 49.99999999999997) == 10.0
+
+
+# What a sweep finds
+
+
+@pytest.mark.parametrize("name", ["delay", "force-limit"])
+def test_what_is_not_survived_is_not_settled(name, monkeypatch) -> None:
+    one = KNOWN[name]
+    edge = one.benign * 7.0 if name == "delay" else one.benign / 7.0
+    field = {"delay": "delay", "force-limit": "force_limit"}[name]
+    (template,) = run_all(LQR, [replace(CALM, duration=0.1)])
+
+    def ran(controller, scenarios, deployed):
+        level = getattr(scenarios[0].imperfections, field)
+        times = edge / level if one.less_is_worse else level / edge
+        fine = times < 1.0 and not 0.92 < times < 0.95  # a gap that a closer look sees
+        return [replace(template, settled=fine, failure="" if fine else "fell")]
+
+    monkeypatch.setattr(robustness, "run_all", ran)
+    found = swept(name)
+    assert found.settles == found.survives
+    times = found.survives.fails_at / edge
+    assert 0.92 < (1.0 / times if one.less_is_worse else times) < 0.95
+
+
+def test_every_level_is_run_with_every_seed_of_the_noise_and_every_scenario(monkeypatch) -> None:
+    asked = []
+
+    def ran(controller, scenarios, deployed):
+        asked.append([(s.name, s.imperfections.seed) for s in scenarios])
+        return run_all(controller, scenarios[:1], deployed)
+
+    monkeypatch.setattr(robustness, "run_all", ran)
+    short = tuple(replace(CALM, duration=0.2, name=name) for name in ("one", "two"))
+    swept("noise", scenarios=short, settings=replace(SETTINGS, scan=2, tolerance=1.0))
+    assert {tuple(names) for names in asked} == {
+        (("one", 0), ("two", 0), ("one", 1), ("two", 1)),
+    } or {tuple(sorted(names)) for names in asked} == {
+        (("one", 0), ("one", 1), ("two", 0), ("two", 1)),
+    }
+
+
+def test_what_a_controller_does_not_read_is_no_imperfection_for_it() -> None:
+    def deaf(time, state, belief):
+        return 1.1 * (3.3 * state[0] + 6.5 * state[2] - 64.0 * state[1] - 29.0 * state[3])
+
+    own = PythonController(name="deaf", function=deaf)
+    names = ("delay", "mass-over", "parameter-delay")
+    settings = replace(SETTINGS, scan=2, tolerance=1.0)
+    found = run(Request([LQR, own], (CALM,), settings, names))
+    assert found.sweep("delay", "deaf").applies and found.sweep("mass-over", "lqr").applies
+    for name in names[1:]:
+        assert not found.sweep(name, "deaf").applies
+    lines = to_text(report(found).blocks).splitlines()
+    (row,) = [line for line in lines if line.startswith("  M assumed too large")]
+    assert row.endswith(" –") and "> 3000" in row  # lqr, that reads it
+
+
+def test_where_a_scenario_has_requirements_they_decide() -> None:
+    wide = replace(OWN, requirements=afl.Requirements(max_position=50.0))
+    narrow = replace(OWN, requirements=afl.Requirements(max_position=0.5))
+    once = replace(SETTINGS, seeds=1)
+    failures = {
+        name: [one.failure for one in run_bare(SweepUnit("", LQR, (scenario,), once))]
+        for name, scenario in (("wide", wide), ("narrow", narrow))
+    }
+    assert failures == {"wide": [""], "narrow": ["max_position"]}
+    (steep,) = run_all(LQR, [replace(narrow, initial_state=(0.0, 1.5, 0.0, 0.0))])
+    assert steep.failure == "fell"
+    hard = replace(CALM, requirements=Requirements(max_angle=0.09, max_force=1.0))
+    assert run_all(ADAPTIVE, [hard])[0].failure == "max_force"  # the angle only by 11 %
+
+
+def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
+    """Neither one that misses a requirement without any imperfection, nor one that raises."""
+
+    def broken(time, state, belief):
+        raise ValueError("my own problem")
+
+    near = replace(CALM, duration=3.0, requirements=Requirements(max_force=3.0, max_angle=1.0))
+    controllers = [
+        LQR,
+        PythonController(name="mine", function=broken),
+        PythonController(name="weak", function=lambda time, x, belief: -4.0 * x[1]),
+    ]
+    settings = Settings(scan=3, tolerance=0.5, seeds=1)
+    found = run(Request(controllers, (near,), settings, ["delay"]))
+    assert found.controllers == [] and found.sweeps == ()
+    failures = {name: found.runs(places)[0].failure for name, places in found.bare.items()}
+    assert failures == {"lqr": "max_force", "mine": CONTROLLER_FAILED, "weak": "fell"}
+    text = report(found).headline + to_text(report(found).blocks)
+    assert "No controller survives step-step as it is." in text
+    assert "my own problem" in text and "misses “|F| exerted at most”" in text
+
+    mild = replace(near, requirements=Requirements(max_force=60.0))
+    found = run(Request(controllers, (mild,), settings, ["delay"]))
+    assert found.controllers == ["lqr"]
+    assert found.sweep("delay", "lqr").survives.fails_at is not None
+    text = to_text(report(found).blocks)
+    assert "weak falls" in text and "my own problem" in text
+
+
+@pytest.mark.slow
+def test_the_rail_must_be_as_long_as_the_ideal_run_needs() -> None:
+    found = swept("rail")
+    peak = np.abs(simulated(LQR).state[:, 0]).max()
+    assert found.survives.fails_at < peak <= found.survives.holds_at
+    assert found.survives.holds_at / found.survives.fails_at <= 1.05
+    assert found.failure[0].failure == "end_stops"
+    (reference,) = found.reference
+    assert reference.failure == "fell"  # after it hit the stop
+    hit = np.flatnonzero(np.abs(simulated(LQR).state[:, 0]) >= KNOWN["rail"].reference)[0] * 1e-3
+    assert reference.time > hit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "field"), [("delay", "delay"), ("force-limit", "force_limit")])
+def test_either_side_of_a_threshold_a_single_run_does_what_the_sweep_says(name, field) -> None:
+    found = swept(name, ADAPTIVE)
+    assert found.survives.bound == BRACKETED
+    assert simulated(ADAPTIVE, **{field: found.survives.holds_at}).outcome.kind == "completed"
+    beyond = simulated(ADAPTIVE, **{field: found.survives.fails_at}).outcome
+    (failed,) = found.failure
+    assert (beyond.kind, beyond.time) == (failed.failure, failed.time)
+
+
+@pytest.mark.slow
+def test_the_worst_of_the_scenarios_counts() -> None:
+    gentle = replace(CASE, name="gentle", initial_state=(0.0, -0.01, 0.0, 0.0))
+    alone, both = swept("force-limit"), swept("force-limit", scenarios=(gentle, CASE))
+    assert both.survives == alone.survives
+    assert [one.scenario for one in both.failure if one.failure] == ["step-step"]
+    easy = swept("force-limit", scenarios=(gentle,))
+    assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
+
+
+@pytest.mark.slow
+def test_the_largest_force_allowed_does_not_hide_the_least_force_limit() -> None:
+    limits = Imperfections(force_limit=100.0), afl.Requirements(max_force=100.0)
+    scenario = replace(CASE, imperfections=limits[0], requirements=limits[1])
+    found = swept("force-limit", scenarios=(scenario,)).survives
+    assert found.bound == BRACKETED
+    assert found.fails_at < found.holds_at <= 100.0
+
+
+@pytest.mark.slow
+def test_a_controller_that_computes_no_force_at_a_level_fails_there() -> None:
+    def broken(time, state, belief):
+        if belief.cart_mass > 2.0:
+            raise RuntimeError("too heavy")
+        return LQR.force(state, belief)
+
+    own = PythonController(name="broken", function=broken)
+    settings = replace(SETTINGS, scan=3, tolerance=0.5)
+    found = swept("mass-over", own, (replace(CASE, duration=2.0),), settings)
+    assert found.failure[0].failure == CONTROLLER_FAILED
+    assert found.survives.bound == BRACKETED
+    assert not any(one.failure for one in found.reference)
+    outside = swept("length-under", ADAPTIVE, settings=replace(SETTINGS, scan=9))  # of its gains
+    assert outside.survives.bound in (LOWER, BRACKETED)
+
+
+@pytest.mark.slow
+def test_the_numbers_do_not_depend_on_the_workers() -> None:
+    done: list[tuple] = []
+    settings = replace(SETTINGS, scan=3, tolerance=0.5)
+    asked = Request([LQR, ADAPTIVE], (replace(CASE, duration=2.0),), settings, ("delay", "noise"))
+    one = run(asked, progress=lambda *step: done.append(step))
+    assert one == run(asked, workers=2)
+    assert [step[1:] for step in done] == [(k, 4) for k in range(5)]
+    assert done[1][0] == "sweeping: lqr, transport delay"
+    assert one.sweep("noise", "adaptive").imperfection == "noise"
+
+
+# Bad input, the command line
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"seeds": 0}, "seeds must be at least 1, got 0"),
+        ({"scan": 1}, "scan must be at least 2, got 1"),
+        ({"tolerance": 0.0}, "tolerance must lie in 1e-4 to 1, got 0.0"),
+        ({"integrator": "RK5"}, "integrator must be one of "),
+        ({"scenarios": ("nominal", "nominal")}, "scenario names must differ, got 'nominal' twice"),
+        (
+            {"imperfections": ("delay", "delay")},
+            "imperfection names must differ, got 'delay' twice",
+        ),
+        ({"imperfections": ("x",)}, "imperfection must be one of control-period, delay, "),
+        ({"timestep": 30.0}, "timestep must be within the duration"),
+    ],
+)
+def test_an_option_that_breaks_its_rule_is_named(options, message: str) -> None:
+    with pytest.raises(AflMujocoError) as error:
+        prepare(Options(controllers=("lqr",), **options))
+    assert str(error.value).startswith(message)
+    assert isinstance(error.value, UnknownNameError) == ("one of" in message)
+
+
+def test_a_ctrl_c_writes_the_imperfections_that_are_whole_beside_an_older_result(
+    monkeypatch, tmp_path
+) -> None:
+    """And ends with 130; the second imperfection is interrupted between its two controllers."""
+    done = []
+
+    def counting(unit):
+        done.append(unit.name)
+        if len(done) == 4:
+            raise KeyboardInterrupt
+        return sweep(unit)
+
+    monkeypatch.setattr("afl_mujoco.studies.thresholds.sweep", counting)
+    (tmp_path / "calm.toml").write_text("duration = 1.0\ninitial_state = [0, 0.05, 0, 0]\n")
+    monkeypatch.chdir(tmp_path)
+    arguments = ["thresholds", "calm.toml", "--controllers", "lqr", "pole-placement", "--workers"]
+    arguments += ["1", "--imperfections", "delay", "noise", "--scan", "2", "--tolerance", "1"]
+    assert main([*arguments, "--seeds", "1", "--no-page", "--out", "out"]) == 130
+    assert [path.name for path in Path("out").iterdir()] == ["thresholds-partial.json"]
+    written = json.loads(Path("out/thresholds-partial.json").read_text())
+    assert written["partial"] == "3 of 4 sweeps; whole: delay"
+    assert [one["name"] for one in written["result"]["imperfections"]] == ["delay"]
+    assert len(written["result"]["sweeps"]) == 2
+
+
+CONTROLLER = "def push(time, state, belief):\n    return 20.0 * state[1] + 4.0 * state[3]\n"
+
+
+def test_the_command_writes_rows_a_figure_and_a_table(tmp_path: Path, command_line) -> None:
+    (tmp_path / "pushing.py").write_text(CONTROLLER)
+    (tmp_path / "short.toml").write_text(
+        'name = "short"\nduration = 0.5\ninitial_state = [0.0, 0.02, 0.0, 0.0]\n'
+    )
+    code, output, errors = command_line(
+        "thresholds", "short.toml", "--controllers", "lqr", "pushing:push", "--imperfections",
+        "force-limit", "rail", "--seeds", "1", "--scan", "3", "--tolerance", "0.5", "--out", "out",
+    )  # fmt: skip
+    assert (code, errors) == (0, "")
+    assert "Level at which each controller fails on short, found to 50 %" in output
+    content = json.loads((tmp_path / "out" / "thresholds.json").read_text())
+    assert [*content["bare"]] == ["lqr", "pushing.push"]
+    assert [r["name"] for r in content["imperfections"]] == ["force-limit", "rail"]
+    assert "--tolerance 0.5" in content["command"] and "--out" not in content["command"]
+    for one in content["sweeps"]:
+        for place in (*one["reference"], *one["failure"]):
+            assert content["rows"][place]["controller"] == one["controller"]
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {
+        "thresholds.svg", "thresholds.png", "thresholds.json", "thresholds.md", "report.html",
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:
+    out = tmp_path / "out"  # it is made when everything is imported and checked
+    interrupt("thresholds", "--out", "out", cwd=tmp_path, once=out.exists, after=3.0)
+    assert list(out.iterdir()) == []
+
+
+def test_a_threshold_tells_what_holds_and_what_does_not() -> None:
+    one = KNOWN["delay"]
+    told = Threshold(bound=LOWER, holds_at=one.harsh, fails_at=None, islands=0)
+    from afl_mujoco.studies.thresholds import threshold_text
+
+    assert threshold_text(one, told).startswith("> ")

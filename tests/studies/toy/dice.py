@@ -1,0 +1,96 @@
+"""Throw dice and count the eyes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
+from afl_mujoco.studies.arrays import Array
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Throw dice and count the eyes.
+
+    Example: afl-mujoco dice --throws 10
+    """
+
+    scenarios: ScenarioNames = ()
+    """Scenarios by name; they only give their names."""
+    throws: int = 20
+    """How many throws."""
+    quick: bool = False
+    """Two throws."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """How many throws, and scenarios that only give their names."""
+
+    scenarios: tuple[Any, ...]
+    throws: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Result:
+    """All throws, as an array."""
+
+    scenarios: tuple[str, ...]
+    eyes: Array
+
+
+def prepare(options: Options) -> Request:
+    """Raise at what breaks a rule."""
+    from afl_mujoco.errors import InvalidValueError
+    from afl_mujoco.scenario.files import find_scenario
+
+    if options.throws < 1:
+        raise InvalidValueError("throws", "must be at least 1", options.throws)
+    scenarios = tuple(find_scenario(name) for name in options.scenarios)
+    return Request(scenarios=scenarios, throws=2 if options.quick else options.throws)
+
+
+def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
+    """Throw them."""
+    import numpy as np
+
+    eyes = np.random.default_rng(1).integers(1, 7, request.throws)
+    progress("throwing", request.throws, request.throws)
+    return Result(scenarios=tuple(one.name for one in request.scenarios), eyes=eyes)
+
+
+def report(result: Result) -> Report:
+    """Return what is shown of the dice."""
+    rows = [(str(i), Cell(str(x), "good" if x == 6 else "")) for i, x in enumerate(result.eyes)]
+    title = f"{len(result.eyes)} throws"
+    return Report(
+        headline=f"The mean is {result.eyes.mean():.2f}.",
+        blocks=(
+            "*Fair* dice.",
+            Matrix(caption="Every throw", columns=("Throw", "Eyes"), rows=rows),
+            Figure(name="dice", title=title, draw=partial(_draw, result.eyes)),
+        ),
+    )
+
+
+def _draw(eyes: Any) -> Any:
+    """Draw the eyes."""
+    from afl_mujoco.report.style import new_figure
+
+    figure = new_figure(3.0, 2.0)
+    figure.subplots().plot(eyes)
+    return figure
+
+
+STUDY = Study(
+    name="dice",
+    title="Dice",
+    order=99,
+    schema=1,
+    configuration=Options,
+    prepare=prepare,
+    run=run,
+)

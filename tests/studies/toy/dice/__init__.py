@@ -1,1 +1,0 @@
-"""A toy study: throw dice. Everything that it needs is in this folder."""
