@@ -7,8 +7,8 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # A target for each study, by the name that its folder gives it.
 named = $(shell sed -n '/^STUDY = Study(/,/^)/s/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
-STUDIES := $(call named,afl_mujoco/studies/*/study.py)
-QUICK = $(filter-out readings,$(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*/study.py)))
+STUDIES := $(call named,afl_mujoco/studies/*.py afl_mujoco/studies/*/study.py)
+QUICK = $(filter-out readings,$(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*.py afl_mujoco/studies/*/study.py)))
 
 .DEFAULT_GOAL := help
 .PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune bench faults mutants check lock clean distclean
@@ -93,7 +93,6 @@ bench: $(READY) ## measure speed, as ratios: the loop, the batch integrator, the
 	@$(BIN)/python benchmarks/bench_gain_functions.py
 	@$(BIN)/python benchmarks/bench_render.py
 	@$(BIN)/python benchmarks/bench_montecarlo.py
-	@$(BIN)/python benchmarks/bench_attraction.py
 
 faults: $(READY) ## plant physical faults one at a time and see which check catches each (15 minutes)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)

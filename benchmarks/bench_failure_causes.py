@@ -10,6 +10,7 @@ rail damping, and so on, and how often it fails by start angle and by damping pe
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ import afl_mujoco as afl
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
-from afl_mujoco.studies.monte_carlo.features import FEATURES
+from afl_mujoco.studies.montecarlo import file_of
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
 
@@ -39,6 +40,10 @@ TAKEN_AWAY = {
     ),
 }
 ANGLE, DAMPING = "start angle |φ₀| [deg]", "rail damping / least cart mass [1/s]"
+FEATURES = {
+    ANGLE: lambda rig: math.degrees(abs(rig.initial_state[1])),
+    DAMPING: lambda rig: rig.imperfections.rail_damping / min(rig.cart_mass.values),
+}
 
 
 def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int) -> int:
@@ -65,11 +70,9 @@ def main() -> None:
     result = load_record(find_study("montecarlo"), options.folder).result
     count, seed = result.samples, result.seed
     rigs = [sample_scenario(SampleSpace(LABORATORY), i, seed) for i in range(count)]
-    for rates in result.controllers:
-        name = rates.controller
-        files = [options.folder / failure.file for failure in rates.failures]
-        failed = np.zeros(count, dtype=bool)
-        failed[[failure.index for failure in rates.failures]] = True
+    for name, runs in result.runs.items():
+        failed = np.array([bool(run.failure) for run in runs])
+        files = [options.folder / file_of(name, run) for run in runs if run.failure]
         print(f"\n{name}: {len(files)} of {count} fail; of these survive without")
         for label, names in TAKEN_AWAY.items():
             up = survivors(files, afl.find_controller(name), names, options.threads)

@@ -20,9 +20,9 @@ from optimisers.figure import draw_benchmark
 from optimisers.result import Benchmark, Result, save_result
 from optimisers.runs import run_benchmark
 
-from afl_mujoco.report.style import save_figure
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.files import output_folder
+from afl_mujoco.report.style import save_figure
 
 WIDTH = 34
 

@@ -30,11 +30,11 @@ import jinja2
 
 import afl_mujoco
 from afl_mujoco.cli.main import OTHERS, main
-from afl_mujoco.report.old import Block, Figure, Section, figures_of
-from afl_mujoco.report.markdown import to_markdown
+from afl_mujoco.errors import FileError
+from afl_mujoco.report.blocks import Block, Figure, Section, figures_of
+from afl_mujoco.report.markdown import plain, to_markdown
 from afl_mujoco.report.numbers import ceil_to, floor_to, short
 from afl_mujoco.report.style import save_figure, write_figure
-from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import Record, load_record
 from afl_mujoco.studies.registry import studies
 from docs.tables import (
@@ -183,18 +183,19 @@ class Content:
         return self._tables[name]
 
     def sections(self, study: str, *anchors: str, level: int = 2) -> str:
-        """Return what a study says of its result, or those of its sections that are asked for."""
-        found = self._sections(study)
+        """Return what a study shows of its result, or those of its sections that are asked for."""
+        found = self._blocks(study)
         if anchors:
             known = {section.anchor: section for section in _all_of(found)}
             found = [known[anchor] for anchor in anchors]
         return to_markdown(list(_on_the_site(found)), level)
 
-    def _sections(self, study: str) -> list[Section]:
-        """Return the sections of a study."""
+    def _blocks(self, study: str) -> Sequence[Block]:
+        """Return the headline and the blocks of a study."""
         if study not in self.records:
             raise FileError(f"{self.results / study}", "must be there: run make results")
-        return self.records[study].sections
+        shown = self.records[study].report
+        return [plain(shown.headline), *shown.blocks]
 
     def output(self, name: str) -> str:
         """Return what a benchmark printed."""
@@ -208,13 +209,13 @@ class Content:
     def figures(self) -> Iterator[Figure]:
         """Yield the figures of every result."""
         for study in self.records:
-            yield from figures_of(self._sections(study))
+            yield from figures_of(self._blocks(study))
 
     def pictures(self) -> list[tuple[str, str, str, str]]:
         """Return the figures of the gallery: title, file, text in its place, and page."""
         found = []
         for study, page in GALLERY.items():
-            for figure in figures_of(self._sections(study)):
+            for figure in figures_of(self._blocks(study)):
                 found.append((figure.title, f"/{FIGURES}/{figure.files['png']}", figure.alt, page))
         return found
 

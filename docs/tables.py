@@ -17,8 +17,8 @@ from afl_mujoco.scenario.laboratory import LABORATORY, REASONS
 from afl_mujoco.scenario.requirements import BANDS, SWITCHES, UNITS, Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.registry import studies
-from afl_mujoco.studies.thresholds.classes import level_text
-from afl_mujoco.studies.thresholds.imperfections import COMBINED, RAIL, added
+from afl_mujoco.studies.robustness import COMBINED, RAIL, added
+from afl_mujoco.studies.thresholds import level_text
 from docs.sources import SOURCES
 
 REQUIREMENT_UNITS = {**UNITS, **BANDS}

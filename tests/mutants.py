@@ -43,7 +43,6 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from afl_mujoco.files import write_text
-from afl_mujoco.studies.monte_carlo.rates import Rate
 from afl_mujoco.studies.record import versions
 from tests.faulty_copies import (
     REPOSITORY,
@@ -99,7 +98,7 @@ NOT_CHANGED = {"raise_stmt", "assert_stmt", "fstring", "decorator", "tfpdef"}
 Key = tuple[str, str, str, int]
 
 LATE = (
-    *("tests/control/test_baselines.py", "tests/simulation/attraction/test_maps.py"),
+    "tests/control/test_baselines.py",
     *("tests/studies/thresholds/test_sweep.py", "tests/simulation/test_gym_env.py"),
     *("tests/studies/margins/test_measured_delay.py", "tests/simulation/test_task.py"),
     *("tests/studies/monte_carlo/test_campaign.py", "tests/studies/monte_carlo/test_worst_case.py"),
@@ -113,7 +112,7 @@ OWN = {
     "mujoco_dynamics": ("simulation/test_mujoco_rollout.py",),
     "mujoco_loops": ("simulation/test_mujoco_rollout.py",),
     "python_controller_rk4": ("control/test_python_controller.py",),
-    "dop853": ("simulation/test_dop853.py", "simulation/attraction/test_maps.py"),
+    "dop853": ("simulation/test_dop853.py",),
     "sample_space": ("studies/monte_carlo/test_space.py", "scenario/test_ranges.py"),
     "randomised": ("scenario/test_schedules.py", "studies/verification/test_claims.py"),
     "design": ("control/test_baselines.py",),

@@ -9,8 +9,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.own.python_controller import PythonController
-from afl_mujoco.studies.thresholds.result import Settings
-from afl_mujoco.studies.thresholds.sweep import find_thresholds
+from afl_mujoco.studies.robustness import Settings
+from afl_mujoco.studies.thresholds import Request
+from afl_mujoco.studies.thresholds import run as find_thresholds
 from tests.own_rig import Rig, largest, move
 
 RIG = Rig()
@@ -86,7 +87,7 @@ def test_thresholds_of_delay_and_limit_are_those_of_the_integration_from_scratch
     free = replace(SCENARIO, requirements=afl.Requirements())
     own = PythonController(name="firm", function=law_of("firm"))
     settings = Settings(seeds=1, scan=5, tolerance=0.06)
-    found = find_thresholds([own], (free,), settings, ["delay", "force-limit"])
+    found = find_thresholds(Request([own], (free,), settings, ("delay", "force-limit")))
     for name, field, least, most in (
         ("delay", "delay", RIG.delay, 0.2), ("force-limit", "limit", RIG.limit, 1.0),
     ):  # fmt: skip

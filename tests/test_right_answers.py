@@ -133,8 +133,8 @@ def test_a_stiff_damper_holds_the_pole() -> None:
         run = afl.simulate_mujoco(stiff, lambda t, x, b: 0.0, integrator=integrator)
         assert run.outcome.kind == "completed"
         assert run.state[-1, 1] == pytest.approx(truth[1], rel=2e-4)
-    (row,) = afl.compare(stiff, "lqr").runs
-    assert any(remark.startswith("the physics step is 0.25 ms") for remark in row.remarks)
+    (remarks,) = afl.compare(stiff, "lqr").remarks.values()
+    assert any(remark.startswith("the physics step is 0.25 ms") for remark in remarks)
     env = afl.load(stiff)
     assert env.control_timestep() == pytest.approx(1e-3) and env.physics.hold == 4
 
@@ -166,27 +166,18 @@ def test_every_study_says_the_same_word(
     assert main(["compare", *common, "--controllers", name]) == code
     said = capsys.readouterr().out
     assert ("completes = false and nothing else is required" in said) == (text is FALLS)
-    (run,) = json.loads(Path("out/compare.json").read_text())["runs"]
-    assert run["failure"] == word
-    main(
-        [
-            "montecarlo",
-            *common,
-            "--controllers",
-            name,
-            "--samples",
-            "2",
-            "--no-worst-case",
-            "--workers",
-            "1",
-        ]
-    )
-    (rates,) = json.loads(Path("out/montecarlo.json").read_text())["controllers"]
-    assert rates["failures_by_kind"] == ({word: 2} if word else {})
+    sample = ("--samples", "2", "--no-worst-case", "--workers", "1")
     sweep = ("--imperfections", "delay", "--scan", "2", "--tolerance", "1", "--workers", "1")
+    main(["montecarlo", *common, "--controllers", name, *sample])
     main(["thresholds", *common, "--controllers", name, *sweep])
-    failing = json.loads(Path("out/thresholds.json").read_text())["failing"]
-    assert [one["failure"] for one in failing.values()] == [word] * bool(word)
+    main(["attraction", *common, "--controllers", name, "--grid", "2", "--workers", "1"])
+    first = {"compare": 0, "montecarlo": 0, "thresholds": 0, "attraction": -1}
+    columns = []
+    for study, place in first.items():
+        row = json.loads(Path(f"out/{study}.json").read_text())["rows"][place]
+        assert row["failure"] == word, study
+        columns.append([*row])
+    assert all(found == columns[0] for found in columns)
     found = afl.run_rollouts(["case.toml"], name)
     assert found.failure(0) == word
 
@@ -249,5 +240,5 @@ def test_validate_compares_the_ideal_part_of_a_file_and_judges_the_deployed_run(
     assert main([*arguments, "--out", "out"]) == 1
     report = json.loads(Path("out/report.json").read_text())
     assert all(check["passed"] for check in report["checks"])  # of the loop without the delay
-    assert report["requirements"][0]["failure"] in ("fell", "diverged")
+    assert report["rows"][0]["failure"] in ("fell", "diverged")
     assert "the codes are compared without" in " ".join(capsys.readouterr().out.split())

@@ -189,16 +189,7 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
         pytest.param("plant/__init__", "import mujoco", ANALYTIC, id="analytic"),
         pytest.param("simulation/batch/block", "import mujoco", ANALYTIC, id="analytic-batch"),
         pytest.param(
-            "simulation/attraction/mujoco_map",
-            "import afl_mujoco.simulation.attraction.ode_map",
-            ENGINE,
-            id="engine-attraction",
-        ),
-        pytest.param(
             "simulation/gym_env/environment", "import afl_mujoco.plant", ENGINE, id="engine-gym"
-        ),
-        pytest.param(
-            "simulation/attraction/grid", "import mujoco", ANALYTIC, id="analytic-attraction"
         ),
         pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
         pytest.param(

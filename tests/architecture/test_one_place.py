@@ -28,17 +28,14 @@ from pathlib import Path
 import numpy as np
 from docs.tables import tables
 from afl_mujoco.scenario.files import load_scenario
-from afl_mujoco.studies.monte_carlo.features import FEATURES
 from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace
-from afl_mujoco.studies.thresholds.imperfections import COMBINED, added, hardware_at
-from afl_mujoco.studies.thresholds.sweep import names_of
+from afl_mujoco.studies.robustness import COMBINED, KNOWN, added, hardware_at
 
 Path("toy.toml").write_text("imperfections.stiction = 0.25")
 scenario = load_scenario("toy.toml")
 assert scenario.imperfections.stiction == 0.25
-assert FEATURES["stiction [mN]"](scenario) == 250.0
-assert names_of(())[-2:] == ("stiction", "combined") and added()[-1].name == "stiction"
+assert [*KNOWN][-2:] == ["stiction", "combined"] and added()[-1].name == "stiction"
 assert hardware_at(COMBINED, 2.0)["stiction"] == 0.2
 space = SampleSpace(LABORATORY)
 assert space.coordinates[-1] == "stiction"

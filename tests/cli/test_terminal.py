@@ -8,7 +8,7 @@ import pytest
 
 from afl_mujoco.cli import terminal
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS
-from afl_mujoco.studies.thresholds.imperfections import COMBINED
+from afl_mujoco.studies.robustness import COMBINED
 from tests.program import run
 
 

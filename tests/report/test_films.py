@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from afl_mujoco.report.page import SMALL, show_films
 from PIL import Image
 
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import Film
+from afl_mujoco.report.page import SMALL, show_films
 
 
 @pytest.fixture

@@ -69,21 +69,20 @@ def test_every_requirement_is_judged_in_its_unit() -> None:
     )
     found = judged(run)
     assert list(found) == list(UNITS)
-    values = {name: (one.value, one.left) for name, one in found.items()}
+    values = {name: (one.value, one.margin) for name, one in found.items()}
     expected = {
         "completes": (10.0, 0.0),
-        "max_position": (1.5, 0.5),
-        "end_stops": (1.5, 1.0),
-        "max_angle": (0.4, 0.1),
-        "max_command": (40.0, 5.0),
-        "max_force": (40.0, -10.0),
-        "settling_time": (2.5, 0.5),
-        "recover_within": (1.5, 0.5),  # from 5 s, the end of the pulse, to 6.5 s
+        "max_position": (1.5, 0.25),
+        "end_stops": (1.5, 0.4),
+        "max_angle": (0.4, 0.2),
+        "max_command": (40.0, 1 / 9),
+        "max_force": (40.0, -1 / 3),
+        "settling_time": (2.5, 1 / 6),
+        "recover_within": (1.5, 0.25),  # from 5 s, the end of the pulse, to 6.5 s
     }
-    for name, (value, left) in expected.items():
-        assert values[name] == (pytest.approx(value), pytest.approx(left)), name
+    for name, (value, margin) in expected.items():
+        assert values[name] == (pytest.approx(value), pytest.approx(margin)), name
     assert [name for name, one in found.items() if not one.met] == ["max_force"]
-    assert found["max_force"].relative == pytest.approx(-1 / 3)
     assert {name: one.unit for name, one in found.items()} == dict(UNITS)
 
 
@@ -104,7 +103,7 @@ def test_what_never_comes_to_rest_has_no_margin_but_a_graded_measure_for_a_searc
     found = judged(made(z=lambda t: 0.2 + 0.0 * t))
     for name, graded in (("settling_time", -1.0 / 3.0), ("recover_within", -1.5)):
         one = found[name]
-        assert (one.value, one.left, one.relative, one.met) == (None, None, None, False)
+        assert (one.value, one.margin, one.met) == (None, None, False)
         assert one.graded == pytest.approx(graded)
 
 
@@ -135,10 +134,10 @@ def test_a_scenario_that_requires_nothing_judges_nothing_and_says_so() -> None:
 
 def test_a_run_that_fell_shows_only_what_it_broke() -> None:
     found = judged(made(phi=lambda t: t, end=1.5))
-    assert (found["completes"].value, found["completes"].left) == (1.5, -8.5)
-    assert found["max_angle"].left == pytest.approx(-1.0)
+    assert (found["completes"].value, found["completes"].margin) == (1.5, -0.85)
+    assert found["max_angle"].margin == pytest.approx(-2.0)
     for name in ("max_position", "max_command", "max_force"):
-        assert (found[name].left, found[name].relative, found[name].met) == (None, None, False)
+        assert (found[name].margin, found[name].met) == (None, False)
     assert not any(one.met for one in found.values())
 
 
@@ -164,7 +163,7 @@ def test_a_controller_that_failed_meets_nothing() -> None:
 
 def test_there_is_no_other_requirement() -> None:
     with pytest.raises(UnknownNameError, match="did you mean max_angle"):
-        Judgement(requirement="max_angel", limit=1.0, value=1.0, left=0.0)
+        Judgement(requirement="max_angel", limit=1.0, value=1.0, margin=0.0)
 
 
 def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
@@ -174,7 +173,7 @@ def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
     )
     run = afl.simulate_mujoco(scenario, "fixed", "sampled")
     found = {one.requirement: one for one in judge(scenario, run)}
-    assert found["max_position"].left == pytest.approx(7.0 - np.abs(run.state[:, 0]).max())
+    assert found["max_position"].margin == pytest.approx(1.0 - np.abs(run.state[:, 0]).max() / 7.0)
     assert [one.met for one in found.values()] == [True, False, True, True]
 
 
@@ -189,7 +188,7 @@ def test_a_delay_is_remarked_on_from_the_time_on_in_which_the_pole_leans_e_times
 
 def test_a_fall_just_before_the_end_is_short_by_what_is_left():
     found = judge(dataclasses.replace(SCENARIO, requirements=Requirements()), made(end=9.5))
-    assert [(one.requirement, one.left) for one in found] == [("completes", -0.5)]
+    assert [(one.requirement, one.margin) for one in found] == [("completes", -0.05)]
 
 
 @pytest.mark.parametrize(
