@@ -209,7 +209,8 @@ def test_files_are_by_number_of_this_study_alone_and_no_more_than_asked_for(
 def test_what_a_search_found_is_a_file_too(heavy: Result, tmp_path) -> None:
     found = montecarlo.Found(
         controller="lqr", question=HARDEST, run=(replace(heavy.rows[0], draw=9),), distance=0.1,
-        point=tuple(sample_point(SPACE, 9, 1).tolist()), tried=1, file="montecarlo/lqr/hardest.toml",
+        point=tuple(sample_point(SPACE, 9, 1).tolist()), tried=1,
+        file="montecarlo/lqr/hardest.toml",
     )  # fmt: skip
     write_files(failing(heavy, worst_cases=(found,)), tmp_path)
     assert written(tmp_path) == {found.file}
