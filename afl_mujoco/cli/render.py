@@ -15,8 +15,6 @@ from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
 INDIFFERENT = ("out", "workers")
 """Options that do not change the films."""
 
-SHOWCASE = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Render:
@@ -24,13 +22,12 @@ class Render:
 
     Example: afl-mujoco render step-step-impulse --controllers fixed,adaptive --size 1280x720
 
-    Writes one MP4 for each scenario and controller, one of up to four controllers side by side
-    and, if no scenario is named, a showcase of the paper's four cases. Also writes films.json,
-    from which `afl-mujoco report` takes them.
+    Writes one MP4 for each scenario and controller, and one of up to four controllers side by
+    side. Also writes films.json, from which `afl-mujoco report` takes them.
     """
 
     scenarios: ScenarioNames = ()
-    """Scenarios by name, or TOML files; all nine of the paper and the showcase by default."""
+    """Scenarios by name, or TOML files; all nine of the paper by default."""
     controllers: ControllerNames = PAPER
     gain_labels: str = "table2"
     """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
@@ -69,19 +66,16 @@ class Render:
         size = self._size()
         require_backend()
 
-        from afl_mujoco.films.plan import plan
-        from afl_mujoco.films.renderer import make_films, write_stills
         from afl_mujoco.films.replay import Deployment
+        from afl_mujoco.films.video import make_films, plan, write_stills
 
         deployment = Deployment(
             timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
         )
-        cases = () if self.scenarios else [SCENARIOS[f"{name}-impulse"] for name in SHOWCASE]
         films = plan(
             scenarios,
             controllers,
-            cases,
-            deployment=deployment,
+            deployment,
             size=size,
             fps=self.fps,
             command=typed("render", self, INDIFFERENT),
@@ -90,7 +84,7 @@ class Render:
         if self.still is not None:
             files = write_stills(films, self.still, folder)
         else:
-            with count_bar(sum(film.frames for film in films), "filming") as progress:
+            with count_bar(len(films), "filming") as progress:
                 files = make_films(films, folder, workers=self.workers, progress=progress)
         say(*(f"wrote {file}" for file in files))
         return SUCCESS

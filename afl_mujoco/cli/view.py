@@ -54,12 +54,10 @@ class View:
         os.environ["MUJOCO_GL"] = "glfw"
 
         from afl_mujoco.films.replay import Deployment, record
-        from afl_mujoco.films.viewer import view
-        from afl_mujoco.simulation.mujoco_model import CartPoleModel
+        from afl_mujoco.films.scene import view
 
         deployment = Deployment(
             timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
         )
-        replay = record(scenario, controller, deployment, FRAMES_A_SECOND)
-        view(replay, CartPoleModel(scenario.parameters_at(0.0), file="scene.xml"), self.speed)
+        view(record(scenario, controller, deployment, FRAMES_A_SECOND), self.speed)
         return SUCCESS

@@ -193,7 +193,7 @@ class Study:
         films = self._module("films").films(result, command) if self._has("films") else []
         if not films:
             return []
-        from afl_mujoco.films.renderer import make_films
+        from afl_mujoco.films.video import make_films
 
         return list(make_films(films, folder))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from afl_mujoco.studies.compare.result import Result
 
 if TYPE_CHECKING:
-    from afl_mujoco.films.plan import Film
+    from afl_mujoco.films.video import Film
 
 
 def films(result: Result, command: str) -> list[Film]:
@@ -16,8 +16,8 @@ def films(result: Result, command: str) -> list[Film]:
     if asked is None:
         return []
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.plan import side_by_side
     from afl_mujoco.films.replay import Deployment
+    from afl_mujoco.films.video import side_by_side
 
     controllers = [find_controller(name, asked.gain_labels) for name in asked.controllers]
     deployment = Deployment(

@@ -67,10 +67,10 @@ def check(configuration: Compare) -> None:
     )
     require_draws(c.draws)
     if c.film:
-        from afl_mujoco.films.plan import AS_IS, side_by_side
+        from afl_mujoco.films.video import side_by_side
 
         for scenario in scenarios:  # raises if it does not last a frame
-            side_by_side(scenario, controllers, AS_IS)
+            side_by_side(scenario, controllers)
 
 
 def run(configuration: Compare, *, progress: Progress = silent) -> Result:

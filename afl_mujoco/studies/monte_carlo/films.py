@@ -8,7 +8,7 @@ from afl_mujoco.studies.monte_carlo.result import Result
 from afl_mujoco.studies.monte_carlo.worst_case import HARDEST
 
 if TYPE_CHECKING:
-    from afl_mujoco.films.plan import Film
+    from afl_mujoco.films.video import Film
 
 
 def films(result: Result, command: str) -> list[Film]:
@@ -16,8 +16,8 @@ def films(result: Result, command: str) -> list[Film]:
     if not result.film:
         return []
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.plan import side_by_side
     from afl_mujoco.films.replay import Deployment
+    from afl_mujoco.films.video import side_by_side
 
     asked = {rates.controller: rates.asked for rates in result.controllers}
     deployment = Deployment(timestep=result.timestep, integrator=result.integrator)

@@ -123,9 +123,9 @@ def request_of(configuration: MonteCarlo) -> Request:
     if c.keep is not None:
         require_count("keep", c.keep, 0, MOST_SAMPLES)
     if c.film:
-        from afl_mujoco.films.plan import AS_IS, side_by_side
+        from afl_mujoco.films.video import side_by_side
 
-        side_by_side(space.scenario, request.controllers[:1], AS_IS)  # raises if it is too short
+        side_by_side(space.scenario, request.controllers[:1])  # raises if it is too short
     return request
 
 
