@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -85,29 +85,6 @@ class Text:
     mono: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GrowingPlots:
-    """Curves that can be shown up to an instant.
-
-    Pictures without and with the curves, left, right, top and bottom of each axes [px], and the
-    time that they span [s].
-    """
-
-    empty: Picture
-    full: Picture
-    boxes: tuple[tuple[int, int, int, int], ...]
-    duration: float
-
-    def until(self, time: float) -> Picture:
-        """Return the picture with the curves up to an instant [s], and a cursor there."""
-        picture = self.empty.copy()
-        for left, right, top, bottom in self.boxes:
-            now = left + round((right - left) * min(time / self.duration, 1.0))
-            picture[top:bottom, left:now] = self.full[top:bottom, left:now]
-            picture[top:bottom, now : now + 1] = INK
-        return picture
-
-
 def frames(
     replays: Sequence[Replay], held: str, size: tuple[int, int], fps: int, indices: Iterable[int]
 ) -> Iterator[Picture]:
@@ -124,7 +101,11 @@ def frames(
     places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
     left = 0 if two else part[0]
     plots = draw_plots(replays, (width - left, height - part[1])) if 1 < len(replays) < 4 else None
-    behind = [write(backdrop(*part), _title(replay, held, alone, s)) for replay in replays]
+    scenario = replays[0].scenario
+    titles = [f"{scenario}, {one.controller}" if alone else one.controller for one in replays]
+    behind = [write(backdrop(*part), [Text(28 * s, 46 * s, x, 28 * s)]) for x in titles]
+    subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)
+    behind[0] = write(behind[0], [subtitle])
     corner = min(1, len(replays) - 1)
     behind[corner] = write(behind[corner], _legend(held, alone, part[0], s))
     with open_scene(replays[0], part) as scene:
@@ -139,7 +120,7 @@ def frames(
             if len(replays) > 2:
                 picture[part[1]] = DIVIDER
             if plots is not None:
-                picture[part[1] :, left:] = plots.until(float(replays[0].time[index]))
+                picture[part[1] :, left:] = plots(float(replays[0].time[index]))
             yield picture
 
 
@@ -165,15 +146,6 @@ def _font(size: int, mono: bool) -> ImageFont.FreeTypeFont:
     """Return a font of matplotlib's, which has the Greek letters."""
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
     return ImageFont.truetype(folder / f"DejaVuSans{'Mono' if mono else ''}.ttf", size)
-
-
-def _title(replay: Replay, held: str, alone: bool, s: float) -> list[Text]:
-    """Return what stays over a run: what runs."""
-    title = f"{replay.scenario}, {replay.controller}" if alone else f"{replay.controller}"
-    return [
-        Text(28 * s, 46 * s, title, 28 * s),
-        Text(28 * s, 76 * s, held if alone else replay.scenario, 16 * s, QUIET),
-    ]
 
 
 def _legend(held: str, alone: bool, width: int, s: float) -> list[Text]:
@@ -218,8 +190,11 @@ def _rgb(colour: Colour) -> Rgb:
     return red, green, blue
 
 
-def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> GrowingPlots:
-    """Draw phi, z, F, M and l of runs of one scenario."""
+def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[float], Picture]:
+    """Draw phi, z, F, M and l of runs of one scenario, once.
+
+    Returns the picture with the curves up to an instant [s] and a cursor there.
+    """
     time = replays[0].time
     end = float(time[-1] + (time[1] - time[0] if len(time) > 1 else 1.0))
     with rc_context(DARK):
@@ -234,7 +209,18 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> GrowingPlots
         for line in curves:
             line.set_visible(False)
         empty = _drawn(canvas)
-    return GrowingPlots(empty, full, tuple(_box(axis, size[1]) for axis in axes), end)
+    boxes = [[round(x) for x in axis.get_window_extent().extents] for axis in axes]
+
+    def until(now: float) -> Picture:
+        picture = empty.copy()
+        for left, low, right, high in boxes:
+            rows = slice(size[1] - high + 1, size[1] - low)
+            cursor = left + 1 + round((right - left - 2) * min(now / end, 1.0))
+            picture[rows, left + 1 : cursor] = full[rows, left + 1 : cursor]
+            picture[rows, cursor] = INK
+        return picture
+
+    return until
 
 
 def _plot(axes: Sequence[Axes], replays: Sequence[Replay], end: float) -> list[Line2D]:
@@ -278,9 +264,3 @@ def _drawn(canvas: FigureCanvasAgg) -> Picture:
     """Return what is drawn, shape (height, width, 3)."""
     canvas.draw()  # type: ignore[no-untyped-call]
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
-
-
-def _box(axis: Axes, height: int) -> tuple[int, int, int, int]:
-    """Return left, right, top and bottom of the inside of axes [px]."""
-    box = axis.get_window_extent()
-    return round(box.x0) + 1, round(box.x1) - 1, height - round(box.y1) + 1, height - round(box.y0)

@@ -87,24 +87,6 @@ def test_a_still_is_the_frame_of_its_instant(graphics, films, tmp_path):
         write_stills(films, 9.0, tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"size": (641, 480)}, "film width must be even, for H.264, got 641"),
-        ({"size": (640, 481)}, "film height must be even, for H.264, got 481"),
-        ({"size": (3840, 2160)}, "film width must lie between 128 and 1920 pixels, .*got 3840"),
-        ({"size": (640, 32)}, "film height must lie between 128 and 1080 pixels, .*got 32"),
-        ({"fps": 0}, "fps must lie between 1 and 240, got 0"),
-        ({"controllers": CONTROLLERS[:1] * 2}, r"film names must differ, got .* twice"),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_filmed_is_refused_at_once(growing, changed, message):
-    settings = {"scenarios": [growing], "controllers": CONTROLLERS[:1], **changed}
-    with pytest.raises(InvalidValueError, match=message):
-        plan(**settings)
-
-
 def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, tmp_path):
     (tmp_path / LISTING).write_text("{}")
     with pytest.raises(FileError, match=r"films\.json does not list films: .*: remove it"):
