@@ -24,7 +24,7 @@ validate: $(READY) ## compare MuJoCo with the analytic model on every case; opti
 proof: $(READY) ## validate, with refinement studies, ledgers, and the effect of what the paper omits
 	@$(BIN)/afl-mujoco validate --full --out renders/proof $(ARGS)
 
-render: $(READY) ## film every scenario with both controllers, and a showcase (10 minutes); options as ARGS="..."
+render: $(READY) ## film every scenario with both controllers, and both side by side (10 minutes); options as ARGS="..."
 	@$(BIN)/afl-mujoco render $(ARGS)
 
 view: $(READY) ## show a run in MuJoCo's interactive viewer, in real time; ARGS="step-step --controller fixed"

@@ -1,4 +1,4 @@
-"""How fast are films made? Seconds of film per second of work, by kind of film.
+"""How fast are films made? Seconds of film per second of work, of one run and side by side.
 
 Run: python benchmarks/bench_render.py [--size 640x480] [--workers 2]
 
@@ -18,14 +18,13 @@ from afl_mujoco.graphics import require_backend
 BACKEND = require_backend()  # before anything imports mujoco
 
 import afl_mujoco as afl  # noqa: E402
-from afl_mujoco.films.plan import plan  # noqa: E402
-from afl_mujoco.films.renderer import make_films  # noqa: E402
+from afl_mujoco.films.video import make_films, plan  # noqa: E402
 
 CONTROLLERS = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
 
 
 def main() -> None:
-    """Make one film of each kind in this process, then four plain ones on processes."""
+    """Make a film of one run and one side by side in this process, then four on processes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--workers", type=int, default=2)
@@ -33,11 +32,12 @@ def main() -> None:
     width, height = map(int, options.size.split("x"))
     cases = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
     scenarios = [afl.SCENARIOS[name] for name in cases]
-    films = plan(scenarios, CONTROLLERS, scenarios, size=(width, height), fps=30)
+    films = plan(scenarios, CONTROLLERS, size=(width, height), fps=30)
     print(f"{BACKEND}, {width}x{height}, 30 frames per second")
-    for film in (films[0], films[2], films[-1]):
-        report(f"one {film.kind}", [film], 1)
-    report("four films", [film for film in films if film.kind == "film"][:4], options.workers)
+    report("one run", films[:1], 1)
+    report("side by side", films[2:3], 1)
+    singles = [film for film in films if len(film.controllers) == 1]
+    report("four films", singles[:4], options.workers)
 
 
 def report(what: str, films: list, workers: int) -> None:
@@ -46,7 +46,7 @@ def report(what: str, films: list, workers: int) -> None:
         start = time.perf_counter()
         make_films(films, Path(folder), workers=workers)
         wall = time.perf_counter() - start
-    duration = sum(film.frames / film.fps for film in films)
+    duration = sum(film.length / film.fps for film in films)
     processes = f"{workers} process{'es' * (workers > 1)}"
     print(f"  {what:<16} {processes}: {duration:5.1f} s of film in {wall:5.1f} s, "
           f"ratio {duration / wall:.2f}")  # fmt: skip

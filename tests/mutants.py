@@ -428,15 +428,16 @@ def summary(found: Sequence[Found]) -> dict[str, Any]:
     """Return the counts and the score with its interval."""
     count = Counter(one.outcome for one in found)
     asked = count[KILLED] + count[SURVIVED]
-    score = Rate(count[KILLED], asked) if asked else None
+    killed = [True] * count[KILLED] + [False] * count[SURVIVED]
+    score = rate(killed) if asked else None
     return {
         "sampled": len(found),
         "killed": count[KILLED],
         "by_time_limit": sum(one.by == NO_TIME for one in found),
         "survived": count[SURVIVED],
         "equivalent": count[SAME],
-        "score": score.share if score else None,
-        "interval": list(score.interval) if score else None,
+        "score": score[0] if score else None,
+        "interval": list(score[1:]) if score else None,
     }
 
 

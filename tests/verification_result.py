@@ -210,7 +210,7 @@ def make_curves(
 def film_entry(file: str, **changes: Any) -> Entry:
     """Return an entry of films.json."""
     values: dict[str, Any] = {
-        "file": file, "poster": "none.png", "kind": "film", "title": f"the film {file}",
+        "file": file, "poster": "none.png", "title": f"the film {file}",
         "scenario": "step-step", "controllers": ("adaptive",), "width": 64, "height": 48,
         "fps": 10, "frames": 20, "deployment": Deployment(), "command": f"afl-mujoco render {file}",
     }  # fmt: skip

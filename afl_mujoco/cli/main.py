@@ -16,10 +16,9 @@ from typing import Any, Union, get_args, get_type_hints
 
 import tyro
 
+from afl_mujoco.cli.films import Render, View
 from afl_mujoco.cli.log import Log
-from afl_mujoco.cli.output import Output
 from afl_mujoco.cli.regression import Regression
-from afl_mujoco.cli.render import Render
 from afl_mujoco.cli.report import Report
 from afl_mujoco.cli.simulate import Simulate
 from afl_mujoco.cli.study import study_commands
@@ -27,11 +26,11 @@ from afl_mujoco.cli.terminal import (
     BAD_INPUT,
     INTERRUPTED,
     SUCCESS,
+    Output,
     numbers_apart,
     plain_help,
 )
 from afl_mujoco.cli.tune import Tune
-from afl_mujoco.cli.view import View
 from afl_mujoco.errors import (
     NO_NUL,
     PROGRAM,

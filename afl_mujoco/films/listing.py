@@ -7,49 +7,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from afl_mujoco.files import inside, read_json, remove_file, write_json
-from afl_mujoco.films.replay import IDEAL_ODE, Deployment
+from afl_mujoco.films.replay import Deployment
 
 LISTING = "films.json"
 """File beside the films that says what they show."""
 
-
 MARK = "made by afl_mujoco"
 """Comment in the metadata of every film."""
+
+REMOVE = "remove it"
+"""How to fix a broken list that blocks new films."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """A film in the list.
-
-    Attributes
-    ----------
-    file, poster
-        Names of the film and of its poster, beside the list.
-    kind, title
-        What it shows.
-    scenario
-        Its scenario; ``None`` if it shows more than one.
-    controllers
-        Names of the controllers in it.
-    width, height
-        Size of a frame [px].
-    fps, frames
-        Frames per second, and number of frames.
-    deployment
-        How the controller is deployed.
-    command
-        Command that makes it, as typed into a shell.
-    ghost
-        What the pale cart-pole in it shows.
-    inputs
-        Digests of its scenarios and controllers, from `digests`.
-    """
+    """A film in the list; its file and poster lie beside it, its inputs are from `digests`."""
 
     file: str
     poster: str
-    kind: str
     title: str
-    scenario: str | None
+    scenario: str
     controllers: tuple[str, ...]
     width: int
     height: int
@@ -57,7 +34,6 @@ class Entry:
     frames: int
     deployment: Deployment
     command: str
-    ghost: str = IDEAL_ODE
     inputs: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -75,7 +51,7 @@ class Entry:
 class Listing:
     """The films of a folder."""
 
-    schema: int = 1
+    schema: int = 2
     films: tuple[Entry, ...]
 
 
@@ -90,8 +66,15 @@ def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Ent
     return films
 
 
-REMOVE = "remove it"
-"""How to fix a broken list that blocks new films."""
+def list_film(folder: Path, entry: Entry) -> None:
+    """List a film of a folder in place of one of the same name, and drop those that are gone."""
+    kept = [
+        other
+        for other in load_listing(folder, REMOVE)
+        if other.file != entry.file and (folder / other.file).is_file()
+    ]
+    films = tuple(sorted((*kept, entry), key=lambda one: one.file))
+    write_json(folder / LISTING, Listing(films=films))
 
 
 def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
@@ -105,14 +88,3 @@ def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
             remove_file(film.with_suffix(".png"))
     if gone:
         write_json(folder / LISTING, Listing(films=tuple(e for e in entries if e not in gone)))
-
-
-def list_film(folder: Path, entry: Entry) -> None:
-    """List a film of a folder in place of one of the same name, and drop those that are gone."""
-    kept = [
-        other
-        for other in load_listing(folder, REMOVE)
-        if other.file != entry.file and (folder / other.file).is_file()
-    ]
-    films = tuple(sorted((*kept, entry), key=lambda one: one.file))
-    write_json(folder / LISTING, Listing(films=films))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import LONGEST_STEP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -16,20 +17,10 @@ from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
-IDEAL_ODE = "ideal ODE"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deployment:
-    """How the controller is deployed in the run that is filmed.
-
-    Attributes
-    ----------
-    timestep, control_period
-        Physics step, and how long the force is held [s], as in `simulate_mujoco`.
-    integrator
-        MuJoCo's integrator.
-    """
+    """Physics step and control period [s] and integrator of what is filmed."""
 
     timestep: float | None = None
     control_period: float | None = None
@@ -54,29 +45,8 @@ class Deployment:
 class Replay:
     """What a film shows, frame by frame; a run that has ended keeps its last state, without forces.
 
-    Attributes
-    ----------
-    scenario, controller
-        Their names.
-    time
-        Instants of the frames [s], shape (N,).
-    state, ideal
-        States of the run in MuJoCo and of the ideal ODE, shape (N, 4).
-    force, push
-        Force of the controller and disturbing force [N], shape (N,).
-    cart_mass, half_length
-        M [kg] and l [m], shape (N,).
-    pole_mass, gravity
-        m [kg] and g [m/s^2].
-    endings
-        Texts about runs that did not complete, each with the time [s] from which it is true.
-    ghost
-        What `ideal` shows: the ideal ODE, or a measurement.
-    looks
-        Mass that gives the drawn size of the cart [kg], if much of its mass belongs to its drive;
-        its own by default.
-    rail_half_length
-        Where the end stops stop the middle of the cart [m]; without them by default.
+    Arrays have a row for each frame. `endings` are texts about runs that did not complete, each
+    with the time [s] from which it is true.
     """
 
     scenario: str
@@ -91,28 +61,37 @@ class Replay:
     pole_mass: float
     gravity: float
     endings: tuple[tuple[float, str], ...] = ()
-    ghost: str = IDEAL_ODE
-    looks: float | None = None
     rail_half_length: float | None = None
 
-    def drawn_mass(self, index: int) -> float:
-        """Return the mass that gives the drawn size of the cart in a frame [kg]."""
-        return float(self.cart_mass[index]) if self.looks is None else self.looks
+    def plant(self, index: int) -> CartPoleParameters:
+        """Return the plant of a frame."""
+        return CartPoleParameters(
+            cart_mass=float(self.cart_mass[index]),
+            pole_mass=self.pole_mass,
+            half_length=float(self.half_length[index]),
+            gravity=self.gravity,
+        )
 
-    @property
-    def difference(self) -> NDArray[np.float64]:
-        """|MuJoCo - ODE| of every state, shape (N, 4)."""
-        return np.abs(self.state - self.ideal)
+    def readouts(self, index: int) -> list[tuple[str, str]]:
+        """Return the numbers of a frame with their labels; Δ is MuJoCo against the ideal ODE."""
+        apart = np.abs(self.state[index] - self.ideal[index])
+        return [
+            ("t [s]", f"{self.time[index]:.2f}"),
+            ("M [kg]", f"{self.cart_mass[index]:.2f}"),
+            ("l [m]", f"{self.half_length[index]:.2f}"),
+            ("F [N]", f"{self.force[index]:+.2f}"),
+            ("D [N]", f"{self.push[index]:+.0f}" if self.push[index] else "0"),
+            ("|Δz| [m]", f"{apart[0]:.0e}" if apart[0] else "0"),
+            ("|Δφ| [rad]", f"{apart[1]:.0e}" if apart[1] else "0"),
+        ]
+
+    def ended(self, index: int) -> str:
+        """Say which runs have ended before a frame, and how; empty if none has."""
+        return "; ".join(text for time, text in self.endings if self.time[index] >= time)
 
 
 def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
-    """Return the instants of the frames [s], ``round(duration * fps)`` of them.
-
-    Parameters
-    ----------
-    duration
-        How long the film is [s].
-    """
+    """Return the instants of the frames [s], ``round(duration * fps)`` of them."""
     return np.arange(round(duration * fps), dtype=np.float64) / fps
 
 

@@ -1,8 +1,9 @@
-"""The scene of a film: MuJoCo's cart-pole, mutated frame by frame, and its overlays."""
+"""MuJoCo's cart-pole, mutated frame by frame, with its overlays, off screen or in the viewer."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -10,32 +11,38 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import GraphicsError, InvalidValueError
 from afl_mujoco.films.camera import ELEVATION, CameraPath
-from afl_mujoco.films.overlays import add_overlays, add_shadow, marks
 from afl_mujoco.films.replay import Replay
-from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.simulation.decor import BAR, show_mass
+from afl_mujoco.simulation.decor import (
+    BAR,
+    BED_TOP,
+    Colour,
+    add_forces,
+    add_geom,
+    add_marks,
+    add_stops,
+    cart_size,
+    show_mass,
+)
+from afl_mujoco.simulation.mujoco_description import POLE_RADIUS
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 
-LARGEST = (1920, 1080)
-"""Largest picture (width, height) [px]: the off-screen buffer of ``models/scene.xml``."""
+LARGEST, SMALLEST = (1920, 1080), 128
+"""Largest picture [px], the off-screen buffer of ``models/scene.xml``, and its smallest side."""
 
-SMALLEST = 128
-"""Smallest side of a picture [px]."""
+GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
+SHADOW: Colour = (0.02, 0.02, 0.04, 0.55)
+RIM = 0.018
+"""How much larger the ghost is [m]."""
+
+VIEW_DISTANCE, VIEW_MARKS, VIEW_PAUSE = 7.5, 40, 1.5
+"""Viewer: distance of the camera [m], marks on each side, and pause before a repetition [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A scene that can be drawn.
-
-    Attributes
-    ----------
-    model
-        The cart-pole, mutated to each frame's M and l.
-    renderer
-        MuJoCo's renderer, which draws it.
-    """
+    """A model that is mutated to each frame's M and l, and the renderer that draws it."""
 
     model: CartPoleModel
     renderer: mujoco.Renderer
@@ -47,33 +54,31 @@ class Scene:
         return picture
 
     def place(self, replay: Replay, index: int, path: CameraPath) -> None:
-        """Move everything to a frame; arguments as for `draw`."""
+        """Move everything to a frame."""
         pose(self.model, replay, index)
-        self.renderer.update_scene(self.model.mj_data, _camera(path, index))
-        scene = self.renderer.scene
+        camera = mujoco.MjvCamera()
+        camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+        camera.lookat[:] = path.x[index], 0.0, path.height
+        camera.distance, camera.azimuth, camera.elevation = path.distance, 90.0, ELEVATION
+        self.renderer.update_scene(self.model.mj_data, camera)
+        scene, mass = self.renderer.scene, float(replay.cart_mass[index])
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX):
             scene.flags[flag] = False
-        show_mass(scene, self.model.mj_model.geom("cart").id, replay.drawn_mass(index))
-        add_shadow(scene, replay, index)
-        add_overlays(scene, replay, index, marks(path, index, BAR))
+        show_mass(scene, self.model.mj_model.geom("cart").id, mass)
+        _add_shadow(scene, replay, index)
+        add_overlays(scene, replay, index, path.seen(index, BAR), mass)
 
 
 def pose(model: CartPoleModel, replay: Replay, index: int) -> None:
     """Mutate the model to a frame's M and l, and move it to the frame's state."""
-    model.set_parameters(_plant(replay, index))
+    model.set_parameters(replay.plant(index))
     write_state(model.addresses, *replay.state[index].tolist())
     mujoco.mj_forward(model.mj_model, model.mj_data)
 
 
-def require_size(width: int, height: int) -> None:
-    """Raise unless a film can have this size.
-
-    Parameters
-    ----------
-    width, height
-        Size of the picture [px].
-    """
-    for thing, side, largest in zip(("width", "height"), (width, height), LARGEST, strict=True):
+def require_size(size: tuple[int, int]) -> None:
+    """Raise unless a film can have this size."""
+    for thing, side, largest in zip(("width", "height"), size, LARGEST, strict=True):
         if not SMALLEST <= side <= largest:
             rule = f"must lie between {SMALLEST} and {largest} pixels, the off-screen buffer"
             raise InvalidValueError(f"film {thing}", rule, side)
@@ -81,34 +86,98 @@ def require_size(width: int, height: int) -> None:
             raise InvalidValueError(f"film {thing}", "must be even, for H.264", side)
 
 
-@contextmanager
-def open_scene(replay: Replay, width: int, height: int) -> Iterator[Scene]:
-    """Yield a scene, and free its renderer afterwards.
+def model_of(replay: Replay) -> CartPoleModel:
+    """Return the cart-pole of a run between track and lights."""
+    return CartPoleModel(replay.plant(0), file="scene.xml")
 
-    Parameters
-    ----------
-    width, height
-        Size of the picture [px].
-    """
-    model = CartPoleModel(_plant(replay, 0), file="scene.xml")
-    with mujoco.Renderer(model.mj_model, height, width) as renderer:
+
+@contextmanager
+def open_scene(replay: Replay, size: tuple[int, int]) -> Iterator[Scene]:
+    """Yield a scene, and free its renderer afterwards."""
+    model = model_of(replay)
+    with mujoco.Renderer(model.mj_model, size[1], size[0]) as renderer:
         yield Scene(model, renderer)
 
 
-def _plant(replay: Replay, index: int) -> CartPoleParameters:
-    """Return the plant of a frame."""
-    return CartPoleParameters(
-        cart_mass=float(replay.cart_mass[index]),
-        pole_mass=replay.pole_mass,
-        half_length=float(replay.half_length[index]),
-        gravity=replay.gravity,
-    )
+def add_overlays(
+    scene: mujoco.MjvScene, replay: Replay, index: int, marks: Iterable[float], mass: float
+) -> None:
+    """Add marks of the rail, end stops, ghost and forces to a cart drawn as one of this mass."""
+    z = float(replay.state[index, 0])
+    add_marks(scene, list(marks))
+    add_stops(scene, replay.rail_half_length, mass)
+    _add_ghost(scene, replay.ideal[index], mass, float(replay.half_length[index]))
+    add_forces(scene, z, mass, float(replay.force[index]), float(replay.push[index]))
 
 
-def _camera(path: CameraPath, index: int) -> mujoco.MjvCamera:
-    """Return MuJoCo's camera for a frame."""
-    camera = mujoco.MjvCamera()
-    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.lookat[:] = path.x[index], 0.0, path.height
-    camera.distance, camera.azimuth, camera.elevation = path.distance, 90.0, ELEVATION
-    return camera
+def _add_shadow(scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
+    """Draw the shadow that a light from straight above casts on the track."""
+    z, phi = replay.state[index, :2].tolist()
+    half = cart_size(float(replay.cart_mass[index]))
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    add_geom(scene, box, (half[0], half[1], 0.001), (z, 0.0, BED_TOP + 0.002), SHADOW)
+    lean = -2.0 * float(replay.half_length[index] * np.sin(phi))
+    if abs(lean) > half[0]:
+        edge = float(np.copysign(half[0], lean))
+        size = (0.5 * abs(lean - edge), POLE_RADIUS, 0.001)
+        add_geom(scene, box, size, (z + 0.5 * (lean + edge), 0.0, BED_TOP + 0.002), SHADOW)
+
+
+def _add_ghost(
+    scene: mujoco.MjvScene, state: NDArray[np.float64], mass: float, length: float
+) -> None:
+    """Draw the ideal ODE's cart-pole, slightly larger and just behind: a rim if both agree."""
+    z, phi = state[:2].tolist()
+    hinge = np.array([z, 2.0 * RIM, 0.0])
+    along = np.array([-np.sin(phi), 0.0, np.cos(phi)])
+    across = np.array([np.cos(phi), 0.0, np.sin(phi)])
+    rotation = np.column_stack([across, [0.0, 1.0, 0.0], along])
+    half, kind = cart_size(mass), mujoco.mjtGeom
+    below = hinge - np.array([0.0, 0.0, half[2]])
+    add_geom(scene, kind.mjGEOM_BOX, [x + RIM for x in half], below.tolist(), GHOST)
+    middle, tip = (hinge + along * length).tolist(), (hinge + along * (2.0 * length)).tolist()
+    size = (POLE_RADIUS + RIM, length, 0.0)
+    add_geom(scene, kind.mjGEOM_CAPSULE, size, middle, GHOST, rotation)
+    add_geom(scene, kind.mjGEOM_SPHERE, (0.045,) * 3, tip, GHOST)
+
+
+def view(replay: Replay, speed: float) -> None:
+    """Show a run in MuJoCo's viewer, over and over, until its window is closed."""
+    import mujoco.viewer  # needs a window system, which films do without
+
+    model = model_of(replay)
+    try:
+        handle = mujoco.viewer.launch_passive(
+            model.mj_model, model.mj_data, show_left_ui=False, show_right_ui=False
+        )
+    except (RuntimeError, mujoco.FatalError) as error:
+        raise GraphicsError("view", f"needs a display: {error}") from None
+    with handle as viewer:
+        with viewer.lock():
+            viewer.cam.lookat[:] = 0.0, 0.0, 0.6
+            viewer.cam.distance, viewer.cam.azimuth = VIEW_DISTANCE, 90.0
+            viewer.cam.elevation = ELEVATION
+        start = time.monotonic()
+        while viewer.is_running():
+            elapsed = (time.monotonic() - start) * speed
+            if elapsed > replay.time[-1] + VIEW_PAUSE * speed:
+                start = time.monotonic()
+            index = min(int(np.searchsorted(replay.time, elapsed)), len(replay.time) - 1)
+            _show(viewer, model, replay, index)
+            time.sleep(1.0 / 60.0)
+
+
+def _show(viewer: mujoco.viewer.Handle, model: CartPoleModel, replay: Replay, index: int) -> None:
+    """Show a frame; the camera moves along with the cart."""
+    with viewer.lock():
+        before = float(model.mj_data.qpos[0])
+        pose(model, replay, index)
+        viewer.cam.lookat[0] += float(replay.state[index, 0]) - before
+        viewer.user_scn.ngeom = 0
+        marks = BAR * np.arange(-VIEW_MARKS, VIEW_MARKS + 1)
+        add_overlays(viewer.user_scn, replay, index, marks, mass=1.0)  # as the model is drawn
+    labels, values = zip(*replay.readouts(index), strict=True)
+    lines = (f"{replay.scenario}, {replay.controller}", *labels, replay.ended(index))
+    left = "\n".join(lines).replace("φ", "phi").replace("Δ", "d")  # its font has no Greek
+    viewer.set_texts((None, None, left, "\n".join(("", *values))))
+    viewer.sync()

@@ -1,38 +1,193 @@
-"""MP4 files and pictures, written completely or not at all."""
+"""Films to make, and their MP4 files and stills, written completely or not at all."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import mediapy
-import numpy as np
-from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError, GraphicsError
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.digests import digests
+from afl_mujoco.errors import FileError, GraphicsError, InvalidValueError
+from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.execution.processes import interrupts_held
-from afl_mujoco.files import atomic_file
-from afl_mujoco.films.listing import MARK
+from afl_mujoco.files import atomic_file, hidden_folder
+from afl_mujoco.films.listing import MARK, REMOVE, Entry, list_film, load_listing
+from afl_mujoco.films.picture import Picture, frames
+from afl_mujoco.films.replay import Deployment, frame_times, record
+from afl_mujoco.films.scene import require_size
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.scenario import Scenario
+
+MOST_RUNS, MOST_FPS = 4, 240
+"""Largest number of runs in a film, and of frames per second."""
+
+POSTER_TIME = 1.2
+"""Instant of the poster of a film [s], at which the pole is moving."""
 
 QUALITY = 21
 """Constant rate factor of x264: a little better than its default."""
 
+AS_IS = Deployment()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Film:
+    """A film of one controller on a scenario, or of several side by side."""
+
+    scenario: Scenario
+    controllers: tuple[Controller, ...]
+    deployment: Deployment = AS_IS
+    size: tuple[int, int] = (1280, 720)
+    fps: int = 30
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        """Validate size and frame rate."""
+        require_size(self.size)
+        if not 1 <= self.fps <= MOST_FPS:
+            raise InvalidValueError("fps", f"must lie between 1 and {MOST_FPS}", self.fps)
+        if self.length < 1:
+            rule = f"must last a frame at {self.fps} frames per second"
+            thing = f"scenario {self.scenario.name!r}"
+            raise InvalidValueError(thing, rule, f"{self.scenario.duration} s")
+
+    @property
+    def length(self) -> int:
+        """Number of frames."""
+        return len(frame_times(self.scenario.duration, self.fps))
+
+    @property
+    def entry(self) -> Entry:
+        """Its entry in the list of films."""
+        names = tuple(controller.name for controller in self.controllers)
+        name = f"{self.scenario.name}-{'-and-'.join(names)}"
+        return Entry(
+            file=f"{name}.mp4",
+            poster=f"{name}.png",
+            title=f"{self.scenario.name}, {' beside '.join(names)}",
+            scenario=self.scenario.name,
+            controllers=names,
+            width=self.size[0],
+            height=self.size[1],
+            fps=self.fps,
+            frames=self.length,
+            deployment=self.deployment,
+            command=self.command,
+            inputs=digests([self.scenario], self.controllers),
+        )
+
+    def pictures(self, indices: Iterable[int]) -> Iterator[Picture]:
+        """Run what it shows, and yield some of its frames."""
+        replays = [record(self.scenario, c, self.deployment, self.fps) for c in self.controllers]
+        return frames(replays, self.deployment.describe(), self.size, self.fps, indices)
+
+
+def side_by_side(
+    scenario: Scenario,
+    controllers: Sequence[Controller],
+    deployment: Deployment = AS_IS,
+    **settings: Any,
+) -> Film:
+    """Return the film of the first `MOST_RUNS` controllers on a scenario."""
+    return Film(
+        scenario=scenario,
+        controllers=tuple(controllers[:MOST_RUNS]),
+        deployment=deployment.on(scenario),
+        **settings,
+    )
+
+
+def plan(
+    scenarios: Sequence[Scenario],
+    controllers: Sequence[Controller],
+    deployment: Deployment = AS_IS,
+    **settings: Any,
+) -> list[Film]:
+    """Return the films of some scenarios: one per controller, and several side by side."""
+    casts = [[controller] for controller in controllers]
+    casts += [list(controllers)] if len(controllers) > 1 else []
+    planned = [side_by_side(s, cast, deployment, **settings) for s in scenarios for cast in casts]
+    require_distinct("film", [film.entry.file for film in planned])
+    return planned
+
+
+def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Path]:
+    """Write the frame of each film that is nearest to an instant [s]."""
+    for film in planned:
+        last = (film.length - 1) / film.fps
+        if not 0.0 <= time <= last:
+            raise InvalidValueError("still", f"must lie between 0 and {last:g} s", time)
+    for film in planned:
+        picture = next(film.pictures([round(time * film.fps)]))
+        _write_picture(picture, folder / film.entry.poster)
+    return [folder / film.entry.poster for film in planned]
+
+
+def make_films(
+    planned: Sequence[Film],
+    folder: Path,
+    *,
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda films: None,
+) -> list[Path]:
+    """Make films on several processes, and list them in the folder.
+
+    A film is made in a hidden folder and moved when it is complete; an interrupt leaves the films
+    that were finished, which are listed, and nothing else.
+    """
+    load_listing(folder, REMOVE)  # a list that cannot be read is refused before anything is filmed
+    workers = min(workers, len(planned))
+    if workers > 1:  # else each process would draw with as many threads as there are cores
+        os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
+    with hidden_folder(folder, "films") as hidden, open_executor(workers) as executor:
+        units = [(film, hidden) for film in planned]
+        try:
+            for done, (index, _) in enumerate(executor(_make, units), start=1):
+                entry = planned[index].entry
+                for name in (entry.poster, entry.file):
+                    try:
+                        (hidden / name).replace(folder / name)
+                    except OSError as error:
+                        raise FileError.cannot_be("written", folder / name, error) from None
+                list_film(folder, entry)
+                progress(done)
+        except FileError as error:
+            thing = error.thing.replace(str(hidden), str(folder))
+            raise FileError(thing, error.rule, error.value) from None
+    return [folder / film.entry.file for film in planned]
+
+
+def _make(unit: tuple[Film, Path]) -> None:
+    """Write a film and its poster."""
+    film, folder = unit
+    entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
+    made = film.pictures(range(film.length))
+
+    def pictures() -> Iterator[Picture]:
+        for index, picture in enumerate(made):
+            if index == poster:
+                _write_picture(picture, folder / entry.poster)
+            yield picture
+
+    write_video(pictures(), folder / entry.file, film.size, film.fps, entry.title)
+
 
 def write_video(
-    pictures: Iterable[NDArray[np.uint8]], path: Path, size: tuple[int, int], fps: int, title: str
+    pictures: Iterable[Picture], path: Path, size: tuple[int, int], fps: int, title: str
 ) -> None:
-    """Write an MP4: H.264, yuv420p, playable before it has loaded completely.
-
-    Parameters
-    ----------
-    pictures
-        The frames, each of shape (height, width, 3).
-    size
-        Width and height [px], even.
-    """
-    mediapy.set_ffmpeg(_encoder())
+    """Write an MP4: H.264, yuv420p, playable before it has loaded completely."""
+    try:
+        mediapy.set_ffmpeg(str(imageio_ffmpeg.get_ffmpeg_exe()))
+    except RuntimeError:
+        rule = "must be installed to write films; the wheel of imageio-ffmpeg contains it"
+        raise GraphicsError("ffmpeg", rule) from None
     arguments = ["-preset", "veryfast", "-movflags", "+faststart"]
     arguments += ["-metadata", f"title={title}", "-metadata", f"comment={MARK}"]
     with atomic_file(path) as temporary:
@@ -51,15 +206,6 @@ def write_video(
             refusal = _end(writer) or refusal
         if refusal:
             raise FileError(str(path), f"cannot be written: {refusal}")
-
-
-def _encoder() -> str:
-    """Return the path of ffmpeg."""
-    try:
-        return str(imageio_ffmpeg.get_ffmpeg_exe())
-    except RuntimeError:
-        rule = "must be installed to write films; the wheel of imageio-ffmpeg contains it"
-        raise GraphicsError("ffmpeg", rule) from None
 
 
 def _end(writer: mediapy.VideoWriter) -> str | None:
@@ -81,13 +227,7 @@ def _close(writer: mediapy.VideoWriter) -> str | None:
     return None
 
 
-def write_picture(picture: NDArray[np.uint8], path: Path) -> None:
-    """Write a PNG, completely or not at all.
-
-    Parameters
-    ----------
-    picture
-        Shape (height, width, 3).
-    """
+def _write_picture(picture: Picture, path: Path) -> None:
+    """Write a PNG, completely or not at all."""
     with atomic_file(path) as temporary:
         mediapy.write_image(temporary, picture, fmt="png")

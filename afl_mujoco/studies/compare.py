@@ -37,7 +37,7 @@ from afl_mujoco.studies.run import Deployed, Rows, Run, numbered, run_kept
 from afl_mujoco.studies.tables import grouped, metrics_matrix, passes, requirements_matrix
 
 if TYPE_CHECKING:
-    from afl_mujoco.films.plan import Film
+    from afl_mujoco.films.video import Film
 
 MOST_DRAWS = 1000
 
@@ -106,7 +106,7 @@ def prepare(options: Options) -> Request:
     film = o.controllers if o.film else ()
     request = Request(scenarios, controllers, deployed, o.draws, film).require()
     if film:
-        from afl_mujoco.films.plan import AS_IS, side_by_side
+        from afl_mujoco.films.video import AS_IS, side_by_side
 
         for scenario in scenarios:  # raises if it does not last a frame
             side_by_side(scenario, controllers, AS_IS)
@@ -451,8 +451,8 @@ def films(result: Result, command: str) -> list[Film]:
     if not result.film:
         return []
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.plan import side_by_side
     from afl_mujoco.films.replay import Deployment
+    from afl_mujoco.films.video import side_by_side
 
     controllers = [find_controller(name) for name in result.film]
     deployment = Deployment(

@@ -155,7 +155,7 @@ class Study:
         films = plan(result, command) if plan else []
         if not films:
             return []
-        from afl_mujoco.films.renderer import make_films
+        from afl_mujoco.films.video import make_films
 
         return list(make_films(films, folder))
 

@@ -49,7 +49,7 @@ from afl_mujoco.studies.run import Deployed, Rows, Run
 from afl_mujoco.studies.tables import how
 
 if TYPE_CHECKING:
-    from afl_mujoco.films.plan import Film
+    from afl_mujoco.films.video import Film
 
 LABORATORY = "laboratory"
 SAMPLES, QUICK_SAMPLES = 1000, 100
@@ -162,7 +162,7 @@ def prepare(options: Options) -> Request:
     if o.keep is not None:
         require_count("keep", o.keep, 0, MOST_SAMPLES)
     if o.film:
-        from afl_mujoco.films.plan import AS_IS, side_by_side
+        from afl_mujoco.films.video import AS_IS, side_by_side
 
         side_by_side(space.scenario, controllers[:1], AS_IS)  # raises if it is too short
     return request
@@ -629,8 +629,8 @@ def films(result: Result, command: str) -> list[Film]:
     if not result.film:
         return []
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.plan import side_by_side
     from afl_mujoco.films.replay import Deployment
+    from afl_mujoco.films.video import side_by_side
 
     deployment = Deployment(timestep=result.timestep, integrator=result.integrator)
     return [

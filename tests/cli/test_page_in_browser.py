@@ -65,7 +65,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     mediapy.write_video(films / names[0], frames, fps=FPS)
     for name in names[1:]:
         shutil.copy(films / names[0], films / name)
-    write_listing(films, *(film_entry(name, scenario=None) for name in names))
+    write_listing(films, *(film_entry(name) for name in names))
     study_results.write_records(folder)
     room = 4 * (films / names[0]).stat().st_size // 3 + 100
     with pytest.MonkeyPatch.context() as patch:

@@ -25,13 +25,22 @@ BAD = {
         ["render", "nominal", "--size", "1280"],
         "size must be WIDTHxHEIGHT, such as 1280x720, got 1280",
     ),
-    "odd size": (
+    "odd width": (
         ["render", "nominal", "--size", "641x480"],
         "film width must be even, for H.264, got 641",
     ),
     "size beyond the off-screen buffer": (
         ["render", "nominal", "--size", "1280x1440"],
         "film height must lie between 128 and 1080 pixels, the off-screen buffer, got 1440",
+    ),
+    "frames a second": (["render", "--fps", "0"], "fps must lie between 1 and 240, got 0"),
+    "one film twice": (
+        ["render", "nominal", "--controllers", "fixed", "fixed"],
+        "film names must differ, got 'nominal-fixed.mp4' twice",
+    ),
+    "shorter than a frame": (
+        ["render", "blink.toml"],
+        "scenario 'blink' must last a frame at 30 frames per second, got 0.01 s",
     ),
     "still after the end": (
         ["render", "nominal", "--still", "99"],
@@ -55,12 +64,14 @@ def test_bad_input_is_one_line_and_leaves_no_file(
 ) -> None:
     arguments, message = BAD[case]
     monkeypatch.chdir(tmp_path)
+    blink = tmp_path / "blink.toml"
+    blink.write_text("duration = 0.01\n")
     assert main(arguments) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert len(said.err.splitlines()) == 1
     assert message in said.err
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [blink]
 
 
 def test_without_a_backend_one_line_names_the_packages(tmp_path) -> None:

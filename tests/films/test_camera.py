@@ -47,15 +47,15 @@ def test_the_cart_pole_stays_in_the_frame_and_its_ghost_while_they_are_close(rep
     frame = Frame()
     for seed in range(5):
         run = wild(replay, seed, gap)
-        path = follow(run, FPS, *size, frame)
+        path = follow(run, FPS, size, frame)
         followed = (run.state, run.ideal) if gap < 1.0 else (run.state,)
         for states in followed:
             seen = np.array([corners(path, k, x, run.half_length[k]) for k, x in enumerate(states)])
             numbers = path.project(0, path.x[:1], NUMBERS_Y, np.array([NUMBERS_Z]))
             slack = 1e-6
             assert numbers[0, 1] <= (1.0 - frame.foot) * size[1] + slack
-            assert seen[..., 0].min() >= frame.left * size[0] - slack
-            assert seen[..., 0].max() <= (1.0 - frame.right) * size[0] + slack
+            assert seen[..., 0].min() >= frame.side * size[0] - slack
+            assert seen[..., 0].max() <= (1.0 - frame.side) * size[0] + slack
             assert seen[..., 1].min() >= frame.top * size[1] - slack
             assert seen[..., 1].max() <= (1.0 - frame.bottom) * size[1] + slack
 
@@ -66,7 +66,7 @@ def test_the_camera_moves_more_smoothly_than_the_cart(replay):
     jerky = np.zeros((count, 4))
     jerky[:, 0] = np.where(time > 2.0, 1.0, 0.0)  # a metre within a frame
     run = replace(wild(replay, 0), state=jerky, ideal=jerky, half_length=np.full(count, 0.5))
-    path = follow(run, FPS, 1280, 720, Frame())
+    path = follow(run, FPS, (1280, 720), Frame())
     assert np.abs(np.diff(path.x)).max() < 0.1
     assert path.x[0] == pytest.approx(0.0, abs=1e-6)
     assert path.x[-1] == pytest.approx(1.0, abs=1e-6)

@@ -14,11 +14,10 @@ import afl_mujoco as afl
 from afl_mujoco.control.digests import digests
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
-from afl_mujoco.films.plan import side_by_side
 from afl_mujoco.films.replay import Deployment
 from afl_mujoco.films.sections import sections
-from afl_mujoco.films.video import write_video
-from afl_mujoco.report.old import Film
+from afl_mujoco.films.video import side_by_side, write_video
+from afl_mujoco.report.blocks import Film
 from tests.verification_result import film_entry, write_listing
 
 
@@ -37,29 +36,25 @@ def test_a_film_takes_the_place_of_one_of_its_name_and_those_gone_are_left_out(
     new = film_entry(
         "a.mp4",
         title="new",
-        scenario=None,
         deployment=Deployment(timestep=2e-3, control_period=4e-3),
     )
     list_film(tmp_path, new)
     assert load_listing(tmp_path) == (new, film_entry("b.mp4"))
 
 
-def test_a_report_shows_the_showcase_and_then_each_scenario_the_wide_films_first(
-    tmp_path: Path,
-) -> None:
+def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path: Path) -> None:
     held = Deployment(control_period=0.005)
     write_listing(
         tmp_path,
         film_entry("a.mp4", deployment=held),
-        film_entry("b.mp4", kind="comparison"),
+        film_entry("b.mp4", controllers=("adaptive", "lqr")),
         film_entry("c.mp4", scenario="other"),
-        film_entry("s.mp4", kind="showcase", scenario=None),
     )
     (section,) = sections(tmp_path)
-    (showcase,) = (block for block in section.blocks if isinstance(block, Film))
-    assert (showcase.file, showcase.wide) == (tmp_path / "s.mp4", True)
-    assert [part.title for part in section.parts] == ["step-step", "other"]
-    wide, single = section.parts[0].blocks
+    assert [part.title for part in section.parts] == ["other", "step-step"]
+    assert [part.folded for part in section.parts] == [True, True]
+    wide, single = section.parts[1].blocks
+    assert wide.wide and not single.wide
     assert isinstance(wide, Film) and isinstance(single, Film)
     assert [wide.file.name, single.file.name] == ["b.mp4", "a.mp4"]
     assert single.caption == "As deployed: RK4 at 1 ms, force held for 5 ms."
@@ -67,7 +62,7 @@ def test_a_report_shows_the_showcase_and_then_each_scenario_the_wide_films_first
 
 def test_the_entry_of_a_film_says_which_scenarios_and_controllers_it_is_of() -> None:
     scenario, controllers = afl.SCENARIOS["step-step"], [*afl.CONTROLLERS.values()][:2]
-    film = side_by_side(scenario, controllers, Deployment())
+    film = side_by_side(scenario, controllers)
     assert film.entry.inputs == digests([scenario], controllers)
     assert len(film.entry.inputs) == 3
 

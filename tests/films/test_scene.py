@@ -69,8 +69,8 @@ def seen_ghost(scene, picture):
 @pytest.fixture(scope="module")
 def stage(replay):
     """A scene and a camera path for every test of this file."""
-    path = follow(replay, 30, *SIZE, Frame())
-    with open_scene(replay, *SIZE) as scene:
+    path = follow(replay, 30, SIZE, Frame())
+    with open_scene(replay, SIZE) as scene:
         yield scene, path
 
 
@@ -178,5 +178,5 @@ def test_drawing_leaves_the_model_as_a_fresh_compile_would_have_it(graphics, sta
     scene, path = stage
     scene.draw(replay, AFTER, path)
     again = scene.draw(replay, BEFORE, path)
-    with open_scene(replay, *SIZE) as fresh:
+    with open_scene(replay, SIZE) as fresh:
         np.testing.assert_array_equal(fresh.draw(replay, BEFORE, path), again)

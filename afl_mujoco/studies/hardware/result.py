@@ -157,8 +157,6 @@ class Result:
     survival
         What controllers would do on that cart-pole; empty if nothing was drawn, or the estimates
         are too uncertain to draw from.
-    film
-        Whether a recording is filmed.
     """
 
     source: str
@@ -177,7 +175,6 @@ class Result:
     band: Array
     recorded: Recorded
     survival: tuple[Survival, ...] = ()
-    film: bool = False
 
     @property
     def passed(self) -> bool:

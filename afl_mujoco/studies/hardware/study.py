@@ -35,8 +35,6 @@ class Hardware:
     """Cart-poles drawn from the distribution of the estimates, on which controllers run."""
     seed: int = 1
     """Seed of the draws."""
-    film: bool = False
-    """Film a recording as MuJoCo predicts it, with the measurement behind it."""
 
 
 def check(configuration: Hardware) -> None:
@@ -45,10 +43,6 @@ def check(configuration: Hardware) -> None:
     require_count("draws", c.draws, 0, MOST_DRAWS)
     if not 0 <= c.seed < 2**63:
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", c.seed)
-    if c.film:
-        from afl_mujoco.graphics import require_backend
-
-        require_backend()
     _asked(c)
 
 
@@ -59,9 +53,8 @@ def run(configuration: Hardware, *, progress: Progress = silent, workers: int = 
     c = configuration
     logs, identified, source = _asked(c)
     return validate(
-        logs, identified, source,
-        draws=c.draws, seed=c.seed, film=c.film, workers=workers, progress=progress,
-    )  # fmt: skip
+        logs, identified, source, draws=c.draws, seed=c.seed, workers=workers, progress=progress
+    )
 
 
 def _asked(configuration: Hardware) -> tuple[list[Log], Identified, str]:

@@ -49,7 +49,6 @@ def validate(
     *,
     draws: int,
     seed: int,
-    film: bool = False,
     workers: int = 1,
     progress: Progress = silent,
 ) -> Result:
@@ -116,7 +115,6 @@ def validate(
         band=band,
         recorded=recorded,
         survival=survival,
-        film=film,
     )
 
 

@@ -1,0 +1,266 @@
+"""The frames of a film: one run, or up to four runs of one scenario side by side."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath, Frame, follow
+from afl_mujoco.films.replay import Replay
+from afl_mujoco.films.scene import GHOST, open_scene
+from afl_mujoco.report.style import colours
+from afl_mujoco.simulation.decor import BAR, FORCE, PUSH, Colour
+
+Picture = NDArray[np.uint8]
+Rgb = tuple[int, int, int]
+INK: Rgb = (238, 241, 246)
+QUIET: Rgb = (164, 172, 186)
+WARNING: Rgb = (255, 176, 102)
+POLE: Rgb = (217, 115, 38)
+DIVIDER: Rgb = (70, 80, 98)
+TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
+"""Gradient behind the scene, that of the sky of ``models/scene.xml``."""
+
+DESIGN = (1280, 720)
+"""Size of the picture for which the sizes of letters are given [px]."""
+
+SMALLEST_LETTER = 10
+BESIDE, PART_LETTERS = Frame(top=0.16, bottom=0.30, foot=0.21), 0.8
+"""Where cart-poles stay in a part of a picture, and the size of letters there."""
+
+PLOT_HEIGHT = 360
+"""Height of plots for which the sizes of their letters and lines are given [px], at 100 dpi."""
+
+LINES = ("-", "--", "-.", ":")
+LUMINANCE, LEAST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.45
+"""Luminance of red, green and blue; and the least luminance of a curve."""
+
+LABELS = (
+    "pole angle φ [rad]",
+    "cart position z [m]",
+    "force F [N], log",
+    "mass M [kg]",
+    "half-length l [m]",
+)
+DARK: dict[Any, Any] = {
+    "text.parse_math": False,  # a name is shown as it is
+    "font.size": 8.5,
+    "figure.facecolor": "#{:02x}{:02x}{:02x}".format(*BOTTOM),
+    "axes.facecolor": "#10151f",
+    "axes.edgecolor": "#5a6478",
+    "axes.labelcolor": "#dfe3ea",
+    "grid.color": "#39435a",
+    "text.color": "#dfe3ea",
+    "xtick.color": "#a4acba",
+    "ytick.color": "#a4acba",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A piece of text at a place [px], with the height of its letters [px] and Pillow's anchor."""
+
+    x: float
+    y: float
+    text: str
+    size: float
+    colour: Rgb = INK
+    anchor: str = "ls"
+    mono: bool = False
+
+
+def frames(
+    replays: Sequence[Replay], held: str, size: tuple[int, int], fps: int, indices: Iterable[int]
+) -> Iterator[Picture]:
+    """Yield the frames of a film, each of shape (height, width, 3).
+
+    One run fills the picture. Two are above curves that grow with time; four form a square; with
+    three, the curves take the fourth place. `held` says how the controllers are deployed.
+    """
+    (width, height), alone, two = size, len(replays) == 1, len(replays) == 2
+    part = size if alone else (2 * (width // 4), 2 * (height // 4))
+    s = min(width / DESIGN[0], height / DESIGN[1]) * (1.0 if alone else PART_LETTERS)
+    frame = Frame() if alone else BESIDE
+    paths = [follow(replay, fps, part, frame) for replay in replays]
+    places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
+    left = 0 if two else part[0]
+    plots = draw_plots(replays, (width - left, height - part[1])) if 1 < len(replays) < 4 else None
+    scenario = replays[0].scenario
+    titles = [f"{scenario}, {one.controller}" if alone else one.controller for one in replays]
+    behind = [write(backdrop(*part), [Text(28 * s, 46 * s, x, 28 * s)]) for x in titles]
+    subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)
+    behind[0] = write(behind[0], [subtitle])
+    corner = min(1, len(replays) - 1)
+    behind[corner] = write(behind[corner], _legend(held, alone, part[0], s))
+    with open_scene(replays[0], part) as scene:
+        for index in indices:
+            picture = np.zeros((height, width, 3), np.uint8)
+            for replay, path, back, (y, x) in zip(replays, paths, behind, places, strict=False):
+                drawn = np.maximum(scene.draw(replay, index, path), back)
+                texts = _numbers(replay, index, path, s)
+                picture[y : y + part[1], x : x + part[0]] = write(drawn, texts)
+            if not alone:
+                picture[: part[1] if two else height, part[0]] = DIVIDER
+            if len(replays) > 2:
+                picture[part[1]] = DIVIDER
+            if plots is not None:
+                picture[part[1] :, left:] = plots(float(replays[0].time[index]))
+            yield picture
+
+
+def backdrop(width: int, height: int) -> Picture:
+    """Return the gradient behind a scene, which is drawn on black: the brighter one is shown."""
+    share = np.linspace(0.0, 1.0, height)[:, None]
+    column = np.array(TOP) * (1.0 - share) + np.array(BOTTOM) * share
+    return np.repeat(column.round().astype(np.uint8)[:, None, :], width, axis=1)
+
+
+def write(picture: Picture, texts: Iterable[Text]) -> Picture:
+    """Return the picture with texts on it."""
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    for t in texts:
+        font = _font(max(SMALLEST_LETTER, round(t.size)), t.mono)
+        draw.text((t.x, t.y), t.text, font=font, fill=t.colour, anchor=t.anchor)
+    return np.asarray(image)
+
+
+@cache
+def _font(size: int, mono: bool) -> ImageFont.FreeTypeFont:
+    """Return a font of matplotlib's, which has the Greek letters."""
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    return ImageFont.truetype(folder / f"DejaVuSans{'Mono' if mono else ''}.ttf", size)
+
+
+def _legend(held: str, alone: bool, width: int, s: float) -> list[Text]:
+    """Return what the colours mean, and how the controllers of several runs are deployed."""
+    lines = [("solid: MuJoCo, pale rim: ideal ODE", QUIET), (held, QUIET)]
+    if alone:
+        lines = [
+            ("solid: MuJoCo", POLE),
+            ("pale rim: ideal ODE, apart by |Δz| and |Δφ|", _rgb(GHOST)),
+            ("force F of the controller (length ~ √F)", _rgb(FORCE)),
+            ("disturbance D", _rgb(PUSH)),
+        ]
+    return [
+        Text(width - 28 * s, (40 + 23 * row) * s, text, 16 * s, colour, "rs")
+        for row, (text, colour) in enumerate(lines)
+    ]
+
+
+def _numbers(replay: Replay, index: int, path: CameraPath, s: float) -> list[Text]:
+    """Return what changes over a run: distances along the rail, readouts, how it ended."""
+    width, height = path.size
+    places = path.seen(index, 2.0 * BAR)
+    spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
+    texts = [
+        Text(x, y, f"{round(place)} m", 15 * s, QUIET, "mt")
+        for place, (x, y) in zip(places.tolist(), spots.tolist(), strict=True)
+        if 0.0 < x < width
+    ]
+    numbers = replay.readouts(index)
+    weights = np.array([max(len(label), 1.25 * len(value)) + 2.0 for label, value in numbers])
+    shares = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
+    columns = 28 * s + (width - 36 * s) * shares
+    for x, (label, value) in zip(columns.tolist(), numbers, strict=False):
+        texts.append(Text(x, height - 52 * s, label, 16 * s, QUIET))
+        texts.append(Text(x, height - 20 * s, value, 24 * s, mono=True))
+    return [*texts, Text(0.5 * width, 140 * s, replay.ended(index), 20 * s, WARNING, "ms")]
+
+
+def _rgb(colour: Colour) -> Rgb:
+    """Return a colour of the scene as one of a text."""
+    red, green, blue = (round(255 * part) for part in colour[:3])
+    return red, green, blue
+
+
+def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[float], Picture]:
+    """Draw phi, z, F, M and l of runs of one scenario, once.
+
+    Returns the picture with the curves up to an instant [s] and a cursor there.
+    """
+    time = replays[0].time
+    end = float(time[-1] + (time[1] - time[0] if len(time) > 1 else 1.0))
+    with rc_context(DARK):
+        dpi = 100.0 * size[1] / PLOT_HEIGHT
+        figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(2, 6)
+        places = ((0, 0, 3), (0, 3, 6), (1, 0, 2), (1, 2, 4), (1, 4, 6))
+        axes = [figure.add_subplot(grid[row, first:last]) for row, first, last in places]
+        curves = _plot(axes, replays, end)
+        full = _drawn(canvas)
+        for line in curves:
+            line.set_visible(False)
+        empty = _drawn(canvas)
+    boxes = [[round(x) for x in axis.get_window_extent().extents] for axis in axes]
+
+    def until(now: float) -> Picture:
+        picture = empty.copy()
+        for left, low, right, high in boxes:
+            rows = slice(size[1] - high + 1, size[1] - low)
+            cursor = left + 1 + round((right - left - 2) * min(now / end, 1.0))
+            picture[rows, left + 1 : cursor] = full[rows, left + 1 : cursor]
+            picture[rows, cursor] = INK
+        return picture
+
+    return until
+
+
+def _plot(axes: Sequence[Axes], replays: Sequence[Replay], end: float) -> list[Line2D]:
+    """Draw the curves and return their lines."""
+    lines, names = [], [str(replay.controller) for replay in replays]
+    colour = colours(names)
+    for replay, name, dash in zip(replays, names, LINES, strict=False):
+        style: dict[str, Any] = {"color": _on_dark(colour[name]), "ls": dash, "lw": 1.5}
+        curves = (replay.state[:, 1], replay.state[:, 0], replay.force)
+        for axis, curve in zip(axes, curves, strict=False):
+            lines += axis.plot(replay.time, curve, label=name, **style)
+    for axis, curve in zip(axes[3:], (replays[0].cart_mass, replays[0].half_length), strict=True):
+        lines += axis.plot(replays[0].time, curve, color="#dfe3ea", lw=1.5)
+        axis.set_ylim(0.0, 1.1 * float(curve.max()))
+    axes[2].set_yscale("symlog", linthresh=5.0)
+    axes[2].set_yticks([-50, -5, 0, 5, 50], ["-50", "-5", "0", "5", "50"])
+    for axis, label in zip(axes, LABELS, strict=True):
+        axis.set_ylabel(label)
+        axis.set_xlim(0.0, end)
+        axis.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+        axis.grid(lw=0.6)
+    for axis in axes[2:]:
+        axis.set_xlabel("time t [s]")
+    handles = lines[: 3 * len(replays) : 3]
+    axes[0].figure.legend(
+        handles=handles, loc="outside upper center", ncols=2, frameon=False, handlelength=2.6
+    )
+    return lines
+
+
+def _on_dark(colour: str) -> tuple[float, float, float]:
+    """Return a colour of a page's figures, mixed with white to be visible on the dark."""
+    rgb = np.array(to_rgb(colour))
+    bright = float(rgb @ LUMINANCE)
+    white = (LEAST_LUMINANCE - bright) / (1.0 - bright) if bright < LEAST_LUMINANCE else 0.0
+    red, green, blue = (rgb + (1.0 - rgb) * white).tolist()
+    return red, green, blue
+
+
+def _drawn(canvas: FigureCanvasAgg) -> Picture:
+    """Return what is drawn, shape (height, width, 3)."""
+    canvas.draw()  # type: ignore[no-untyped-call]
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]

@@ -1,0 +1,137 @@
+"""Films as files: they decode, have the right frames, and are whole or not there (Tier D)."""
+
+from __future__ import annotations
+
+import itertools
+import resource
+import subprocess
+from dataclasses import replace
+
+import imageio_ffmpeg
+import mediapy
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.films.listing import LISTING, load_listing
+from afl_mujoco.films.replay import Deployment, record
+from afl_mujoco.films.video import make_films, plan, side_by_side, write_stills, write_video
+
+pytestmark = pytest.mark.slow
+
+SIZE = (256, 144)
+NAMES = ("fixed", "adaptive", "lqr", "fixed-retuned", "adaptive-retuned")
+CONTROLLERS = [afl.CONTROLLERS[name] for name in NAMES]
+
+
+def decode(path):
+    """Return what ffmpeg says of a film, and its frames, shape (N, height, width, 3)."""
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    mediapy.set_ffmpeg(ffmpeg)
+    about = subprocess.run([ffmpeg, "-i", path], capture_output=True, text=True, check=False).stderr
+    return about, mediapy.read_video(path)
+
+
+@pytest.fixture
+def films(growing):
+    return plan([growing], CONTROLLERS[:2], size=SIZE, fps=30)
+
+
+@pytest.mark.parametrize("beside", [1, 2, 3, 4, 5])
+def test_a_film_decodes_with_each_of_its_frames(graphics, growing, tmp_path, beside):
+    film = side_by_side(growing, CONTROLLERS[:beside], size=SIZE)
+    (file,) = make_films([film], tmp_path)
+    about, frames = decode(file)
+    assert frames.shape == (15, SIZE[1], SIZE[0], 3)
+    assert "Video: h264" in about
+    assert "yuv420p" in about
+    assert "30 fps" in about
+    moved = [np.abs(b - a).max() for a, b in itertools.pairwise(frames.astype(int))]
+    assert min(moved) > 16, "two frames in a row are the same"
+    names = {LISTING, film.entry.file, film.entry.poster}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert film.entry.controllers == NAMES[: min(beside, 4)]
+
+
+def test_processes_make_the_same_films_one_of_each_run_and_one_side_by_side(
+    graphics, films, tmp_path
+):
+    one, two = tmp_path / "one", tmp_path / "two"
+    counted = []
+    for folder, workers in ((one, 1), (two, 2)):
+        folder.mkdir()
+        files = make_films(films, folder, workers=workers, progress=counted.append)
+        names = ["fixed", "adaptive", "fixed-and-adaptive"]
+        assert [file.name for file in files] == [f"growing-{name}.mp4" for name in names]
+    assert counted == [1, 2, 3] * 2
+    for film in films:
+        name = film.entry.file
+        np.testing.assert_array_equal(decode(one / name)[1], decode(two / name)[1])
+
+
+def test_the_list_keeps_what_is_there_and_says_what_it_shows(graphics, films, tmp_path):
+    for film in (films[0], films[2], films[0]):
+        make_films([film], tmp_path)
+    entries = load_listing(tmp_path)
+    assert entries == tuple(sorted((films[0].entry, films[2].entry), key=lambda e: e.file))
+    (tmp_path / films[0].entry.file).unlink()
+    make_films(films[2:], tmp_path)
+    assert load_listing(tmp_path) == (films[2].entry,)
+
+
+def test_a_still_is_the_frame_of_its_instant(graphics, films, tmp_path):
+    files = write_stills(films, 0.3, tmp_path)
+    assert [file.name for file in files] == [film.entry.poster for film in films]
+    with pytest.raises(InvalidValueError, match=r"still must lie between 0 and 0\.466667 s, got 9"):
+        write_stills(films, 9.0, tmp_path)
+
+
+def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, tmp_path):
+    (tmp_path / LISTING).write_text("{}")
+    with pytest.raises(FileError, match=r"films\.json does not list films: .*: remove it"):
+        make_films(films, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [LISTING]
+
+
+def test_a_run_that_has_fallen_stands_still_without_forces(growing):
+    tipping = replace(growing, initial_state=(0.0, 1.5, 0.0, 8.0))
+    fallen = record(tipping, CONTROLLERS[0], Deployment(), 30)
+    (time, said), *_ = fallen.endings
+    after = fallen.time > time
+    assert said.startswith("MuJoCo fell")
+    assert (said in fallen.ended(0), said in fallen.ended(-1)) == (False, True)
+    assert after.sum() > 5
+    assert not fallen.force[after].any()
+    assert not fallen.push[after].any()
+    for array in (fallen.state, fallen.cart_mass, fallen.half_length):
+        assert len(np.unique(array[after], axis=0)) == 1
+
+
+def test_an_interrupt_leaves_no_half_of_a_film(tmp_path):
+    def interrupted():
+        yield np.zeros((144, 256, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_video(interrupted(), tmp_path / "film.mp4", SIZE, 30, "film")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_film_that_does_not_fit_on_the_disk_is_one_line(tmp_path, monkeypatch):
+    """The encoder may write 20 kB and not more, as on a disk that is full."""
+    real = subprocess.Popen
+
+    def limited(*args, **kwargs):
+        def limit():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+        return real(*args, **{**kwargs, "preexec_fn": limit})
+
+    monkeypatch.setattr(subprocess, "Popen", limited)
+    rng = np.random.default_rng(0)
+    noise = (rng.integers(0, 255, (144, 256, 3)).astype(np.uint8) for _ in range(200))
+    with pytest.raises(FileError, match=r"film\.mp4 cannot be written: ") as refusal:
+        write_video(noise, tmp_path / "film.mp4", SIZE, 30, "film")
+    assert "\n" not in str(refusal.value)
+    assert list(tmp_path.iterdir()) == []
