@@ -32,8 +32,6 @@ class Render:
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper and the showcase by default."""
     controllers: ControllerNames = PAPER
-    gain_labels: str = "table2"
-    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     size: str = "1280x720"
     """Width x height in pixels, even, at most 1920x1080."""
     fps: int = 30
@@ -65,7 +63,7 @@ class Render:
         # What is quick to check comes before what is slow to import, the backend before MuJoCo.
         scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
         names = separated(self.controllers)
-        controllers = [find_controller(name, self.gain_labels) for name in names]
+        controllers = [find_controller(name) for name in names]
         size = self._size()
         require_backend()
 

@@ -149,9 +149,8 @@ def inputs_of(configuration: Any) -> dict[str, str]:
         one, several = (getattr(configuration, name, None) for name in (option, f"{option}s"))
         return [*(several or ()), *([] if one is None else [one])]
 
-    labels = getattr(configuration, "gain_labels", "table2")
-    controllers = [find_controller(name, labels) for name in named("controller")]
-    return digests(map(find_scenario, named("scenario")), controllers)
+    controllers = map(find_controller, named("controller"))
+    return digests(map(find_scenario, named("scenario")), [*controllers])
 
 
 def _told(files: Sequence[Path]) -> str:

@@ -26,8 +26,6 @@ class View:
     scenario: Name = "step-step-impulse"
     """Scenario by name, or a TOML file."""
     controller: Annotated[str, tyro.conf.arg(help=f"Controller by name: {KNOWN}")] = SUBJECT
-    gain_labels: str = "table2"
-    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
@@ -47,7 +45,7 @@ class View:
         from afl_mujoco.scenario.files import find_scenario
 
         scenario = find_scenario(self.scenario)
-        controller = find_controller(self.controller, self.gain_labels)
+        controller = find_controller(self.controller)
         if not 0.0 < self.speed < float("inf"):
             raise InvalidValueError("speed", "must be positive and finite", self.speed)
         require_display()

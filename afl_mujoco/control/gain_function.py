@@ -124,12 +124,6 @@ class GainFunction:
         """The coefficients as an array, shape (3, 5): rows K, lambda, Phi."""
         return np.array([getattr(self, name) for name in GAIN_NAMES])
 
-    def relabelled(self) -> GainFunction:
-        """Return the other reading of the columns K and Phi (decision D2): the two exchanged."""
-        return GainFunction(
-            switching=self.boundary_layer, slope=self.slope, boundary_layer=self.switching
-        )
-
     def gains(self, cart_mass: float, half_length: float) -> Gains:
         """Return the gains for one plant, Eq. (G1).
 

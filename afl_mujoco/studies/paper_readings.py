@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.catalogue import AFLController, find_controller
+from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
 from afl_mujoco.errors import reading
 from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.scenario import Scenario
@@ -155,10 +155,9 @@ def terms_of(readings: Array, threads: int = 1) -> Terms:
     cases = [(*case.split("-"), gains) for case in CASES for gains in ("fixed", "adaptive")]
     masses = np.stack([knots["M", shape] for shape, _, _ in cases], axis=1)
     lengths = np.stack([knots["l", shape] for _, shape, _ in cases], axis=1)
-    labelled = [
-        np.array([_coefficients(g, labels) for _, _, g in cases]) for labels in ("table2", "table1")
-    ]
-    coefficients = np.stack(labelled)[readings[:, LABELS].astype(int)]
+    named = np.array([_coefficients(gains) for _, _, gains in cases])
+    headed = named[:, ::-1]  # K and Phi exchanged, as Table 1's header has them
+    coefficients = np.stack([named, headed])[readings[:, LABELS].astype(int)]
     found = scheduled_terms(
         masses.reshape(-1, 4, 2),
         lengths.reshape(-1, 4, 2),
@@ -177,7 +176,7 @@ def terms_of(readings: Array, threads: int = 1) -> Terms:
 def nominal_terms() -> Array:
     """Return the scales of D4: the terms of the fixed gains on the nominal plant over 20 s."""
     plant = [[[0.0, value]] for value in (1.0, 0.5)]
-    found = scheduled_terms([plant[0]], [plant[1]], _coefficients("fixed", "table2"), [20.0])
+    found = scheduled_terms([plant[0]], [plant[1]], _coefficients("fixed"), [20.0])
     return np.array([found.iae_z[0], found.iae_phi[0], found.peak_force[0]])
 
 
@@ -216,9 +215,9 @@ def _rms(errors: Array, axes: tuple[int, ...]) -> Array:
     return np.asarray(np.where(np.isfinite(found), found, np.inf))
 
 
-def _coefficients(name: str, labels: str) -> Array:
+def _coefficients(name: str) -> Array:
     """Return the coefficients of (G1) of a controller of the paper."""
-    controller = find_controller(name, labels)
+    controller = CONTROLLERS[name]
     assert isinstance(controller, AFLController)
     return controller.gain_function.coefficients
 

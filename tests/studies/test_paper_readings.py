@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.catalogue import AFLController
+from afl_mujoco.control.gain_function import GAIN_NAMES
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.studies import paper_readings
@@ -59,13 +61,15 @@ def test_improvements_are_those_of_the_simulated_scenarios(index: int) -> None:
     one = random_readings(40, 1)[index].copy()
     one[[SCALE_Z, SCALE_PHI, SIGNED]] = 0.0
     found = improvements(terms_of(one[None]).objectives(one[None]))[0]
-    labels = "table1" if one[LABELS] else "table2"
     scales = nominal_scales(1e-3)
     for case, here in zip(CASES, found, strict=True):
         scenario = scenario_of(one, case, "replayed")
         objectives = []
         for name in ("fixed", "adaptive"):
-            controller = paper_readings.find_controller(name, labels)
+            function = afl.CONTROLLERS[name].gain_function
+            w = function.coefficients[::-1] if one[LABELS] else function.coefficients
+            gains = afl.GainFunction(**dict(zip(GAIN_NAMES, w, strict=True)))
+            controller = AFLController(name=name, gain_function=gains)
             run = afl.simulate_ode(scenario, controller, sample_period=1e-3)
             objectives.append(
                 with_objective(metrics(scenario, controller, run), scales)["objective"]

@@ -76,8 +76,6 @@ class Attraction:
     the control is held."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
-    gain_labels: str = "table2"
-    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
 
 
 THE_SCENARIOS = (
@@ -114,7 +112,7 @@ def request_of(configuration: Attraction) -> Request:
     if c.scenario is not None:
         return _scenario_request(c, c.scenario)
     require_distinct("plane", c.planes)
-    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    controllers = [find_controller(name) for name in c.controllers]
     timestep = TIMESTEP if c.timestep is None else c.timestep
     m, g = require_positive("pole_mass", c.pole_mass), require_positive("gravity", c.gravity)
     maps = [replace(_grid(c, plane), pole_mass=m, gravity=g) for plane in c.planes]
@@ -154,7 +152,7 @@ def _scenario_request(configuration: Attraction, name: str) -> Request:
     ticks_of(scenario, c.timestep)
     require_integrator(c.integrator)
     starts_of(c)
-    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    controllers = [find_controller(name) for name in c.controllers]
     return Request(controllers, [], Settling(), c.timestep, scenario)
 
 

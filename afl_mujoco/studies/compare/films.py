@@ -19,7 +19,7 @@ def films(result: Result, command: str) -> list[Film]:
     from afl_mujoco.films.plan import side_by_side
     from afl_mujoco.films.replay import Deployment
 
-    controllers = [find_controller(name, asked.gain_labels) for name in asked.controllers]
+    controllers = [find_controller(name) for name in asked.controllers]
     deployment = Deployment(
         timestep=result.timestep,
         control_period=result.control_period,

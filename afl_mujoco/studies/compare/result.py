@@ -42,10 +42,9 @@ class Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmRequest:
-    """Controllers as they were requested, and the reading of the paper's gains."""
+    """Controllers as they were requested."""
 
     controllers: tuple[str, ...]
-    gain_labels: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

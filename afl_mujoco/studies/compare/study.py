@@ -34,8 +34,6 @@ class Compare:
     scenarios: ScenarioNames = ("step-step",)
     """Scenarios by name, or TOML files, with their imperfections and requirements."""
     controllers: ControllerNames = (SUBJECT, REFERENCE)
-    gain_labels: str = "table2"
-    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
@@ -91,8 +89,7 @@ def run(configuration: Compare, *, progress: Progress = silent) -> Result:
     )
     if not c.film:
         return result
-    film = FilmRequest(controllers=c.controllers, gain_labels=c.gain_labels)
-    return replace(result, film=film)
+    return replace(result, film=FilmRequest(controllers=c.controllers))
 
 
 def _asked(configuration: Compare) -> tuple[list[Scenario], list[Controller]]:
@@ -108,7 +105,7 @@ def _asked(configuration: Compare) -> tuple[list[Scenario], list[Controller]]:
 
     from afl_mujoco.control.catalogue import find_controller
 
-    return scenarios, [find_controller(name, c.gain_labels) for name in c.controllers]
+    return scenarios, [find_controller(name) for name in c.controllers]
 
 
 STUDY = Study(

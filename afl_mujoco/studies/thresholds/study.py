@@ -63,8 +63,6 @@ class Thresholds:
     period."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
-    gain_labels: str = "table2"
-    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
 
 
 def check(configuration: Thresholds) -> None:

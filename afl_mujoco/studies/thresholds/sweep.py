@@ -257,7 +257,7 @@ def request_of(configuration: Thresholds) -> Request:
         timestep=c.timestep,
     )
     scenarios = tuple(find_scenario(name) for name in c.scenarios or (SCENARIO,))
-    controllers = [find_controller(name, c.gain_labels) for name in c.controllers]
+    controllers = [find_controller(name) for name in c.controllers]
     names = require(controllers, scenarios, settings, c.imperfections)
     return Request(controllers, scenarios, settings, names)
 
