@@ -18,8 +18,12 @@ from afl_mujoco.control.baselines.state_feedback import StateFeedback
 from afl_mujoco.control.compiled_controller import AFL, CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
-from afl_mujoco.control.gain_table import beyond_table
+from afl_mujoco.control.gain_function import (
+    GAIN_NAMES,
+    GainFunction,
+    beyond_table,
+    shipped_data,
+)
 from afl_mujoco.control.gains import FIXED_GAINS, Gains
 from afl_mujoco.control.held import HeldController
 from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED

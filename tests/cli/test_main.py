@@ -163,15 +163,11 @@ BAD_ARGUMENTS = {
         ["compare", "nominal", "--film=1"],
         "--film must have no value, got 1",
     ),
-    "unknown part of a command": (
-        ["tune", "tabel"],
-        "command must be one of table, fit, got 'tabel'; did you mean table?",
-    ),
     "unknown command": (["validat"], "got 'validat'; did you mean validate?"),
     "no command": (
         [],
         "command must be one of validate, compare, thresholds, montecarlo, attraction, margins, "
-        "estimation, readings, identify, hardware, report, simulate, log, render, view, tune, "
+        "estimation, identify, hardware, report, simulate, log, render, view, "
         "regression, got none",
     ),
     "report of a folder that is not there": (

@@ -136,7 +136,6 @@ def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
         ("margins", {"scenario": "laboratory", "controllers": ("lqr",)}, (["laboratory"], ["lqr"])),
         ("estimation", {"controller": "adaptive-retuned"}, ([], ["adaptive-retuned"])),
         ("montecarlo", {}, (["laboratory"], ["adaptive", "lqr"])),
-        ("readings", {}, ([], [])),
     ):
         scenarios, controllers = said
         found = inputs_of(find_study(name).configuration(**options))
