@@ -113,13 +113,6 @@ def test_a_loop_does_not_depend_on_its_neighbours(duration: float) -> None:
         assert alone.max_force[0] == together.max_force[k]
 
 
-def test_two_threads_give_the_same_bits() -> None:
-    gains, plants = drawn(500, seed=4)
-    one, two = (closed_loop_terms(gains, plants, threads=n) for n in (1, 2))
-    np.testing.assert_array_equal(one.iae_z, two.iae_z)
-    np.testing.assert_array_equal(one.max_force, two.max_force)
-
-
 def test_the_motion_does_not_depend_on_the_cart_s_mass() -> None:
     gains, plants = drawn(50, seed=5)
     heavier = plants * (3.0, 1.0)
@@ -188,13 +181,8 @@ def test_a_step_over_the_whole_layer_is_taken_back() -> None:
         ([[100.0, 1.0, 90.0]], (math.nan, 0.5), {}, "plants must be positive and finite"),
         ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"duration": 0.0}, "duration must be positive"),
         ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": -1.0}, "tolerance must"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": 1.0}, "tolerance must lie within"),
         ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"threads": 0}, "threads must be at least 1"),
         ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 1.6, 0, 0)}, "initial_state"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 0, 0)}, "must be four finite"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (1e7, 0, 0, 0)}, "initial_state"),
-        ([[100.0, 1.0, 90.0]], 1.0, {}, "plants must have shape"),
-        (np.empty((0, 3)), (1.0, 0.5), {}, "gains must have shape"),
         ([[200.0, 5.0, 1e-3]], (1.0, 0.01), {}, "would take as many steps"),
     ],
 )

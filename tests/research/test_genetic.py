@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -46,26 +45,21 @@ def crossed(chromosomes, costs, rng, groups=None):
 X_I, X_J, X_K = (1.0, 2.0), (3.0, -1.0), (0.0, 4.0)  # 2 x_i - x_j - x_k = (-1, 1)
 
 
-@pytest.mark.parametrize("place", [0, 1, 2], ids=["first", "second", "third"])
-def test_a_triple_moves_along_twice_the_fittest_less_the_others(place: int) -> None:
-    chromosomes, costs, rhos = [X_J, X_K], [7.0, 5.0], [0.25, 0.75]
-    expected = [(2.75, -0.75), (-0.75, 4.75)]
-    chromosomes.insert(place, X_I)
-    costs.insert(place, -3.0)
-    rhos.insert(place, 0.5)
-    expected.insert(place, (0.5, 2.5))
-    assert crossed(chromosomes, costs, Given(*rhos)).tolist() == [[list(x) for x in expected]]
-
-
-def test_a_pair_moves_along_the_difference_from_the_worse_to_the_better() -> None:
-    children = crossed([X_J, X_I], [5.0, 1.0], Given(0.5, 0.25))  # x_i - x_j = (-2, 3)
-    assert children.tolist() == [[[2.0, 0.5], [0.5, 2.75]]]
-
-
-def test_four_parents_move_along_thrice_the_fittest_less_the_others() -> None:
-    chromosomes = [(8.0,), (1.0,), (2.0,), (-4.0,)]  # 3 * 2 - 8 - 1 + 4 = 1
-    children = crossed(chromosomes, [4.0, 3.0, 2.0, 6.0], Given(0.5, 0.0, 0.25, 1.0))
-    assert children.ravel().tolist() == [8.5, 1.0, 2.25, -3.0]
+@pytest.mark.parametrize(
+    ("chromosomes", "costs", "rhos", "expected"),
+    [  # 2 x_i - x_j - x_k = (-1, 1), whichever place the fittest has
+        ([X_I, X_J, X_K], [-3.0, 7.0, 5.0], (0.5, 0.25, 0.75),
+         [(0.5, 2.5), (2.75, -0.75), (-0.75, 4.75)]),
+        ([X_J, X_K, X_I], [7.0, 5.0, -3.0], (0.25, 0.75, 0.5),
+         [(2.75, -0.75), (-0.75, 4.75), (0.5, 2.5)]),
+        ([X_J, X_I], [5.0, 1.0], (0.5, 0.25), [(2.0, 0.5), (0.5, 2.75)]),  # x_i - x_j = (-2, 3)
+        ([(8.0,), (1.0,), (2.0,), (-4.0,)], [4.0, 3.0, 2.0, 6.0], (0.5, 0.0, 0.25, 1.0),
+         [(8.5,), (1.0,), (2.25,), (-3.0,)]),  # 3 * 2 - 8 - 1 + 4 = 1
+    ],
+)  # fmt: skip
+def test_a_group_moves_along_the_ways_to_its_fittest(chromosomes, costs, rhos, expected) -> None:
+    children = crossed(chromosomes, costs, Given(*rhos))
+    assert children.tolist() == [[list(x) for x in expected]]
 
 
 def test_each_group_has_its_own_fittest_and_children_stand_where_their_parents_stood() -> None:
@@ -74,12 +68,6 @@ def test_each_group_has_its_own_fittest_and_children_stand_where_their_parents_s
     children = crossed(chromosomes, [1.0, 2.0, 3.0, 4.0], Given(1.0, 0.5, 0.25, 1.0), groups)
     # Group (20, 0): the fittest 0 is -20 away. Group (10, 1): the fittest 10 is +9 away.
     assert children[:, :, 0].tolist() == [[0.0, -10.0], [12.25, 10.0]]
-
-
-def test_equal_parents_have_children_equal_to_them(rng) -> None:
-    population = np.tile([0.1, 1e9 / 3.0, -7e-9], (5, 1))
-    children = multiple_crossover(population, np.arange(5.0), np.array([[4, 0, 1, 3, 2]]), rng)
-    assert np.array_equal(children[0], population)
 
 
 def test_rho_is_one_number_a_chromosome_uniform_and_drawn_anew(rng) -> None:
@@ -103,21 +91,6 @@ def test_rho_is_one_number_a_chromosome_uniform_and_drawn_anew(rng) -> None:
     assert np.abs(correlation).max() < 4.0 / np.sqrt(count)  # four standard deviations
 
 
-def test_crossover_does_not_care_where_zero_is_nor_what_the_unit_is() -> None:
-    rng = np.random.default_rng(3)
-    population, costs = rng.normal(size=(12, 3)), rng.normal(size=12)
-    groups = rng.permutation(12).reshape(4, 3)
-    children = multiple_crossover(population, costs, groups, np.random.default_rng(4))
-    scale, shift = np.array([2.0, -0.5, 40.0]), np.array([1.0, -2.0, 3.0])
-    moved = multiple_crossover(population * scale + shift, costs, groups, np.random.default_rng(4))
-    assert np.allclose(moved, children * scale + shift, rtol=1e-12)
-
-
-def test_no_groups_have_no_children(rng) -> None:
-    none = np.empty((0, 3), dtype=np.intp)
-    assert multiple_crossover(np.zeros((5, 2)), np.zeros(5), none, rng).shape == (0, 3, 2)
-
-
 # Mutation (A2)
 
 
@@ -138,20 +111,6 @@ def test_a_tournament_selects_each_rank_as_often_as_the_better_of_two(rng) -> No
     # Rank r wins when both drawn are of rank r or worse but not both worse: ((n-r)^2-(n-r-1)^2)/n^2
     expected = (2.0 * (size - np.arange(size)) - 1.0) / size**2 * count
     assert stats.chisquare(np.bincount(selected, minlength=size), expected).pvalue > LIKELY
-
-
-def test_a_tournament_heeds_only_the_order_of_the_costs() -> None:
-    costs = np.random.default_rng(5).normal(size=50)
-    selected = [
-        tournament(values, 200, np.random.default_rng(6)).tolist()
-        for values in (costs, np.exp(3.0 * costs), costs - 1e3)
-    ]
-    assert selected[0] == selected[1] == selected[2]
-
-
-def test_a_tournament_among_equals_selects_all_alike(rng) -> None:
-    selected = tournament(np.zeros(10), 20000, rng)
-    assert stats.chisquare(np.bincount(selected, minlength=10)).pvalue > LIKELY
 
 
 # The box
@@ -195,36 +154,16 @@ def test_the_defaults_are_the_papers() -> None:
     assert (settings.groups, settings.mutants, settings.copies) == (150, 100, 450)
 
 
-def test_settings_are_frozen_and_given_by_name() -> None:
-    with pytest.raises(FrozenInstanceError):
-        SMALL.parents = 2
-    with pytest.raises(TypeError):
-        GeneticSettings(1000)
-
-
 @pytest.mark.parametrize(
     ("wrong", "thing", "value"),
     [
-        ({"population_size": 0}, "population_size", 0),
         ({"population_size": 100.0}, "population_size", "100.0"),
-        ({"population_size": True}, "population_size", "True"),
-        ({"generations": 0}, "generations", 0),
         ({"parents": 1}, "parents", 1),
-        ({"crossover": -0.1, "reproduction": 1.0}, "crossover", -0.1),
         ({"reproduction": 1.35, "crossover": -0.45}, "reproduction", 1.35),
-        ({"mutation": math.nan}, "mutation", math.nan),
         ({"mutation": "0.1"}, "mutation", "'0.1'"),
         ({"mutation": 0.2}, "reproduction + crossover + mutation", 1.1),
         ({"mutation_constant": 0.0}, "mutation_constant", 0.0),
-        ({"mutation_constant": math.inf}, "mutation_constant", math.inf),
         ({"population_size": 6}, "population_size", 6),  # 0.45 * 6 < 3
-        ({"population_size": 40, "parents": 30}, "population_size", 40),
-        ({"reproduction": 0.54, "mutation": 0.01, "population_size": 49}, "population_size", 49),
-        (
-            {"reproduction": 0.0, "crossover": 0.6, "mutation": 0.4, "population_size": 5},
-            "population_size",
-            5,
-        ),
         ({"reproduction": 1.0, "crossover": 0.0, "mutation": 0.0}, "reproduction", 1.0),
     ],
     ids=str,
@@ -261,7 +200,7 @@ def test_bounds_that_make_no_box_are_refused(lower: tuple, upper: tuple, thing: 
     assert caught.value.thing == thing
 
 
-@pytest.mark.parametrize("seed", [-1, 1.0, "1", (), (1, -2), [1, 2], None, True], ids=repr)
+@pytest.mark.parametrize("seed", [-1, 1.0, (), (1, -2)], ids=repr)
 def test_what_is_no_seed_is_refused(seed: object) -> None:
     with pytest.raises(InvalidValueError, match="seed must be "):
         MultipleCrossoverGA(BOX, SMALL, seed)
@@ -285,15 +224,6 @@ def test_only_children_and_mutants_are_asked_later() -> None:
     assert (search.generation, search.evaluations) == (3, 40 + 3 * 22)
     assert search.population.shape == (40, 3)
     assert search.history.shape == (4,)
-
-
-def test_a_question_stands_until_it_is_answered_and_cannot_be_written_into() -> None:
-    search = told(1)
-    asked = search.ask()
-    search.ask()[:] = math.nan
-    assert np.array_equal(search.ask(), asked)
-    search.tell(sphere(asked))
-    assert not np.array_equal(search.ask(), asked)
 
 
 def test_parents_and_mutants_are_each_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,13 +258,6 @@ def test_what_is_asked_stays_in_the_box_and_reaches_its_walls() -> None:
         walls += np.sum((asked == BOX.lower) | (asked == BOX.upper))
         search.tell(sphere(asked))
     assert walls > 0
-
-
-def test_a_gene_with_equal_bounds_stays_fixed() -> None:
-    search = MultipleCrossoverGA(Box((0.0, 1 / 3), (1.0, 1 / 3)), SMALL, 1)
-    for _ in range(5):
-        assert np.all(search.ask()[:, 1] == 1 / 3)
-        search.tell(search.ask()[:, 0])
 
 
 # What is told
@@ -396,16 +319,6 @@ def test_a_cost_that_is_not_finite_is_refused_and_can_be_told_anew(wrong: float)
     assert np.array_equal(search.population, spared.population)
 
 
-@pytest.mark.parametrize(
-    "costs", [[1.0] * 21, [[1.0] * 22], 1.0, ["low"] * 22, None], ids=lambda costs: str(costs)[:12]
-)
-def test_costs_that_are_not_one_number_a_chromosome_are_refused(costs: object) -> None:
-    search = told(1)
-    search.ask()
-    with pytest.raises(InvalidValueError, match="costs must"):
-        search.tell(costs)
-
-
 def test_what_is_not_known_yet_is_not_given() -> None:
     search = MultipleCrossoverGA(BOX, SMALL, 1)
     for read in (lambda: search.best, lambda: search.best_cost, search.state):
@@ -418,13 +331,6 @@ def test_what_is_not_known_yet_is_not_given() -> None:
         search.tell([1.0] * 22)
 
 
-def test_the_population_cannot_be_written_into() -> None:
-    search = told(1)
-    for array in (search.population, search.costs, search.best):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
-
-
 # Reproducible
 
 
@@ -433,13 +339,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
     assert first.population.tobytes() == again.population.tobytes()
     assert first.history.tobytes() == again.history.tobytes()
     assert first.population.tobytes() != other.population.tobytes()
-
-
-def test_the_search_leaves_the_global_generator_alone() -> None:
-    np.random.seed(1)  # noqa: NPY002
-    before = np.random.get_state()[1].tolist()  # noqa: NPY002
-    told(2)
-    assert np.random.get_state()[1].tolist() == before  # noqa: NPY002
 
 
 # Minima are found

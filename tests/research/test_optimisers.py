@@ -12,7 +12,6 @@ from scipy.stats import binomtest, mannwhitneyu
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError
 from research import optimisers
-from research.figures import draw_contest
 from research.gain_tuning import GAIN_BOX
 from research.genetic import Box
 from research.optimisers import (
@@ -85,17 +84,6 @@ def test_the_interval_of_an_effect_covers_the_truth_as_often_as_it_says() -> Non
     effects = [effect_size([x], [y]) for x, y in draws]
     covered = sum(effect.low <= truth <= effect.high for effect in effects)
     assert binomtest(covered, samples, 0.95).pvalue > 1e-3, covered
-
-
-def test_an_effect_over_several_problems_weighs_them_equally() -> None:
-    effect = effect_size([[1, 2], [9] * 10], [[3, 4], [5] * 10])
-    assert (effect.a12, effect.p_value) == (0.5, None)
-
-
-def test_the_interval_of_separated_runs_is_the_exact_one_of_pairs() -> None:
-    effect = effect_size([np.arange(1, 26)], [np.arange(101, 126)])
-    assert (effect.a12, effect.high) == (1.0, 1.0)
-    assert effect.low == pytest.approx(0.025 ** (1 / 25), rel=1e-9)  # Clopper and Pearson
 
 
 # Counting
@@ -190,13 +178,6 @@ def test_a_run_gives_the_same_whoever_shares_it_and_whatever_else_is_compared(
 def test_a_benchmark_that_makes_no_sense_is_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(InvalidValueError, match=f"{next(iter(wrong))} must be at least"):
         Benchmark(**wrong)
-
-
-def test_the_figure_draws_the_share_solved_by_each_optimiser(tiny: Result) -> None:
-    (axis,) = draw_contest(tiny).axes
-    for name, line in zip(OPTIMISERS, axis.lines, strict=True):
-        assert line.get_label() == name
-        assert line.get_ydata()[-1] == tiny.distribution(name)[1][-1]
 
 
 # The file

@@ -39,7 +39,6 @@ from research.readings import (
     round_count,
     rounded,
     sound,
-    tidied,
 )
 
 
@@ -54,19 +53,6 @@ def test_round_readings_are_round_and_sound(goal: str) -> None:
         np.testing.assert_allclose(share, np.round(share), atol=1e-9)
     if not GOALS[goal].scales:
         assert not found[:, [SCALE_Z, SCALE_PHI]].any()
-
-
-def test_a_reading_that_is_round_stays_as_it_is() -> None:
-    once = rounded(random_readings(50, 1), GOALS["values"])
-    np.testing.assert_allclose(rounded(once, GOALS["values"]), once, atol=1e-12)
-
-
-def test_tidied_numbers_are_near_and_on_the_grid_of_time() -> None:
-    one = random_readings(1, 2)[0]
-    found = tidied(one)
-    assert np.abs(found - one).max() < 5.1e-3
-    for times, _ in SCHEDULES.values():
-        np.testing.assert_allclose(found[times] / 2e-3, np.round(found[times] / 2e-3), atol=1e-9)
 
 
 def test_a_search_is_the_same_again_and_finds_better_than_its_start() -> None:

@@ -8,10 +8,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.randomised import random_scenario
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import piecewise_linear
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from research.batch import closed_loop_terms
 from research.scheduled import scheduled_terms
@@ -68,15 +66,6 @@ def test_on_a_constant_plant_it_agrees_with_the_other_batch() -> None:
     np.testing.assert_allclose(found.peak_force, expected.max_force, rtol=5e-5)
 
 
-def test_what_lies_beyond_the_horizon_does_not_matter() -> None:
-    early = Scenario(name="a", cart_mass=piecewise_linear([1.0, 30.0], [0.5, 2.0]), duration=4.0)
-    cut = piecewise_linear([1.0, 4.0], [0.5, 0.5 + 1.5 * 3.0 / 29.0])
-    late = Scenario(name="b", cart_mass=cut, duration=4.0)
-    lengths = np.array([[[0.0, 0.5], [1.0, 0.5]]])
-    found = [scheduled_terms(knots([s])[0], lengths, PUBLISHED, 4.0) for s in (early, late)]
-    assert found[0].iae_phi == pytest.approx(found[1].iae_phi, rel=1e-9)
-
-
 def test_gains_that_are_not_positive_lose_the_loop() -> None:
     coefficients = PUBLISHED.copy()
     coefficients[1] = [-1.0, 0.0, 0.0, 0.0, 0.0]
@@ -103,8 +92,3 @@ def test_threads_do_not_change_a_bit() -> None:
     one, three = (scheduled_terms(*schedules, PUBLISHED, 20.0, threads=n) for n in (1, 3))
     for name in ("iae_z", "iae_phi", "peak_force", "max_force", "lost"):
         np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
-
-
-def test_schedules_of_unequal_number_are_refused() -> None:
-    with pytest.raises(InvalidValueError, match="schedules must be knots"):
-        scheduled_terms(np.zeros((2, 1, 2)), np.zeros((3, 1, 2)), PUBLISHED, 20.0)
