@@ -26,7 +26,7 @@ from afl_mujoco.errors import (
     reading,
     require_count,
 )
-from afl_mujoco.files import FloatArray, differences, read_json, write_json
+from afl_mujoco.files import FloatArray, read_json, shortened, write_json
 
 IndexArray = NDArray[np.intp]
 
@@ -265,6 +265,26 @@ class SearchState:
         fits = self.population.ndim == 2 and len(self.population) == size
         if not fits or self.costs.ndim != 1 or self.history.shape != (self.generation + 1,):
             raise ValueError("its arrays must have consistent lengths")
+
+
+_MISSING = object()
+
+
+def differences(there: Any, here: Any, place: str = "") -> list[str]:
+    """Return the differences of two pieces of plain data, a line for each part, with its name."""
+    if isinstance(there, Mapping) and isinstance(here, Mapping):
+        parts = [
+            (there.get(name, _MISSING), here.get(name, _MISSING), f"{place}.{name}")
+            for name in dict.fromkeys((*here, *there))
+        ]
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        parts = [(*pair, f"{place}[{i}]") for i, pair in enumerate(zip(there, here, strict=True))]
+    elif there == here and type(there) is type(here):
+        return []
+    else:
+        was, now = ("missing" if x is _MISSING else shortened(x) for x in (there, here))
+        return [f"{place.removeprefix('.')} is {was} there and {now} here"]
+    return [line for part in parts for line in differences(*part)]
 
 
 def save_state(path: Path, state: SearchState) -> None:

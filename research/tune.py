@@ -26,7 +26,7 @@ from afl_mujoco.control.gains import Gains
 from afl_mujoco.document.style import save_figure, styled
 from afl_mujoco.errors import FileError
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.files import differences, output_folder, read_json, write_json
+from afl_mujoco.files import output_folder, read_json, write_json
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
@@ -47,7 +47,7 @@ from research.gain_tuning import (
     search_pair,
     table_provenance,
 )
-from research.genetic import Box, GeneticSettings
+from research.genetic import Box, GeneticSettings, differences
 
 QUICK_MASSES, QUICK_LENGTHS = (0.1, 1.0, 2.0), (0.05, 0.5, 1.0)
 QUICK_SETTINGS = GeneticSettings(population_size=200, generations=60)

@@ -14,7 +14,7 @@ import pytest
 
 from afl_mujoco.errors import FileError
 from research import genetic
-from research.genetic import Box, GeneticSettings, SearchResult, minimise
+from research.genetic import Box, GeneticSettings, SearchResult, differences, minimise
 
 SETTINGS = GeneticSettings(population_size=30, generations=12)  # 4 groups, 3 mutants
 BOX = Box((-2.0, 5.0), (2.0, 9.0))
@@ -189,3 +189,14 @@ def test_a_checkpoint_of_another_search_is_refused_with_what_differs(
     assert (
         caught.value.rule == f"is of another search: {said}; use the same values, or another file"
     )
+
+
+def test_differences_name_each_part() -> None:
+    there = {"seed": 1, "box": {"lower": [1.0, 2.0]}, "old": None}
+    here = {"seed": 1, "box": {"lower": [1.0, 3.0]}, "new": "x"}
+    assert differences(there, here) == [
+        "box.lower[1] is 2.0 there and 3.0 here",
+        "new is missing there and 'x' here",
+        "old is None there and missing here",
+    ]
+    assert differences(here, here) == []
