@@ -8,10 +8,10 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # A target for each study, by the name that its folder gives it.
 named = $(shell sed -n '/^STUDY = Study(/,/^)/s/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
 STUDIES := $(call named,afl_mujoco/studies/*.py afl_mujoco/studies/*/study.py)
-QUICK = $(filter-out readings,$(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*.py afl_mujoco/studies/*/study.py)))
+QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*.py afl_mujoco/studies/*/study.py))
 
 .DEFAULT_GOAL := help
-.PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune bench faults mutants check lock clean distclean
+.PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune readings claims bench faults mutants check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -81,15 +81,19 @@ cluster: $(READY) ## test a Dask cluster that shares work among its workers, one
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock
 	@AFL_MUJOCO_REQUIRE_CLUSTER=1 $(BIN)/pytest -q tests/execution/test_dask_cluster.py $(ARGS)
 
-tune: $(READY) ## search the gain table and fit the gain functions with the paper's full setting (an hour at most)
-	@$(BIN)/afl-mujoco tune table --resume --out renders/tuning $(ARGS)
-	@$(BIN)/afl-mujoco tune fit --table renders/tuning/gain_table.json --out renders/tuning
-	@$(BIN)/python -m afl_mujoco.studies.gain_figures renders/tuning
+tune: $(READY) ## search the gain table and fit the gain functions with the paper's full setting (an hour at most); ARGS="--quick"
+	@$(BIN)/python -m research.tune --resume $(ARGS)
+
+readings: $(READY) ## find under which readings of the paper its numbers hold (25 minutes; ARGS="--quick --out DIR": 2)
+	@$(BIN)/python -m research.readings $(ARGS)
+
+claims: $(READY) ## judge anew what validate takes as shipped: C9 to C12, and readings for C3 to C6
+	@$(BIN)/python -m research.claims
 
 bench: $(READY) ## measure speed, as ratios: the loop, the batch integrator, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
 	@$(BIN)/python benchmarks/bench_rollout.py
 	@$(BIN)/python benchmarks/bench_batch.py
-	@$(BIN)/python benchmarks/bench_optimisers.py --out renders/bench
+	@$(BIN)/python -m research.optimisers --out renders/bench
 	@$(BIN)/python benchmarks/bench_gain_functions.py
 	@$(BIN)/python benchmarks/bench_render.py
 	@$(BIN)/python benchmarks/bench_montecarlo.py

@@ -18,34 +18,27 @@ from numba.extending import intrinsic
 
 from afl_mujoco.errors import AflMujocoWarning
 
-_PACKAGE = Path(__file__).parent
-_IMPORT = re.compile(
-    r"^\s*from afl_mujoco(?:\.([\w.]+))? import (\([^)]*\)|[^\n]*)|^\s*import afl_mujoco\.([\w.]+)",
-    re.MULTILINE,
-)
+_ROOT = Path(__file__).parents[1]
+_IMPORT = re.compile(r"^\s*(?:from|import) ([\w.]+)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE)
 
 
 @functools.cache
 def _imported(file: Path) -> frozenset[Path]:
-    """Return the files of the package that one of its files imports, modules and packages."""
+    """Return the files of the package, or of that of a file beside it, that the file imports."""
+    own = {Path(__file__).parent.name, file.relative_to(_ROOT).parts[0]}
     found = set()
-    for module, names, plain in _IMPORT.findall(file.read_text(encoding="utf-8")):
-        path = _PACKAGE.joinpath(*(module or plain).split("."))
-        words = re.findall(r"\w+", names)
-        for part in (path, *(path / word for word in words)):
-            found |= {part.with_suffix(".py"), part / "__init__.py"}
-    return frozenset(found & _sources())
-
-
-@functools.cache
-def _sources() -> frozenset[Path]:
-    """Return the files of the package."""
-    return frozenset(_PACKAGE.rglob("*.py"))
+    for module, names in _IMPORT.findall(file.read_text(encoding="utf-8")):
+        parts = module.split(".")
+        if parts[0] in own:
+            path = _ROOT.joinpath(*parts)
+            for part in (path, *(path / word for word in re.findall(r"\w+", names))):
+                found |= {part.with_suffix(".py"), part / "__init__.py"}
+    return frozenset(path for path in found if path.is_file())
 
 
 @functools.cache
 def _needed(file: Path) -> frozenset[Path]:
-    """Return a file and every file of the package that it depends on."""
+    """Return a file and every file that it depends on."""
     needed, waiting = {file}, [file]
     while waiting:
         fresh = _imported(waiting.pop()) - needed
@@ -59,7 +52,7 @@ def _fingerprint(file: Path) -> str:
     """Return a hash of everything that the compiled functions of a file depend on."""
     digest = hashlib.blake2b(digest_size=16)
     for source in sorted(_needed(file)):  # with names: compiled code refers to its modules
-        digest.update(str(source.relative_to(_PACKAGE)).encode() + source.read_bytes())
+        digest.update(str(source.relative_to(_ROOT)).encode() + source.read_bytes())
     return digest.hexdigest()
 
 

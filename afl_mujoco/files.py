@@ -15,7 +15,7 @@ import tempfile
 import time
 import tomllib
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from importlib.resources.abc import Traversable
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 Content = TypeVar("Content")
 
 _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
-_MISSING = object()
 
 
 OURS = "afl_mujoco-"
@@ -366,7 +365,7 @@ _RULES = {
 def _in_one_line(error: Any, kind: Any) -> str:
     """Return the first complaint of a pydantic ValidationError: key, rule and value."""
     first = error.errors(include_url=False)[0]
-    place, got = first["loc"], f", got {_shortened(first['input'])}"
+    place, got = first["loc"], f", got {shortened(first['input'])}"
     match first["type"], first.get("ctx", {}):
         case "unexpected_keyword_argument", _:
             key, owner = _resolved(kind, place[:-1])
@@ -457,7 +456,7 @@ def _tag(member: Any) -> str:
     return str(fields(member)[0].default)
 
 
-def _shortened(value: object) -> str:
+def shortened(value: object) -> str:
     """Return a value as a text that is short enough for a message."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:60]}..."
@@ -505,20 +504,3 @@ def _nested_lists(array: NDArray[np.float64]) -> Any:
     """Return an array as nested lists, NaN as None."""
     unknown = np.isnan(array)
     return (np.where(unknown, None, array) if unknown.any() else array).tolist()  # type: ignore[call-overload]
-
-
-def differences(there: Any, here: Any, place: str = "") -> list[str]:
-    """Return the differences of two pieces of plain data, a line for each part, with its name."""
-    if isinstance(there, Mapping) and isinstance(here, Mapping):
-        parts = [
-            (there.get(name, _MISSING), here.get(name, _MISSING), f"{place}.{name}")
-            for name in dict.fromkeys((*here, *there))
-        ]
-    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
-        parts = [(*pair, f"{place}[{i}]") for i, pair in enumerate(zip(there, here, strict=True))]
-    elif there == here and type(there) is type(here):
-        return []
-    else:
-        was, now = ("missing" if x is _MISSING else _shortened(x) for x in (there, here))
-        return [f"{place.removeprefix('.')} is {was} there and {now} here"]
-    return [line for part in parts for line in differences(*part)]

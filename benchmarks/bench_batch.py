@@ -36,8 +36,9 @@ from afl_mujoco.control import sliding_mode
 from afl_mujoco.control.afl import sliding_and_drift
 from afl_mujoco.plant import dynamics
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.simulation.batch import closed_loop_terms, objective
-from afl_mujoco.studies.gain_tuning.gain_cost import GAIN_BOX, HORIZON, paper_scales
+from afl_mujoco.simulation.scoring import objective
+from research.batch import closed_loop_terms
+from research.gain_tuning import GAIN_BOX, HORIZON, paper_scales
 
 Array = NDArray[np.float64]
 Way = Callable[[Array], Array]

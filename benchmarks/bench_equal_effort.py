@@ -37,9 +37,9 @@ from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE, random_scenario
 from afl_mujoco.scenario.sampling import steps
-from afl_mujoco.simulation.batch import objective
+from afl_mujoco.simulation.scoring import objective
 from afl_mujoco.studies.cube_search import Budget, minimise
-from afl_mujoco.studies.gain_tuning.gain_cost import paper_scales
+from research.gain_tuning import paper_scales
 
 TIMES = (0.0, 0.3, 0.8, 1.5, 3.0, 6.0, 12.0)
 """Knots in time [s], closest where the motion is fastest."""

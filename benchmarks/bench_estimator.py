@@ -27,7 +27,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.estimated import simulate_estimated
 from afl_mujoco.studies.estimation.loops import CASES
 from afl_mujoco.studies.estimation.loops import NOISE as USUAL
-from afl_mujoco.studies.gain_tuning.gain_cost import paper_scales
+from research.gain_tuning import paper_scales
 
 Array = NDArray[np.float64]
 

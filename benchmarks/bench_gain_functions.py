@@ -29,15 +29,14 @@ from scipy.interpolate import RegularGridInterpolator
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gain_function import GAIN_NAMES, scheduled_gain, shipped_data
-from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.execution.executors import Executor, compute_all, open_executor
 from afl_mujoco.scenario.randomised import random_scenario
-from afl_mujoco.simulation.batch import objective, scheduled_terms
 from afl_mujoco.simulation.metrics import metrics
-from afl_mujoco.simulation.scoring import with_objective
+from afl_mujoco.simulation.scoring import objective, with_objective
 from afl_mujoco.studies.cube_search import Budget, minimise
-from afl_mujoco.studies.gain_tuning.gain_cost import paper_scales
-from afl_mujoco.studies.verification.claims.schedules import compare
+from research.claims import compare
+from research.gain_tuning import GainTable, paper_scales
+from research.scheduled import scheduled_terms
 
 TIMESTEP = 2e-3
 KNOTS = (0.0, 0.3, 0.8, 1.5, 3.0, 6.0, 12.0)

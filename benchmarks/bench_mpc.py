@@ -34,7 +34,7 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.randomised import random_scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import with_objective
-from afl_mujoco.studies.gain_tuning.gain_cost import paper_scales
+from research.gain_tuning import paper_scales
 
 PERIOD = 0.02
 """Control period [s]."""

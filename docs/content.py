@@ -17,7 +17,6 @@ import contextlib
 import io
 import json
 import math
-import sys
 import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,13 +33,14 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import Block, Figure, Section, figures_of
 from afl_mujoco.report.markdown import plain, to_markdown
 from afl_mujoco.report.numbers import ceil_to, floor_to, short
-from afl_mujoco.report.style import save_figure, write_figure
+from afl_mujoco.report.style import save_figure, styled, write_figure
 from afl_mujoco.studies.record import Record, load_record
 from afl_mujoco.studies.registry import studies
 from docs.tables import (
     faults_table,
     mutants_table,
     optimisers_table,
+    readings_tables,
     survivors_table,
     tables,
 )
@@ -59,7 +59,6 @@ GALLERY = {
     "margins": "explanation/robustness.md",
     "montecarlo": "explanation/random_hardware.md",
     "estimation": "explanation/estimation.md",
-    "readings": "explanation/claims.md",
     "hardware": "explanation/hardware.md",
 }
 """Studies whose figures the gallery shows, and the page that explains them."""
@@ -175,7 +174,8 @@ class Content:
             "mutants": mutants_table(self.results),
             "surviving mutants": survivors_table(self.results, "survived"),
             "equivalent mutants": survivors_table(self.results, "equivalent"),
-            "optimisers": optimisers_table(SHIPPED),
+            "optimisers": optimisers_table(self.results),
+            **readings_tables(self.results),
         }
 
     def table(self, name: str) -> str:
@@ -280,15 +280,26 @@ def help_of(command: str) -> str:
 
 
 def draw(figures: Iterator[Figure], folder: Path) -> None:
-    """Draw the figures of the results into a folder, and those of what comes with the package."""
+    """Draw the figures of the results into a folder, and those of `research`."""
     folder.mkdir(exist_ok=True)
     for figure in figures:
         write_figure(figure, folder)
-    sys.path.append(str(DOCS.parent / "benchmarks"))
-    from optimisers.figure import draw_benchmark
-    from optimisers.result import load_result
+    from research.figures import draw_contest, draw_gain_table, draw_sensitivity, fits_of
+    from research.gain_tuning import GainTable
+    from research.optimisers import load_result
 
-    save_figure(draw_benchmark(load_result(SHIPPED / "optimisers.json")), folder / "optimisers.png")
+    readings, functions = (
+        json.loads(file.read_text(encoding="utf-8"))
+        for file in (RESULTS / "readings.json", SHIPPED / "gain_functions.json")
+    )
+    contest = load_result(RESULTS / "optimisers.json")
+    with styled():
+        for name, figure in (
+            ("optimisers", draw_contest(contest)),
+            ("gain_table", draw_gain_table(GainTable.shipped(), fits_of(functions))),
+            ("readings", draw_sensitivity(readings["sensitivity"]["cases"])),
+        ):
+            save_figure(figure, folder / f"{name}.png")
 
 
 def films() -> list[tuple[str, str]]:

@@ -39,8 +39,10 @@ def make(source: Source, folder: Path) -> None:
     old = [(MADE / source.file).with_suffix(suffix) for suffix in (".json", ".npz")]
     for path in old:
         path.unlink(missing_ok=True)
-    words = (source.name, *source.words, "--no-page", "--out", str(MADE))
-    ended = subprocess.run([sys.executable, "-m", "afl_mujoco", *words], cwd=ROOT)
+    words = ["afl_mujoco", source.name, *source.words, "--no-page"]
+    if source.research:
+        words = [f"research.{source.name}"]
+    ended = subprocess.run([sys.executable, "-m", *words, "--out", str(MADE)], cwd=ROOT)
     new = [path for path in old if path.is_file()]
     if ended.returncode not in (0, 1) or old[0] not in new:  # 1: it judges, and not all holds
         raise SystemExit(f"make_results: {source.name} ended with {ended.returncode}")

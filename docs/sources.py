@@ -13,6 +13,9 @@ ROOT = Path(__file__).resolve().parent.parent
 MADE = ROOT / "renders" / "results"
 """Where the studies write all that they write; the pages need only a part of it."""
 
+RESEARCH = {"readings": "make readings", "optimisers": "python -m research.optimisers"}
+"""Modules of ``research`` and their commands."""
+
 CHEAP = 3.0
 """Minutes up to which a result is cheap enough for every CI run."""
 
@@ -24,7 +27,7 @@ class Source:
     Attributes
     ----------
     name
-        Of the study or the benchmark.
+        Of the study, the benchmark or the module of ``research``.
     minutes
         That it takes on two cores.
     words
@@ -41,15 +44,24 @@ class Source:
         return self.name.startswith("bench_")
 
     @property
+    def research(self) -> bool:
+        """Whether a module of ``research`` makes it."""
+        return self.name in RESEARCH
+
+    @property
     def command(self) -> str:
         """What makes it, as typed into a shell."""
+        if self.research:
+            return RESEARCH[self.name]
         first = f"python benchmarks/{self.name}.py" if self.benchmark else f"afl-mujoco {self.name}"
         return shlex.join([*first.split(), *self.words])
 
     @property
     def file(self) -> str:
         """The file of ``docs/results``."""
-        return f"{self.name}.txt" if self.benchmark else f"{find_study(self.name).stem}.json"
+        if self.benchmark:
+            return f"{self.name}.txt"
+        return f"{self.name if self.research else find_study(self.name).stem}.json"
 
     @property
     def cheap(self) -> bool:
@@ -61,6 +73,7 @@ SOURCES = (
     Source("validate", 2, ("--full",)),
     Source("estimation", 0.5),
     Source("readings", 25),
+    Source("optimisers", 8),
     Source("margins", 1),
     Source("hardware", 2),
     Source("identify", 2),

@@ -108,6 +108,47 @@ def optimisers_table(folder: Path) -> str:
     return cells_as_table(header, rows)
 
 
+def readings_tables(folder: Path) -> dict[str, str]:
+    """Return what random readings of the paper say, the fitted ones, and Table 1 under scales."""
+    found = json.loads((folder / "readings.json").read_text(encoding="utf-8"))
+    cases = found["sensitivity"]["cases"]
+    names = [case["case"] for case in cases]
+    random = [
+        (
+            case["case"],
+            f"{case['paper']:.2f}",
+            *(f"{100.0 * case[share]:.1f}" for share in ("near", "half", "positive")),
+            *(f"{case['quantiles'][k]:.1f}" for k in (0, 2, 4)),
+        )
+        for case in cases
+    ]
+    fitted = [
+        (f"`{one['name']}`", *(f"{x:.1f}" for x in one["improvements"]))
+        for one in found["readings"]
+    ]
+    optima = [
+        (
+            *(f"{one[key]}" for key in ("labels", "horizon", "best", "as_decided")),
+            *(f"{100.0 * one[key]:.1f}" for key in ("median_excess", "column_error")),
+        )
+        for one in found["optima"]
+    ]
+    optimal = ("optimal rows at best", "under D4", "median excess at best, %")
+    shares = ("within 5 points, %", "at least half, %", "above zero, %")
+    ends = ("5 % quantile, %", "median, %", "95 % quantile, %")
+    return {
+        "random readings": cells_as_table(("case", "paper, %", *shares, *ends), random),
+        "fitted readings": cells_as_table(
+            ("reading", *(f"{name}, %" for name in names)),
+            [("Table 3", *(f"{case['paper']:.2f}" for case in cases)), *fitted],
+        ),
+        "optima": cells_as_table(
+            ("K and Φ by", "horizon, s", *optimal, "column OF, rms, %"),
+            optima,
+        ),
+    }
+
+
 def sources_table() -> str:
     """Return what makes each result that the pages rest on, and how long it takes."""
     rows = [(f"`{s.file}`", f"`{s.command}`", f"{s.minutes:g}") for s in SOURCES]

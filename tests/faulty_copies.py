@@ -30,7 +30,10 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-NEEDED = ("afl_mujoco", "models", "tests", "docs", "examples", "pyproject.toml", "README.md")
+NEEDED = (
+    *("afl_mujoco", "research", "models", "tests", "docs", "examples"),
+    *("pyproject.toml", "README.md"),
+)
 VERDICT = (
     *("validate", "--full", "--no-page", "step-trapezoid", "trapezoid-step-impulse"),
     *("--controllers", "adaptive", "--workers", "1"),

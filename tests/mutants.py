@@ -43,6 +43,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from afl_mujoco.files import write_text
+from afl_mujoco.studies.montecarlo import rate
 from afl_mujoco.studies.record import versions
 from tests.faulty_copies import (
     REPOSITORY,
@@ -114,14 +115,14 @@ OWN = {
     "python_controller_rk4": ("control/test_python_controller.py",),
     "dop853": ("simulation/test_dop853.py",),
     "sample_space": ("studies/monte_carlo/test_space.py", "scenario/test_ranges.py"),
-    "randomised": ("scenario/test_schedules.py", "studies/verification/test_claims.py"),
+    "randomised": ("scenario/test_schedules.py", "research/test_claims.py"),
     "design": ("control/test_baselines.py",),
     "linear_model": ("control/test_baselines.py",),
     "loop": ("simulation/sampled/test_runs.py", "control/test_python_controller.py"),
     "memory": ("control/test_python_controller.py",),
     "laboratory": ("studies/monte_carlo/test_space.py",),
     "convergence": ("studies/verification/test_explanation.py",),
-    "ledger": ("studies/verification/test_explanation.py",),
+    "ledger": ("studies/verification/test_explanation.py", "studies/verification/test_claims.py"),
 }
 """Tests of a source under another name than its own."""
 

@@ -27,12 +27,6 @@ from afl_mujoco.studies.hardware import result as hardware_result
 from afl_mujoco.studies.identify import result as identify_result
 from afl_mujoco.studies.margins import result as margins_result
 from afl_mujoco.studies.margins.measured_delay import DelayComparison
-from afl_mujoco.studies.paper_readings import AXES, CASES, random_readings
-from afl_mujoco.studies.paper_tables import published_fits
-from afl_mujoco.studies.readings import result as readings_result
-from afl_mujoco.studies.readings.optima import Optima
-from afl_mujoco.studies.readings.search import GOALS
-from afl_mujoco.studies.readings.sensitivity import EDGES, CaseShares, Sensitivity
 from afl_mujoco.studies.record import Record, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.robustness import Settings
@@ -163,53 +157,6 @@ def estimation() -> estimation_result.Result:
     )  # fmt: skip
 
 
-def readings() -> readings_result.Result:
-    """Return a fitted reading of each goal, and shares that differ from case to case."""
-    one = random_readings(1, 0)[0]
-    named = tuple(
-        readings_result.FittedReading(
-            name=f"{'round' if is_round else 'nearest'}-{goal}",
-            goal=goal,
-            round=is_round,
-            error=1.25,
-            errors=(1.25, 2.5),
-            tried=1234,
-            values={axis.name: float(x) for axis, x in zip(AXES, one, strict=True)},
-            objectives=((1.0, 0.6), (1.1, 0.7), (2.4, 1.5), (2.5, 1.6)),
-            improvements=(40.0, 36.4, 37.5, 36.0),
-        )
-        for is_round in (False, True)
-        for goal in GOALS
-    )
-    bins = len(EDGES) - 1
-    cases = tuple(
-        CaseShares(
-            case=case,
-            paper=35.0 + k,
-            near=0.03,
-            half=0.1,
-            positive=0.4,
-            quantiles=(-80.0, -10.0, -1.5, 8.0, 37.0),
-            histogram=(1.0 / bins,) * bins,
-            drivers=tuple((axis.name, 0.5 - 0.02 * i, 0.4, 0.6) for i, axis in enumerate(AXES)),
-        )
-        for k, case in enumerate(CASES)
-    )
-    return readings_result.Result(
-        seed=0,
-        readings=named,
-        draws=100,
-        sensitivity=Sensitivity(samples=50, lost=1, all_near=2, all_half=5, cases=cases),
-        optima=(
-            Optima(
-                labels="table1", horizon=20.0, best=20, scales=(2.5, 1.1), as_decided=0,
-                median_excess=0.02, column_error=0.46,
-            ),
-        ),
-        fits=published_fits(),
-    )  # fmt: skip
-
-
 def identified() -> identify_result.Result:
     """Return the shipped estimates beside a made-up log."""
     time = np.linspace(0.0, 2.0, 100)
@@ -280,7 +227,7 @@ def hardware() -> hardware_result.Result:
 RESULTS = {
     "validate": make_result, "compare": compare,
     "thresholds": thresholds, "montecarlo": monte_carlo, "attraction": attraction,
-    "margins": margins, "estimation": estimation, "readings": readings,
+    "margins": margins, "estimation": estimation,
     "identify": identified, "hardware": hardware,
 }  # fmt: skip
 

@@ -17,7 +17,6 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.files import (
     FloatArray,
     atomic_file,
-    differences,
     output_folder,
     read_json,
     write_json,
@@ -128,17 +127,6 @@ def test_an_output_folder_is_made_or_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(FileError, match=r"output folder .*file cannot be written"):
         output_folder(tmp_path / "file")
-
-
-def test_differences_name_each_part() -> None:
-    there = {"seed": 1, "box": {"lower": [1.0, 2.0]}, "old": None}
-    here = {"seed": 1, "box": {"lower": [1.0, 3.0]}, "new": "x"}
-    assert differences(there, here) == [
-        "box.lower[1] is 2.0 there and 3.0 here",
-        "new is missing there and 'x' here",
-        "old is None there and missing here",
-    ]
-    assert differences(here, here) == []
 
 
 def test_a_path_with_a_nul_is_an_error_of_one_line(tmp_path: Path) -> None:

@@ -61,6 +61,7 @@ def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
     }
     assert expected
     assert [path for path in sorted(expected) if not (installed / path).is_file()] == []
+    assert not (installed / "research").exists()
 
 
 @pytest.mark.slow

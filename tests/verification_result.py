@@ -27,8 +27,8 @@ from afl_mujoco.studies.verification.claims.claim import (
     REPRODUCED,
     UNDETERMINED,
     Claim,
+    Comparison,
 )
-from afl_mujoco.studies.verification.claims.schedules import Comparison
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import Curves
 from afl_mujoco.studies.verification.result import Result, verdict_of

@@ -30,7 +30,6 @@ from afl_mujoco.cli.terminal import (
     numbers_apart,
     plain_help,
 )
-from afl_mujoco.cli.tune import Tune
 from afl_mujoco.errors import (
     NO_NUL,
     PROGRAM,
@@ -45,7 +44,7 @@ from afl_mujoco.errors import (
 from afl_mujoco.execution.interrupts import interrupts_noted, is_interrupt
 from afl_mujoco.studies.registry import listed
 
-OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Tune, Regression)
+OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
 """Commands listed after those of the studies."""
 
 
@@ -218,8 +217,6 @@ def _options() -> dict[str, list[str]]:
     kinds: dict[str, Any] = {kind.__name__.lower(): kind for kind in OTHERS}
     of_studies = (get_args(kind)[0] for kind in study_commands())
     kinds |= dict(zip(listed(), of_studies, strict=True))
-    parts = get_args(get_type_hints(Tune)["what"])
-    kinds |= {f"tune {kind.__name__.lower()}": kind for kind in parts}
     return {
         name: [
             f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"

@@ -39,8 +39,6 @@ class Simulate:
     compare: bool = False
     """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE.
     The scenario must have no imperfections."""
-    gain_labels: str = "table2"
-    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     timestep: float | None = None
     """Physics step, and spacing of the reported instants [s]; by default the longest up to 0.001
     that divides the control period."""
@@ -71,7 +69,7 @@ class Simulate:
         name = _first(self.controller, replay.controller, SUBJECT)
         integrator = _first(self.integrator, replay.integrator, "RK4")
         timestep = replay.timestep if self.timestep is None else self.timestep
-        controller = find_controller(name, self.gain_labels)
+        controller = find_controller(name)
         if self.log:
             from afl_mujoco.identification.simulated import require_loggable, write_run
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -18,9 +18,13 @@ from afl_mujoco.control.baselines.state_feedback import StateFeedback
 from afl_mujoco.control.compiled_controller import AFL, CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.control.estimation.estimated_controller import EstimatedController
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, shipped_data
-from afl_mujoco.control.gain_table import beyond_table
-from afl_mujoco.control.gains import FIXED_GAINS, GAIN_LABELS, Gains
+from afl_mujoco.control.gain_function import (
+    GAIN_NAMES,
+    GainFunction,
+    beyond_table,
+    shipped_data,
+)
+from afl_mujoco.control.gains import FIXED_GAINS, Gains
 from afl_mujoco.control.held import HeldController
 from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED
 from afl_mujoco.control.own.loading import load_python_controller, rule_for_file
@@ -112,14 +116,6 @@ class AFLController(Controller):
         """
         return saturation_ratio(states, inputs)
 
-    def relabelled(self) -> AFLController:
-        """Return the controller in the other reading of the paper's gain columns (decision D2)."""
-        if self.name.endswith("-retuned"):  # whose gains are not the paper's
-            return self
-        return replace(
-            self, name=f"{self.name}-table1", gain_function=self.gain_function.relabelled()
-        )
-
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance."""
         return {
@@ -195,33 +191,26 @@ def require_stateless(controller: Controller, where: str) -> None:
         raise InvalidValueError(f"controller {controller.name!r}", rule)
 
 
-def find_controller(name: str, gain_labels: str = "table2") -> Controller:
-    """Return a controller by its name, in either reading of the paper's gain columns.
-
-    The retuned gains and the baselines are not the paper's and have only one reading.
+def find_controller(name: str) -> Controller:
+    """Return a controller by its name.
 
     Parameters
     ----------
     name
         A key of `CONTROLLERS`; a key that does not end in ``-nominal``, followed by ``-estimated``,
         for that controller with the estimator; or ``module:attribute`` for your own controller.
-    gain_labels
-        ``"table2"`` or ``"table1"``, decision D2.
 
     Raises
     ------
     UnknownNameError
-        If `name` or `gain_labels` is not known.
+        If `name` is not known.
     InvalidValueError
         If there is no such function, or it is not a controller.
     """
-    if gain_labels not in GAIN_LABELS:
-        raise UnknownNameError.among("gain labels", gain_labels, GAIN_LABELS)
     if ":" in name:
         return load_python_controller(name)
     if (base := name.removesuffix(ESTIMATED)) != name and base in INFORMED:
-        controller = find_controller(base, gain_labels)
-        return EstimatedController(name=f"{controller.name}{ESTIMATED}", controller=controller)
+        return EstimatedController(name=name, controller=CONTROLLERS[base])
     if name.lower().endswith(".toml"):
         rule = "must not be a scenario file: scenarios are given first"
         raise InvalidValueError("controller", rule, name)
@@ -234,5 +223,4 @@ def find_controller(name: str, gain_labels: str = "table2") -> Controller:
             raise InvalidValueError("a controller of your own", rule, name)
         others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
-    controller = CONTROLLERS[name]
-    return controller if gain_labels == "table2" else controller.relabelled()
+    return CONTROLLERS[name]

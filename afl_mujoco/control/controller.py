@@ -85,10 +85,6 @@ class Controller(Protocol):
         """Return the controller that sees the true M and l where this one estimates them."""
         return self
 
-    def relabelled(self) -> Controller:
-        """Return the controller in the other reading of the paper's gain columns, if it has one."""
-        return self
-
     def remarks(self, plants: PlantRange) -> list[str]:
         """Return remarks for readers of its runs on these plants, one sentence each."""
         return []

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import InvalidValueError, reading
-from afl_mujoco.scenario.parameters import require_finite, require_type
+from afl_mujoco.scenario.parameters import (
+    CART_MASSES,
+    HALF_LENGTHS,
+    PlantRange,
+    require_finite,
+    require_type,
+)
 
 GAIN_NAMES = ("switching", "slope", "boundary_layer")
 
@@ -124,12 +130,6 @@ class GainFunction:
         """The coefficients as an array, shape (3, 5): rows K, lambda, Phi."""
         return np.array([getattr(self, name) for name in GAIN_NAMES])
 
-    def relabelled(self) -> GainFunction:
-        """Return the other reading of the columns K and Phi (decision D2): the two exchanged."""
-        return GainFunction(
-            switching=self.boundary_layer, slope=self.slope, boundary_layer=self.switching
-        )
-
     def gains(self, cart_mass: float, half_length: float) -> Gains:
         """Return the gains for one plant, Eq. (G1).
 
@@ -149,3 +149,17 @@ class GainFunction:
                 for name in GAIN_NAMES
             }
         )
+
+
+def beyond_table(plants: PlantRange) -> list[tuple[str, str]]:
+    """Return where plants lie beyond the table: what it covers, and what is reached, in words."""
+    axes = (
+        ("M", "kg", CART_MASSES, plants.cart_mass),
+        ("l", "m", HALF_LENGTHS, plants.half_length),
+    )
+    return [
+        (f"{symbol} {nodes[0]:g} to {nodes[-1]:g} {unit}", f"{symbol} reaches {far:g} {unit}")
+        for symbol, unit, nodes, ends in axes
+        for far, beyond in ((ends[0], ends[0] < nodes[0]), (ends[1], ends[1] > nodes[-1]))
+        if beyond
+    ]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 
 from afl_mujoco.scenario.parameters import require_positive
 
@@ -40,12 +38,5 @@ class Gains:
 
 
 FIXED_GAINS = Gains(switching=109.9651, slope=1.2849, boundary_layer=100.0004)
-"""The paper's constants, tuned for M = 1 kg, l = 0.5 m, m = 0.05 kg."""
-
-GAIN_LABELS: Mapping[str, str] = MappingProxyType(
-    {
-        "table2": "K ~ 110 and Phi ~ 100, as Table 2 and the text give them",
-        "table1": "K ~ 100 and Phi ~ 110, as the header of Table 1 gives them",
-    }
-)
-"""The two readings of the paper's columns K and Phi, decision D2."""
+"""The paper's constants, tuned for M = 1 kg, l = 0.5 m, m = 0.05 kg; K and Phi as Table 2 and the
+text name them, not as the header of Table 1 does (decision D2)."""

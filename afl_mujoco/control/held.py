@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.afl import saturation_ratio
 from afl_mujoco.control.compiled_controller import AFL, CompiledController
 from afl_mujoco.control.controller import Controller, assumed_as_data
-from afl_mujoco.control.gain_table import GainTable, beyond_table
+from afl_mujoco.control.gain_function import beyond_table, shipped_data
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import (
@@ -147,9 +147,10 @@ def _table_slope() -> Any:
     """Return the slope of the shipped table over (M, l), linear between its plants."""
     from scipy.interpolate import RegularGridInterpolator  # a second to import
 
-    table = GainTable.shipped()
-    columns = [table.column(name) for name in ("cart_mass", "half_length", "slope")]
-    masses, lengths = (np.unique(x) for x in columns[:2])
+    table = shipped_data("gain_table.json")
+    names = ("cart_mass", "half_length", "slope")
+    columns = np.array(table["rows"])[:, [table["columns"].index(name) for name in names]].T
+    masses, lengths = np.unique(columns[0]), np.unique(columns[1])
     order = np.lexsort((columns[1], columns[0]))
     slopes = columns[2][order].reshape(len(masses), len(lengths))
     return RegularGridInterpolator((masses, lengths), slopes)

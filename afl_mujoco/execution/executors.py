@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from afl_mujoco.errors import require_count
-
-if TYPE_CHECKING:
-    from afl_mujoco.execution.store import Store
 
 Unit = TypeVar("Unit")
 Result = TypeVar("Result")
@@ -63,23 +60,18 @@ def compute_all(
     units: Sequence[Unit],
     executor: Executor,
     progress: Callable[[int], None] = lambda index: None,
-    store: Store | None = None,
     kept: dict[int, Result] | None = None,
 ) -> list[Result]:
     """Return the results of all units, in their order, whichever is done first.
 
-    `progress` is called with the index of each unit as it is done. A store has the results of units
-    that are already done and keeps the others; results must then be lists, texts and finite
-    numbers. What is done is in `kept` at once, also if an error or a Ctrl-C ends the rest.
+    `progress` is called with the index of each unit as it is done. Units in `kept` are done
+    already; what is done is in it at once, also if an error or a Ctrl-C ends the rest.
     """
     results: dict[int, Result] = {} if kept is None else kept
-    results |= store.results if store else {}
     for index in results:
         progress(index)
     missing = [index for index in range(len(units)) if index not in results]
     for place, result in executor(function, [units[index] for index in missing]):
         results[missing[place]] = result
-        if store is not None:
-            store.keep(missing[place], result)
         progress(missing[place])
     return [results[index] for index in range(len(units))]

@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.simulation.batch.objective import ObjectiveScales, objective
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.ode import simulate_ode
 
 TERMS = ("iae_z", "iae_phi", "max_force")
 """The metrics that the objective (O1) adds up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectiveScales:
+    """The scales by which the terms of (O1) are divided (decision D4)."""
+
+    iae_z: float
+    """Integral of abs(z) [m s]."""
+    iae_phi: float
+    """Integral of abs(phi) [rad s]."""
+    max_force: float
+    """Largest abs(F) [N]."""
+
+
+def objective(iae_z: Any, iae_phi: Any, max_force: Any, scales: ObjectiveScales) -> Any:
+    """Return the objective of Eq. (O1), of floats or arrays."""
+    return iae_z / scales.iae_z + iae_phi / scales.iae_phi + max_force / scales.max_force
 
 
 def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:

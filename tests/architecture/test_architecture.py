@@ -147,6 +147,7 @@ FLOORS = "A package imports only from the floors below it"
 ENGINE = "The engine side cannot reach the equations that it is checked against"
 ANALYTIC = "The analytic side does not know the engine"
 SEARCH = "The search knows nothing of cart-poles"
+RESEARCH = "The package does not know the research around it"
 BELIEF = "A controller has its own model of the plant"
 
 
@@ -168,7 +169,8 @@ def broken_contracts(folder: Path) -> set[str]:
 def package_copy(tmp_path: Path) -> Path:
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     ignore = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(PACKAGE, tmp_path / "afl_mujoco", ignore=ignore)
+    for name in ("afl_mujoco", "research"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=ignore)
     return tmp_path
 
 
@@ -180,6 +182,7 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
     ("module", "planted", "contract"),
     [
         pytest.param("plant/__init__", "import afl_mujoco.control", FLOORS, id="floors"),
+        pytest.param("cli/main", "import research.batch", RESEARCH, id="research"),
         pytest.param(
             "simulation/mujoco_model", "import afl_mujoco.simulation.ode", ENGINE, id="engine"
         ),
@@ -187,14 +190,12 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
             "simulation/trajectory", "import afl_mujoco.plant", ENGINE, id="engine-indirectly"
         ),
         pytest.param("plant/__init__", "import mujoco", ANALYTIC, id="analytic"),
-        pytest.param("simulation/batch/block", "import mujoco", ANALYTIC, id="analytic-batch"),
+        pytest.param("../research/batch", "import mujoco", ANALYTIC, id="analytic-batch"),
         pytest.param(
             "simulation/gym_env/environment", "import afl_mujoco.plant", ENGINE, id="engine-gym"
         ),
         pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
-        pytest.param(
-            "studies/gain_tuning/genetic", "import afl_mujoco.scenario", SEARCH, id="search"
-        ),
+        pytest.param("../research/genetic", "import afl_mujoco.scenario", SEARCH, id="search"),
     ],
 )
 def test_a_planted_import_breaks_its_contract(

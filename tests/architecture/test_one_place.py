@@ -94,8 +94,9 @@ def test_an_imperfection_is_declared_once(package: Path) -> None:
 
 def test_a_shipped_controller_touches_one_folder(package: Path) -> None:
     insert(package / "control" / "names.py", ')\n"""State feedback controllers', ', "toy"')
-    toy = '    catalogue.append(replace(catalogue[-1], name="toy"))\n'
+    toy = '    catalogue.append(dataclasses.replace(catalogue[-1], name="toy"))\n'
     insert(package / "control" / "catalogue.py", "    return {controller.name:", toy)
+    insert(package / "control" / "catalogue.py", "from dataclasses import", "import dataclasses\n")
     run(package, "-c", CONTROLLER_LOOK)
     for command in ("simulate", "render", "view", "thresholds"):
         said = run(package, "-m", "afl_mujoco", command, "--help")

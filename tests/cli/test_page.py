@@ -132,11 +132,10 @@ def test_a_page_without_a_verification_has_no_verdict(tmp_path: Path) -> None:
 def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
     for name, options, said in (
         ("validate", {"scenarios": ("nominal",)}, (["nominal"], PAPER)),
-        ("compare", {"gain_labels": "table1"}, (["step-step"], ["adaptive-table1", "lqr"])),
+        ("compare", {}, (["step-step"], ["adaptive", "lqr"])),
         ("margins", {"scenario": "laboratory", "controllers": ("lqr",)}, (["laboratory"], ["lqr"])),
         ("estimation", {"controller": "adaptive-retuned"}, ([], ["adaptive-retuned"])),
         ("montecarlo", {}, (["laboratory"], ["adaptive", "lqr"])),
-        ("readings", {}, ([], [])),
     ):
         scenarios, controllers = said
         found = inputs_of(find_study(name).configuration(**options))

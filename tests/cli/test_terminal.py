@@ -40,10 +40,7 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
             "--no-pages is not an option of compare; did you mean --no-page?",
         ),
         (("margins", "--masses", "1"), "of margins; did you mean --cart-masses or --pole-mass?"),
-        (
-            ("tune", "table", "--sed=1"),
-            "--sed is not an option of tune table; did you mean --seed?",
-        ),
+        (("montecarlo", "--sed=1"), "--sed is not an option of montecarlo; did you mean --seed?"),
         (("validate", "--quik"), "--quik is not an option of validate"),  # which has no --quick
     ],
 )
@@ -66,7 +63,7 @@ def test_lists_of_numbers_take_commas_and_nothing_else_is_taken_apart() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("command", ["compare", "attraction", "simulate", "tune table"])
+@pytest.mark.parametrize("command", ["compare", "attraction", "simulate"])
 def test_help_does_not_say_a_default_that_says_nothing(command: str, tmp_path: Path) -> None:
     said = " ".join(run(*command.split(), "--help", cwd=tmp_path).stdout.split())
     assert "default: " in said

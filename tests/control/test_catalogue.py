@@ -70,16 +70,6 @@ def test_the_gain_function_is_near_the_fixed_gains_at_the_nominal_plant():
     assert gains.boundary_layer == pytest.approx(FIXED_GAINS.boundary_layer, abs=6.7)
 
 
-@pytest.mark.parametrize("base", ["fixed", "adaptive"])
-def test_the_other_reading_of_table_1_exchanges_k_and_phi_only(base):
-    usual, other = find_controller(base), find_controller(base, "table1")
-    assert other.name == f"{base}-table1"
-    assert other.gain_function.switching == usual.gain_function.boundary_layer
-    assert other.gain_function.boundary_layer == usual.gain_function.switching
-    assert other.gain_function.slope == usual.gain_function.slope
-    assert other.belief == usual.belief
-
-
 @pytest.mark.parametrize("name", ["fixed", "adaptive"])
 def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     state = (0.2, -0.5, 0.1, 0.3)
@@ -161,8 +151,6 @@ def test_unknown_names_are_answered_with_the_valid_ones():
     )
     near = "did you mean adaptive or adaptive-held?"
     assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'; {near}"
-    with pytest.raises(UnknownNameError, match=r"^gain labels must be one of table2, table1, got "):
-        find_controller("fixed", "table3")
 
 
 @pytest.mark.parametrize("name", [n for n in CONTROLLERS if n in INFORMED])
@@ -170,12 +158,6 @@ def test_every_controller_has_a_twin_with_the_estimator(name):
     twin = find_controller(f"{name}-estimated")
     assert (twin.name, twin.controller) == (f"{name}-estimated", CONTROLLERS[name])
     assert twin.name not in CONTROLLERS
-
-
-def test_the_twin_has_the_gains_in_the_reading_that_is_asked_for():
-    twin = find_controller("adaptive-estimated", "table1")
-    assert twin.name == "adaptive-table1-estimated"
-    assert twin.controller.gain_function == find_controller("adaptive", "table1").gain_function
 
 
 @pytest.mark.parametrize("name", ["adaptive-nominal-estimated", "pid-estimated", "-estimated"])
@@ -196,11 +178,6 @@ def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_paramet
     np.testing.assert_allclose(
         adaptive.saturation_ratio(random_states, inputs), expected, rtol=1e-12, atol=1e-12
     )
-
-
-def test_the_retuned_gains_have_one_reading():
-    assert find_controller("adaptive-retuned", "table1") is CONTROLLERS["adaptive-retuned"]
-    assert find_controller("adaptive", "table1").name == "adaptive-table1"
 
 
 def test_a_controller_named_as_results_show_it_is_told_how_it_is_given() -> None:

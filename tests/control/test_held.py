@@ -11,7 +11,6 @@ import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController, find_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.gain_function import GainFunction
-from afl_mujoco.control.gain_table import GainTable
 from afl_mujoco.control.held import DAMPING, HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -19,6 +18,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.simulation.trajectory import Trajectory
+from research.gain_tuning import GainTable
 
 HELD = afl.CONTROLLERS["adaptive-held"]
 SCENARIO = afl.SCENARIOS["step-trapezoid"]

@@ -22,8 +22,8 @@ from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.execution import dask_cluster
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.studies.gain_tuning.gain_table import pair_searches, search_pair
-from afl_mujoco.studies.gain_tuning.settings import GeneticSettings
+from research.gain_tuning import pair_searches, search_pair
+from research.genetic import GeneticSettings
 from tests.execution.units import (
     COUNT,
     PATIENCE,
@@ -126,7 +126,7 @@ def test_a_scheduler_that_goes_away_is_named(caplog: pytest.LogCaptureFixture) -
 
 def test_ctrl_c_leaves_the_finished_units(tmp_path: Path, address: str) -> None:
     with program(tmp_path, 1, address) as process:
-        awaited(lambda: len(kept(tmp_path / "store.json")) >= 3)
+        awaited(lambda: len(kept(tmp_path / "done")) >= 3)
         os.killpg(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
         assert (process.returncode, said) == (130, "")

@@ -16,7 +16,6 @@ import pytest
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.execution.executors import compute_all, in_process, open_executor
 from afl_mujoco.execution.processes import MAX_DEATHS, kept_processes
-from afl_mujoco.execution.store import Store
 from tests.execution.units import (
     COUNT,
     PATIENCE,
@@ -36,14 +35,12 @@ from tests.execution.units import (
 
 
 def computed(
-    function: Callable[[Any], Any], folder: Path, workers: int, store: Store | None = None
+    function: Callable[[Any], Any], folder: Path, workers: int, kept: dict[int, Any] | None = None
 ) -> list[Any]:
     """Results of units that leave their marks in the folder ``tried``."""
     (tried := folder / "tried").mkdir(exist_ok=True)
     with open_executor(workers) as executor:
-        return compute_all(
-            function, [(tried, i) for i in range(COUNT)], executor, lambda i: None, store
-        )
+        return compute_all(function, [(tried, i) for i in range(COUNT)], executor, kept=kept)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -109,16 +106,15 @@ def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(
 def test_work_that_was_broken_off_goes_on_with_what_is_missing(
     tmp_path: Path, workers: int
 ) -> None:
-    file = tmp_path / "store.json"
+    found: dict[int, Any] = {}
     with pytest.raises(InvalidValueError):
-        computed(refused, tmp_path, workers, Store(file, {}))
-    done = kept(file)
+        computed(refused, tmp_path, workers, found)
+    done = set(found)
     assert done <= set(range(VICTIM))
     for path in (tmp_path / "tried").iterdir():
         path.unlink()
-    assert repr(computed(noted, tmp_path, workers, Store(file, {}))) == repr(SERIAL)
+    assert repr(computed(noted, tmp_path, workers, found)) == repr(SERIAL)
     assert set(tries(tmp_path / "tried")) == set(range(COUNT)) - done
-    assert kept(file) == set(range(COUNT))
 
 
 # Deaths of workers
@@ -150,20 +146,20 @@ def test_workers_are_there_again_after_a_death(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_leaves_the_finished_units_and_no_process(tmp_path: Path, workers: int) -> None:
-    file = tmp_path / "store.json"
+    file = tmp_path / "done"
     with program(tmp_path, workers) as process:
         awaited(lambda: len(kept(file)) >= 3)
         os.killpg(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
         assert (process.returncode, said) == (130, "")
         awaited(lambda: not group_lives(process))
-    assert 3 <= len(Store(file, {}).results) < 200
+    assert 3 <= len(kept(file)) < 200
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.4])
 def test_ctrl_c_while_processes_start_is_silent(tmp_path: Path, delay: float) -> None:
     with program(tmp_path, 2) as process:
-        awaited((tmp_path / "store.json").exists)
+        awaited((tmp_path / "done").exists)
         time.sleep(delay)
         os.killpg(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=PATIENCE)
@@ -173,7 +169,7 @@ def test_ctrl_c_while_processes_start_is_silent(tmp_path: Path, delay: float) ->
 
 def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
     with program(tmp_path, 2) as process:
-        awaited(lambda: len(kept(tmp_path / "store.json")) >= 3)
+        awaited(lambda: len(kept(tmp_path / "done")) >= 3)
         process.kill()
         process.wait()
         awaited(lambda: not group_lives(process))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import signal
@@ -30,14 +29,14 @@ import sys
 from pathlib import Path
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.execution.store import Store
 from tests.execution.units import slow
 
 if __name__ == "__main__":
     workers, cluster, file = sys.argv[1:]
     try:
         with open_executor(int(workers), cluster or None) as executor:
-            compute_all(slow, range(200), executor, store=Store(Path(file), {}))
+            with open(file, "w", buffering=1) as done:
+                compute_all(slow, range(200), executor, lambda i: print(i, file=done))
     except KeyboardInterrupt:
         sys.exit(130)
     except AflMujocoError as error:
@@ -101,9 +100,9 @@ def tries(folder: Path) -> Counter[int]:
 
 
 def kept(file: Path) -> set[int]:
-    """Indices of the results in a store."""
+    """Indices of the units that `PROGRAM` has told to be done."""
     with suppress(FileNotFoundError):
-        return {int(index) for index in json.loads(file.read_text())["results"]}
+        return {int(line) for line in file.read_text().splitlines()}
     return set()
 
 
@@ -122,7 +121,7 @@ def program(folder: Path, workers: int, cluster: str = "") -> Iterator[subproces
     source = folder / "program.py"
     source.write_text(PROGRAM)
     process = subprocess.Popen(
-        [sys.executable, source, str(workers), cluster, folder / "store.json"],
+        [sys.executable, source, str(workers), cluster, folder / "done"],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.batch.objective import ObjectiveScales
 from afl_mujoco.simulation.metrics import LABELS, UNITS, metrics, unit_of
-from afl_mujoco.simulation.scoring import objective_scales, with_objective
+from afl_mujoco.simulation.scoring import ObjectiveScales, objective_scales, with_objective
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20

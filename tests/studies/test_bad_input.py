@@ -182,7 +182,6 @@ CASES = {
         (["--scan", "10000000"], "scan must be at most 1000, got 10000000"),
         (["--tolerance", "nan"], "tolerance must lie in 1e-4 to 1, got nan"),
         (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
-        (["--gain-labels", "table3"], "gain labels must be one of table2, table1"),
         (["slow.toml", "--timestep", "0.001"], "timestep 0.001 s must divide control_period"),
     ],
     "montecarlo": [

@@ -17,11 +17,10 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.batch.objective import ObjectiveScales
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.sampled.estimated import EstimatedRun, simulate_estimated
-from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+from afl_mujoco.simulation.scoring import ObjectiveScales, nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.estimation.tracking import Tracking, tracking
 

@@ -21,9 +21,8 @@ from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.equation_checks import equation_checks
 from afl_mujoco.studies.verification.checks.explanation import plateau_check
 from afl_mujoco.studies.verification.checks.reference_checks import free_swings, reference_checks
-from afl_mujoco.studies.verification.claims.ledger import Ledger, decidable, judge_claims
-from afl_mujoco.studies.verification.claims.readings import READINGS, try_readings
-from afl_mujoco.studies.verification.claims.schedules import SCHEDULES, objectives_on_schedules
+from afl_mujoco.studies.verification.claims.ledger import decidable, judge_claims
+from afl_mujoco.studies.verification.claims.shipped import shipped
 from afl_mujoco.studies.verification.result import Result, verdict_of
 
 
@@ -41,16 +40,12 @@ def verify(
     published = {s.name for s in scenarios if is_published(s)}
     claimed = decidable({(name, c.name) for name in published for c in controllers})
     parts: list[Callable[[], Any]] = [partial(_of_equations, settings.full)]
-    if claimed:
-        parts += [partial(objectives_on_schedules, SCHEDULES, scales)]
-        parts += [partial(try_readings, READINGS)]
-    others = len(parts)
     parts += [partial(judge, (s, c, settings)) for s in scenarios for c in controllers]
     progress("checking", 0, len(parts))
     with open_executor(min(workers, len(parts))) as executor:
         done = compute_all(call, parts, executor, counted(progress, "checking", len(parts)))
-    (checks, studies), *evidence = done[:others]
-    judged: list[Judged] = done[others:]
+    checks, studies = done[0]
+    judged: list[Judged] = done[1:]
     runs = tuple(
         replace(run, metrics=with_objective(run.metrics, scales))
         for case in judged
@@ -61,7 +56,7 @@ def verify(
         for run in runs
         if run.simulator == DECISIVE and run.scenario in published
     }
-    ledger = judge_claims(decisive, scales, *evidence) if claimed else Ledger()
+    known = shipped() if claimed else None
     for case in judged:
         checks += [*case.checks, *case.explanation.checks]
         studies += case.explanation.studies
@@ -72,8 +67,8 @@ def verify(
         checks=tuple(checks),
         runs=runs,
         rows=rows,
-        claims=ledger.claims,
-        random_schedules=ledger.comparisons,
+        claims=judge_claims(decisive, known) if known else (),
+        random_schedules=known.random_schedules if known else {},
         error_budgets=tuple(e.budget for e in explained if e.budget),
         ledgers=tuple(e.ledger for e in explained if e.ledger),
         omissions=tuple(e.omission for e in explained if e.omission),

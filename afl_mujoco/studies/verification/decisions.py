@@ -8,7 +8,7 @@ from types import MappingProxyType
 DECISIONS: Mapping[str, str] = MappingProxyType(
     {
         "D1": "The paper's length l is the half-length: pivot to centre of mass of a uniform rod.",
-        "D2": "K ~ 110 and Phi ~ 100 (Table 2, text); --gain-labels table1 reads Table 1's header.",
+        "D2": "K ~ 110 and Phi ~ 100 (Table 2, text); the header of Table 1 exchanges the two.",
         "D3": "Schedules: step M 0.5, 1, 2 kg and step l 0.2, 0.5, 1 m at 1 and 3 s; trapezoid "
         "M 0.5-2-0.5 kg and l 0.2-1-0.2 m, up over 0-2 s, down over 6-8 s.",
         "D4": "Objective over the scenario's horizon (20 s), each term divided by its value for "

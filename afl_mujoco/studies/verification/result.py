@@ -16,8 +16,7 @@ from afl_mujoco.studies.verification.checks.convergence import Refinement
 from afl_mujoco.studies.verification.checks.error_budget import ErrorBudget
 from afl_mujoco.studies.verification.checks.explanation import Omission
 from afl_mujoco.studies.verification.checks.ledger import Ledger
-from afl_mujoco.studies.verification.claims.claim import Claim
-from afl_mujoco.studies.verification.claims.schedules import Comparison
+from afl_mujoco.studies.verification.claims.claim import Claim, Comparison
 from afl_mujoco.studies.verification.criteria import CRITERIA
 from afl_mujoco.studies.verification.curves import Curves
 from afl_mujoco.studies.verification.decisions import DECISIONS

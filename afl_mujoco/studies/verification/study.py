@@ -30,8 +30,6 @@ class Validate:
     controllers: tuple[str, ...] = PAPER
     """Controllers by name, as in `afl-mujoco simulate --help` except -estimated ones; or your own,
     module:attribute."""
-    gain_labels: str = "table2"
-    """Reading of the paper's gain columns K and Phi: table2 or table1 (decision D2)."""
     full: bool = False
     """Add refinement studies, ledgers, a second method, and the effect of what the paper omits."""
     timestep: float = 1e-3
@@ -75,7 +73,7 @@ def _asked(configuration: Validate) -> tuple[list[Scenario], list[Controller], S
 
     from afl_mujoco.control.catalogue import find_controller
 
-    controllers = [find_controller(name, asked.gain_labels) for name in asked.controllers]
+    controllers = [find_controller(name) for name in asked.controllers]
 
     from afl_mujoco.studies.cases import Settings
 

@@ -30,7 +30,7 @@ PUBLISHED = [afl.SCENARIOS[name] for name in ("step-step", "trapezoid-step", "st
 EVERY = [
     "report-errors", "report-schedules", "report-impulse", "report-response-step-step",
     "report-response-trapezoid-step", "report-budget", "report-orders", "report-energy",
-    "report-claims", "report-gains",
+    "report-claims",
 ]  # fmt: skip
 
 
@@ -172,7 +172,7 @@ def test_numbers_beyond_the_usual_stay_inside_their_axes() -> None:
 
 def test_a_figure_without_data_is_left_out(result: Result) -> None:
     bare = replace(result, error_budgets=(), studies=(), claims=(), ledgers=())
-    missing = {"report-budget", "report-orders", "report-claims", "report-gains", "report-energy"}
+    missing = {"report-budget", "report-orders", "report-claims", "report-energy"}
     assert list(figures(bare)) == [name for name in EVERY if name not in missing]
 
 

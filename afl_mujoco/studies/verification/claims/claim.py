@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 REPRODUCED, IN_PART = "reproduced", "reproduced in part"
 NOT_REPRODUCED, UNDETERMINED = "not reproduced", "cannot be determined"
 EVERY, NONE = (f"holds under {which} reading tried" for which in ("every", "no"))
 RANDOM, FITTED = "holds under random readings", "some reading can be fitted"
-"""Verdicts on what hangs on what the paper leaves open (`studies.paper_readings`). To `RANDOM` the
+"""Verdicts on what hangs on what the paper leaves open (a reading of it). To `RANDOM` the
 share is added. That a reading can be fitted, of so many unknowns, is no evidence that it is so."""
 
 
@@ -42,27 +42,27 @@ class Claim:
     why: str
 
 
-def verdict_on_fits(holds: Iterable[bool]) -> str:
-    """Return the verdict on a claim from whether it holds under readings fitted to it."""
-    found = list(holds)
-    return EVERY if all(found) else FITTED if any(found) else NONE
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """How adaptive gains do against fixed ones over many schedules."""
+
+    schedules: int
+    share: float
+    """Share of the schedules on which the adaptive gains have the lower objective."""
+    interval: tuple[float, float]
+    """Its exact (Clopper-Pearson) 95 % confidence interval."""
+    quantiles: Mapping[str, float | None]
+    """Quantiles of the improvement [%], by percentile; a run that fell counts as infinitely bad."""
 
 
-def verdict_on_readings(assumed: bool, fitted: Iterable[bool], random: Sequence[bool]) -> str:
+def verdict_on_readings(assumed: bool, fitted: Iterable[bool], drawn: float) -> str:
     """Return the verdict on a claim from whether it holds under readings.
 
-    Parameters
-    ----------
-    assumed
-        Whether it holds under D3 and D4, which were chosen before any was tried.
-    fitted
-        Whether it does under each reading that was searched for so that it would.
-    random
-        Whether it does under each of those drawn at random.
+    It may hold as `assumed` under D3 and D4, which were chosen before any was tried, under those
+    that were `fitted` so that it would, and under a share of those `drawn` at random.
     """
-    if any(random):
-        share = sum(random) / len(random)
-        return EVERY if assumed and share == 1.0 else f"{RANDOM} in {100.0 * share:.1f} %"
+    if drawn:
+        return EVERY if assumed and drawn == 1.0 else f"{RANDOM} in {100.0 * drawn:.1f} %"
     return FITTED if assumed or any(fitted) else NONE
 
 

@@ -18,7 +18,6 @@ from afl_mujoco.report.old import (
     Tally,
     Text,
 )
-from afl_mujoco.studies.gain_figures import gains_figure
 from afl_mujoco.studies.verification.claims.claim import (
     EVERY,
     FITTED,
@@ -29,9 +28,9 @@ from afl_mujoco.studies.verification.claims.claim import (
     REPRODUCED,
     UNDETERMINED,
     Claim,
+    Comparison,
     kind,
 )
-from afl_mujoco.studies.verification.claims.schedules import Comparison
 from afl_mujoco.studies.verification.figures.claims import claims_figure
 from afl_mujoco.studies.verification.result import Result
 from afl_mujoco.studies.verification.sections.decisions import claim_decisions, links
@@ -82,11 +81,11 @@ def claims_section(result: Result) -> Section:
                 "What the paper says, its number, the number found here with the controller as "
                 "published in MuJoCo, and the verdict. A claim that is not reproduced is not a "
                 "failed check: the checks ask whether the two codes agree, this table asks "
-                "whether the paper is right."
+                "whether the paper is right. C9 to C12, and what readings say of C3 to C6, come "
+                "with the package; `make claims` in its repository makes them anew."
             ),
             claims_figure(result.claims, published.interval if published else None),
             _table(result),
-            gains_figure("report-gains"),
         ]
     else:
         said = (

@@ -1,0 +1,191 @@
+"""The batch against the readable path: `simulate_ode` at rtol 1e-12, one loop at a time."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.catalogue import AFLController
+from afl_mujoco.control.gain_function import GainFunction
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.scoring import ObjectiveScales, objective
+from research.batch import (
+    LANES,
+    PENALTY,
+    Terms,
+    closed_loop_terms,
+    penalised_objective,
+)
+
+OBJECTIVE_LIMIT = 1e-5
+SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
+CORNERS = {
+    "light and short": (0.1, 0.05, 100.0, 1.0, 110.0),
+    "short, fast slope": (2.0, 0.05, 200.0, 5.0, 90.0),
+    "long, fast slope": (2.0, 1.0, 110.0, 5.0, 100.0),
+    "long, slow slope": (0.1, 1.0, 200.0, 1.0, 90.0),
+    "the paper's": (1.0, 0.5, 109.9651, 1.2849, 100.0004),
+    "crosses the edge of the layer twice": (1.4, 1.0, 150.0, 4.9, 90.0),
+}
+
+
+def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    gains = rng.uniform((100.0, 1.0, 90.0), (200.0, 5.0, 110.0), (count, 3))
+    return gains, rng.uniform((0.1, 0.05), (2.0, 1.0), (count, 2))
+
+
+def of(terms: Terms) -> np.ndarray:
+    return objective(terms.iae_z, terms.iae_phi, terms.max_force, SCALES)
+
+
+def readable(loop: tuple[float, ...], duration: float = 20.0, angle: float = -math.pi / 3) -> float:
+    """The objective from `simulate_ode`, its peak looked at closely."""
+    mass, length, *gains = loop
+    controller = AFLController(
+        name="one",
+        gain_function=GainFunction.constant(
+            afl.Gains(switching=gains[0], slope=gains[1], boundary_layer=gains[2])
+        ),
+    )
+    scenario = afl.Scenario(
+        name="one",
+        cart_mass=afl.constant(mass),
+        half_length=afl.constant(length),
+        initial_state=(0.0, angle, 0.0, 0.0),
+        duration=duration,
+    )
+    run = afl.simulate_ode(scenario, controller, sample_period=5e-4)
+    peak_time = float(run.time[np.abs(run.force).argmax()]) + 5e-4
+    closer = dataclasses.replace(scenario, duration=min(duration, peak_time))
+    peak = np.abs(afl.simulate_ode(closer, controller, sample_period=2e-6).force).max()
+    integrals = [absolute_integral(run.time, run.state[:, i], run.state[:, i + 2]) for i in (0, 1)]
+    return float(objective(*integrals, peak, SCALES))
+
+
+def absolute_integral(time: np.ndarray, x: np.ndarray, rate: np.ndarray) -> float:
+    """Corrected trapezoidal rule on each half-millisecond; one that crosses 0 is split there."""
+    h, a, b = np.diff(time), x[:-1], x[1:]
+    whole = h * (a + b) / 2 + h**2 * (rate[:-1] - rate[1:]) / 12
+    split = h * (a**2 + b**2) / (2 * np.maximum(np.abs(a - b), 1e-300))
+    return float(np.where(a * b < 0, split, np.abs(whole)).sum())
+
+
+@pytest.mark.parametrize("loop", CORNERS.values(), ids=CORNERS.keys())
+def test_the_objective_is_that_of_the_readable_path(loop: tuple[float, ...]) -> None:
+    terms = closed_loop_terms([loop[2:]], [loop[:2]])
+    assert of(terms)[0] == pytest.approx(readable(loop), rel=OBJECTIVE_LIMIT)
+
+
+@pytest.mark.parametrize("duration", [0.4, 3.0])
+def test_a_short_horizon_cuts_the_integrals(duration: float) -> None:
+    gains, plants = drawn(3, seed=1)
+    found = of(closed_loop_terms(gains, plants, duration=duration))
+    expected = [readable((*p, *g), duration) for g, p in zip(gains, plants, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=OBJECTIVE_LIMIT)
+
+
+def test_the_tolerance_controls_the_error_over_the_whole_box() -> None:
+    gains, plants = drawn(2000, seed=2)
+    exact = of(closed_loop_terms(gains, plants, tolerance=1e-10))
+    worst = [
+        np.abs(of(closed_loop_terms(gains, plants, tolerance=t)) / exact - 1).max()
+        for t in (1e-4, 1e-5, 2e-6)
+    ]
+    assert worst == sorted(worst, reverse=True)
+    assert worst[-1] < OBJECTIVE_LIMIT
+
+
+@pytest.mark.parametrize("duration", [0.3, 5.0, 20.0])
+def test_a_loop_does_not_depend_on_its_neighbours(duration: float) -> None:
+    gains, plants = drawn(3 * LANES + 5, seed=3)
+    start = (0.3, 1.0, -0.5, 2.0)
+    together = closed_loop_terms(gains, plants, duration=duration, initial_state=start)
+    for k in (0, LANES, 3 * LANES + 4):
+        alone = closed_loop_terms(
+            gains[k : k + 1], plants[k : k + 1], duration=duration, initial_state=start
+        )
+        assert alone.iae_z[0] == together.iae_z[k]
+        assert alone.max_force[0] == together.max_force[k]
+
+
+def test_the_motion_does_not_depend_on_the_cart_s_mass() -> None:
+    gains, plants = drawn(50, seed=5)
+    heavier = plants * (3.0, 1.0)
+    light, heavy = (closed_loop_terms(gains, p) for p in (plants, heavier))
+    np.testing.assert_array_equal(light.iae_z, heavy.iae_z)
+    assert (heavy.max_force > light.max_force).all()
+
+
+def test_lost_loops_cost_more_than_any_other_and_the_earlier_the_more() -> None:
+    rng = np.random.default_rng(6)
+    gains = rng.uniform((0.5, 0.5, 90.0), (60.0, 5.0, 110.0), (200, 3))
+    start = (5.0, 1.5, 10.0, 5.0)
+    terms = closed_loop_terms(gains, (1.0, 1.0), initial_state=start)
+    costs = penalised_objective(terms, SCALES, 20.0)
+    assert np.isfinite(costs).all()
+    assert 20 < terms.lost.sum() < 195
+    assert costs[terms.lost].min() >= PENALTY > costs[~terms.lost].max()
+    ended, order = terms.end_time[terms.lost], np.argsort(costs[terms.lost])
+    assert (np.diff(ended[order]) <= 0.0).all()
+
+
+def test_the_fall_is_that_of_the_readable_path() -> None:
+    gains = afl.Gains(switching=1.0, slope=1.0, boundary_layer=100.0)
+    start = (0.0, -1.5, 0.0, -10.0)
+    controller = AFLController(name="weak", gain_function=GainFunction.constant(gains))
+    run = afl.simulate_ode(afl.Scenario(name="falls", initial_state=start), controller)
+    terms = closed_loop_terms([[1.0, 1.0, 100.0]], (1.0, 0.5), initial_state=start)
+    assert run.outcome.kind == "fell"
+    assert terms.lost[0]
+    one_step = 1e-3
+    assert terms.end_time[0] == pytest.approx(run.outcome.time, abs=one_step)
+
+
+@pytest.mark.parametrize(
+    ("gains", "plant", "start"),
+    [
+        ((110.0, 1.28, 100.0), (1.0, 0.5), (0.0, 1.0, 0.0, 9e5)),
+        ((110.0, 1.28, 100.0), (1.0, 650.0), (6.3, -0.21, -7.3, -71.0)),
+        ((110.0, 1.28, 100.0), (1.0, 12.6), (0.0, 1.5, 0.0, 100.0)),
+        ((110.0, 1.28e6, 100.0), (1.0, 0.5), (0.0, -1.0, 0.0, 0.0)),
+    ],
+)
+def test_a_loop_whose_first_step_overflows_is_lost_and_ends(gains, plant, start) -> None:
+    terms = closed_loop_terms([gains], plant, initial_state=start)
+    assert terms.lost[0]
+    assert np.isfinite([terms.iae_z[0], terms.iae_phi[0], terms.end_time[0]]).all()
+    assert np.isfinite(penalised_objective(terms, SCALES, 20.0)).all()
+
+
+def test_a_step_over_the_whole_layer_is_taken_back() -> None:
+    gains, plant = (28.76, 0.015, 0.1163), (0.4577, 0.01871)
+    start = (-1.693, 1.304, -4.096, -1.078)
+    options = {"initial_state": start, "duration": 0.0611}
+    found = closed_loop_terms([gains], plant, **options)
+    exact = closed_loop_terms([gains], plant, tolerance=1e-11, **options)
+    smooth_peak_between_steps = 2e-3
+    assert found.max_force[0] == pytest.approx(exact.max_force[0], rel=smooth_peak_between_steps)
+    assert found.iae_phi[0] == pytest.approx(exact.iae_phi[0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("gains", "plants", "options", "message"),
+    [
+        ([[100.0, 1.0]], (1.0, 0.5), {}, "gains must have shape"),
+        ([[100.0, -1.0, 90.0]], (1.0, 0.5), {}, "gains must be positive and finite, got -1"),
+        ([[100.0, 1.0, 90.0]], (math.nan, 0.5), {}, "plants must be positive and finite"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"duration": 0.0}, "duration must be positive"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": -1.0}, "tolerance must"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"threads": 0}, "threads must be at least 1"),
+        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 1.6, 0, 0)}, "initial_state"),
+        ([[200.0, 5.0, 1e-3]], (1.0, 0.01), {}, "would take as many steps"),
+    ],
+)
+def test_bad_input_is_refused(gains, plants, options, message) -> None:
+    with pytest.raises(InvalidValueError, match=message):
+        closed_loop_terms(gains, plants, **options)

@@ -1,0 +1,202 @@
+"""A search that is interrupted or killed goes on as if it were not; another's file is refused."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from afl_mujoco.errors import FileError
+from research import genetic
+from research.genetic import Box, GeneticSettings, SearchResult, differences, minimise
+
+SETTINGS = GeneticSettings(population_size=30, generations=12)  # 4 groups, 3 mutants
+BOX = Box((-2.0, 5.0), (2.0, 9.0))
+SEED = (7, 3)
+
+
+@pytest.fixture(autouse=True)
+def after_every_generation(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(genetic, "CHECKPOINT_INTERVAL", 0.0)
+
+
+def cost(chromosomes):
+    return np.sum((chromosomes - [0.3, 6.1]) ** 2, axis=1)
+
+
+def searched(file=None, cost=cost, **wanted) -> SearchResult:
+    return minimise(cost, BOX, SETTINGS, SEED, checkpoint=file, **wanted)
+
+
+def stopped(file: Path, evaluated: int) -> None:
+    """Interrupt a search when it asks for costs again after so many generations, 0 included."""
+    left = iter(range(evaluated))
+
+    def interrupted(chromosomes):
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return cost(chromosomes)
+
+    with pytest.raises(KeyboardInterrupt):
+        searched(file, interrupted, resume=True)
+
+
+def bits(result: SearchResult) -> tuple[object, ...]:
+    """All of a result, comparable to the last bit."""
+    arrays = (result.best.tobytes(), result.history.tobytes(), result.cost.hex())
+    return (*arrays, result.evaluations, result.generations)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "search"
+
+
+@pytest.fixture(scope="module")
+def whole() -> SearchResult:
+    """The search without a break."""
+    return searched()
+
+
+# Interrupted and resumed
+
+
+@pytest.mark.parametrize("evaluated", [0, 1, 2, 7, 12])
+def test_a_resumed_search_gives_the_bits_of_an_uninterrupted_one(
+    file: Path, whole: SearchResult, evaluated: int
+) -> None:
+    stopped(file, evaluated)
+    asked = []
+    result = searched(file, lambda x: asked.append(len(x)) or cost(x), resume=True)
+    assert bits(result) == bits(whole)
+    assert len(asked) == 13 - evaluated  # nothing is computed twice
+
+
+def test_checkpoints_between_long_intervals_end_with_the_same_bits(
+    file: Path, whole: SearchResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(genetic, "CHECKPOINT_INTERVAL", 1000.0)
+    stopped(file, 7)
+    assert json.loads(file.read_text())["generation"] == 0
+    assert bits(searched(file, resume=True)) == bits(whole)
+
+
+def test_a_finished_search_is_read_back_and_not_repeated(file: Path, whole: SearchResult) -> None:
+    assert bits(searched(file)) == bits(whole)
+    before = file.read_bytes()
+    assert bits(searched(file, cost=None, resume=True)) == bits(whole)
+    assert file.read_bytes() == before
+    assert list(file.parent.iterdir()) == [file]
+
+
+# Killed
+
+LONG = replace(SETTINGS, generations=1000)
+PROGRAM = """
+import sys
+from pathlib import Path
+from research import genetic
+from tests.research.test_checkpoint import searched_long
+
+genetic.CHECKPOINT_INTERVAL = 0.0
+searched_long(Path(sys.argv[1]), lambda generation, _: print(generation, flush=True))
+"""
+
+
+def searched_long(file: Path | None = None, progress=None) -> SearchResult:
+    resume = file is not None
+    return minimise(cost, BOX, LONG, SEED, checkpoint=file, resume=resume, progress=progress)
+
+
+def killed(file: Path, after: int) -> None:
+    """Kill a search so many generations after its first report."""
+    command = [sys.executable, "-c", PROGRAM, file]
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as process:
+        for _ in range(after):
+            assert process.stdout.readline()
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+
+
+@pytest.mark.slow
+def test_a_search_that_is_killed_again_and_again_ends_with_the_same_bits(file: Path) -> None:
+    for after in (1, 40, 90):
+        killed(file, after)
+        assert json.loads(file.read_text())["generation"] >= after - 1
+    assert bits(searched_long(file)) == bits(searched_long())
+
+
+# What is refused
+
+
+def test_a_checkpoint_is_not_overwritten_unasked(file: Path) -> None:
+    stopped(file, 3)
+    before = file.read_bytes()
+    with pytest.raises(
+        FileError, match="exists: pass resume=True to continue from it, or remove it"
+    ):
+        searched(file)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"schema": 1},
+        {"rng": {"bit_generator": "PCG64", "state": 1}},
+        {"costs": [1.0]},
+        None,
+    ],
+    ids=str,
+)
+def test_an_unsound_checkpoint_is_refused_in_one_line_and_left(file: Path, change: dict) -> None:
+    stopped(file, 4)
+    text = file.read_text()
+    file.write_text(text[:-9] if change is None else json.dumps(json.loads(text) | change))
+    before = file.read_bytes()
+    with pytest.raises(FileError) as caught:
+        searched(file, cost=None, resume=True)
+    said = str(caught.value)
+    assert said.startswith(f"{file} is not a valid checkpoint: ")
+    assert said.endswith(": remove it to start again")
+    assert "\n" not in said
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("settings", "box", "seed", "said"),
+    [
+        (replace(SETTINGS, parents=2), BOX, SEED, "parents is 3 there and 2 here"),
+        (SETTINGS, Box((-2.5, 5.0), BOX.upper), SEED, "lower[0] is -2.0 there and -2.5 here"),
+        (SETTINGS, BOX, (7, 4), "seed[1] is 3 there and 4 here"),
+        (SETTINGS, BOX, 7, "seed is [7, 3] there and 7 here"),
+    ],
+    ids=["settings", "box", "seed", "kind-of-seed"],
+)
+def test_a_checkpoint_of_another_search_is_refused_with_what_differs(
+    file: Path, settings: GeneticSettings, box: Box, seed: int | tuple[int, ...], said: str
+) -> None:
+    stopped(file, 3)
+    with pytest.raises(FileError) as caught:
+        minimise(cost, box, settings, seed, checkpoint=file, resume=True)
+    assert (
+        caught.value.rule == f"is of another search: {said}; use the same values, or another file"
+    )
+
+
+def test_differences_name_each_part() -> None:
+    there = {"seed": 1, "box": {"lower": [1.0, 2.0]}, "old": None}
+    here = {"seed": 1, "box": {"lower": [1.0, 3.0]}, "new": "x"}
+    assert differences(there, here) == [
+        "box.lower[1] is 2.0 there and 3.0 here",
+        "new is missing there and 'x' here",
+        "old is None there and missing here",
+    ]
+    assert differences(here, here) == []

@@ -1,0 +1,132 @@
+"""C9 to C12 judge what they are given, and the shipped file is what `make claims` would write."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.scenario.randomised import random_scenario
+from afl_mujoco.simulation.scoring import ObjectiveScales
+from afl_mujoco.studies.verification.claims.claim import (
+    EVERY,
+    FITTED,
+    IN_PART,
+    NONE,
+    NOT_REPRODUCED,
+    REPRODUCED,
+    UNDETERMINED,
+)
+from afl_mujoco.studies.verification.claims.shipped import shipped
+from research import claims
+from research.gain_tuning import GainTable
+
+SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
+TRIED = claims.result_of("readings")["optima"]
+
+
+@pytest.mark.slow
+def test_the_shipped_file_is_what_is_found() -> None:
+    known, found = shipped(), claims.judge()
+    assert found.readings.near == known.readings.near
+    for case, fitted in known.readings.fitted.items():
+        assert found.readings.fitted[case] == pytest.approx(fitted, abs=1e-6)
+    for one, other in zip(found.claims, known.claims, strict=True):
+        assert (one.id, one.paper, one.verdict) == (other.id, other.paper, other.verdict)
+        assert one.here == pytest.approx(other.here, rel=1e-6)
+        said, before = (  # without how large a round-off was, which differs between machines
+            re.findall(r"[+-]?[0-9.]+[0-9]", claim.why.partition(": by (L1)")[0])
+            for claim in (one, other)
+        )
+        assert said == before
+    assert found.random_schedules.keys() == known.random_schedules.keys()
+    for name, comparison in known.random_schedules.items():
+        assert found.random_schedules[name].share == comparison.share
+
+
+def test_the_search_finds_the_optimum_in_the_contest() -> None:
+    claim = claims.search_claim(claims.result_of("optimisers"))
+    assert shipped().claims[-1] == replace(claim, why=f"{claim.why} (make claims)")
+    assert (claim.verdict, claim.here) == (REPRODUCED, 100.0)
+
+
+def test_a_comparison_counts_wins_with_an_exact_interval() -> None:
+    fixed = np.array([1.0, 2.0, np.inf, 1.0, np.inf])
+    adaptive = np.array([0.5, 2.5, 3.0, np.inf, np.inf])
+    found = claims.compare(fixed, adaptive)
+    assert (found.schedules, found.share) == (5, 0.4)
+    assert found.interval == pytest.approx((0.0527, 0.8534), abs=1e-4)  # Clopper-Pearson, 2 of 5
+    assert found.quantiles["median"] == 0.0
+    assert found.quantiles["least"] is None
+
+
+@pytest.mark.parametrize(
+    ("wins", "expected"), [(96, REPRODUCED), (70, IN_PART), (52, NOT_REPRODUCED)]
+)
+def test_winning_as_often_as_losing_reproduces_nothing(wins: int, expected: str) -> None:
+    rows = np.array([[1.0, 0.9 if k < wins else 1.1, 1.0, 0.9] for k in range(100)])
+    assert claims.schedules_claim(rows)[0].verdict == expected
+
+
+def test_if_most_runs_fell_the_median_is_said_to_be_none() -> None:
+    claim, _ = claims.schedules_claim(np.array([[1.0, np.inf, np.inf, 1.0]] * 3))
+    assert "median improvement none" in claim.why
+
+
+def test_a_random_schedule_is_the_same_again_and_lies_in_the_box() -> None:
+    for index in range(50):
+        scenario = random_scenario(0, index)
+        assert scenario == random_scenario(0, index)
+        assert all(0.1 <= m <= 2.0 for m in scenario.cart_mass.values)
+        assert all(0.05 <= x <= 1.0 for x in scenario.half_length.values)
+        assert scenario.breakpoints[-1] <= 10.0 + 1e-9
+    assert random_scenario(0, 1) != random_scenario(1, 1)
+
+
+def test_the_objectives_on_random_schedules_are_those_of_the_ode() -> None:
+    rows = claims.objectives_on_schedules(2, SCALES)
+    for index, row in enumerate(rows):
+        scenario = random_scenario(claims.SEED, index)
+        for name, found in zip(claims.COMPARED, row, strict=True):
+            run = afl.simulate_ode(scenario, afl.CONTROLLERS[name], sample_period=1e-3)
+            integrals = [np.trapezoid(np.abs(run.state[:, i]), run.time) for i in (0, 1)]
+            exact = integrals[0] / SCALES.iae_z + integrals[1] / SCALES.iae_phi
+            exact += np.abs(run.force).max() / SCALES.max_force
+            assert found == pytest.approx(exact, rel=1e-4)
+
+
+def test_table_1_would_be_optimal_if_it_were_our_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = claims.published_rows()
+    table = GainTable(
+        np.stack(
+            [rows[:, 4], rows[:, 5], rows[:, 2], rows[:, 1], rows[:, 0], *rows[:, [3, 3]].T]
+        ).T,
+        {},
+    )
+    assert claims.optima_claim(table, SCALES, TRIED).verdict == FITTED
+    judged = claims.optima_claim(GainTable.shipped(), SCALES, TRIED)
+    assert judged.verdict == NONE
+    assert "0 of 40 rows" in judged.why
+    best = [{"best": 40, "column_error": 0.1}]
+    assert claims.optima_claim(table, SCALES, best).verdict == EVERY
+    assert claims.optima_claim(GainTable.shipped(), SCALES, best).verdict == FITTED
+
+
+def test_the_motion_does_not_depend_on_the_mass() -> None:
+    assert claims.mass_dependence() < 1e-12
+
+
+def test_the_fit_cannot_be_judged_on_forty_rows() -> None:
+    claim = claims.fit_claim()
+    assert claim.verdict == UNDETERMINED
+    assert claim.here == pytest.approx(0.3142, abs=1e-4)
+    assert "columns read as Table 1 names them" in claim.why and "is ruled out" in claim.why
+
+
+def test_a_table_2_that_its_printed_rows_rule_out_holds_under_no_reading(monkeypatch) -> None:
+    impossible = tuple(replace(fit, least=9.0) for fit in claims.published_fits())
+    monkeypatch.setattr(claims, "published_fits", lambda: impossible)
+    assert claims.fit_claim().verdict == NONE

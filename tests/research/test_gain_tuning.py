@@ -1,0 +1,218 @@
+"""The gain table and (G1): the cost of gains, the search on one plant, the file, the fits."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from afl_mujoco.control.catalogue import CONTROLLERS
+from afl_mujoco.control.gain_function import GAIN_NAMES
+from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
+from research.gain_tuning import (
+    COLUMNS,
+    DAMPED,
+    DAMPING,
+    GAIN_BOX,
+    GainTable,
+    fit_by_least_squares,
+    fit_by_search,
+    fit_table,
+    gain_cost,
+    pair_searches,
+    paper_scales,
+    rmse,
+    save_fits,
+    search_pair,
+    table_provenance,
+)
+from research.genetic import GeneticSettings
+
+ROW = [1.0, 0.5, 100.0, 3.5, 90.0, 2.1, 2.2]
+
+
+def test_a_table_comes_back_from_its_file_bit_for_bit(tmp_path: Path) -> None:
+    table = GainTable(np.array([ROW, [2.0, 0.1, 1 / 3, 0.1, 1e-7, 3.3, 4.4]]), {"seed": 7})
+    table.save(tmp_path / "table.json")
+    loaded = GainTable.load(tmp_path / "table.json")
+    np.testing.assert_array_equal(loaded.rows, table.rows)
+    assert loaded.provenance == {"seed": 7}
+    assert loaded.gains(2.0, 0.1).slope == 0.1
+
+
+def test_the_shipped_table_is_the_paper_s_grid_and_says_how_it_was_made() -> None:
+    table = GainTable.shipped()
+    assert len(table.rows) == 400
+    assert sorted(set(table.column("cart_mass"))) == [k / 10 for k in range(1, 21)]
+    assert sorted(set(table.column("half_length"))) == [k / 20 for k in range(1, 21)]
+    assert {"settings", "box", "seed", "versions"} <= set(table.provenance)
+
+
+def test_mujoco_confirms_the_objective_of_every_shipped_row() -> None:
+    table = GainTable.shipped()
+    np.testing.assert_allclose(  # samples of 1 ms: a kinked peak may lie between two
+        table.column("objective_mujoco"), table.column("objective"), rtol=1e-4
+    )
+
+
+def test_the_retuned_controllers_have_the_gains_of_the_shipped_table() -> None:
+    nominal = GainTable.shipped().gains(1.0, 0.5)
+    assert CONTROLLERS["fixed-retuned"].gain_function.gains(0.3, 0.9) == nominal
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "is not a gain table"),
+        ("[" * 100_000, "is not a gain table"),
+        ("{}", "is not a gain table: schema is missing"),
+        (json.dumps({"schema": 2, "columns": COLUMNS}), "schema must be 1, got 2"),
+        (json.dumps({"schema": 1, "provenance": {}, "columns": COLUMNS, "rows": []}), "7 columns"),
+        (
+            json.dumps({"schema": 1, "provenance": {}, "columns": COLUMNS, "rows": [[-1.0] * 7]}),
+            "positive finite numbers",
+        ),
+    ],
+    ids=["empty", "deep", "no schema", "other schema", "no rows", "negative"],
+)
+def test_a_file_that_is_no_table_is_refused_by_name(
+    tmp_path: Path, content: str, message: str
+) -> None:
+    path = tmp_path / "table.json"
+    path.write_text(content)
+    with pytest.raises(FileError, match=message) as caught:
+        GainTable.load(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_missing_file_plant_or_column_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be read: no such file"):
+        GainTable.load(tmp_path / "none.json")
+    table = GainTable(np.array([ROW]), {})
+    with pytest.raises(InvalidValueError, match=r"must be in the gain table, got M = 3 kg"):
+        table.gains(3.0, 0.5)
+    with pytest.raises(AflMujocoError, match="column"):
+        table.column("mass")
+
+
+SMALL = GeneticSettings(population_size=120, generations=40)
+
+
+def test_the_fixed_gains_on_the_nominal_plant_cost_three() -> None:
+    cost = gain_cost(1.0, 0.5)(np.array([[109.9651, 1.2849, 100.0004]]))
+    assert cost[0] == pytest.approx(3.0, rel=1e-12)
+
+
+def test_the_scales_are_those_that_the_readable_path_gives() -> None:
+    scales = paper_scales()
+    measured = scales.iae_z, scales.iae_phi, scales.max_force
+    assert measured == pytest.approx((20.9094, 1.52891, 96.1118), rel=1e-4)
+
+
+def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_box() -> None:
+    unit = pair_searches((1.0,), (0.5,), SMALL, seed=0)[0]
+    _, _, switching, slope, layer, found = search_pair(unit)
+    cost = gain_cost(1.0, 0.5)
+    best = minimize_scalar(
+        lambda x: float(cost(np.array([[100.0, x, 90.0]]))[0]), bounds=(1.0, 5.0), method="bounded"
+    )
+    assert (switching, layer) == pytest.approx((100.0, 90.0), abs=1e-6)
+    assert slope == pytest.approx(best.x, abs=1e-2)  # the bottom is flat: cost within 1e-6
+    assert found == pytest.approx(best.fun, rel=1e-6)
+
+
+def test_the_shipped_optima_are_not_beaten_along_the_slope() -> None:
+    table = GainTable.shipped()
+    slopes = np.linspace(GAIN_BOX.lower[1], GAIN_BOX.upper[1], 401)
+    for row in table.rows[::37]:
+        gains = np.stack([np.full(401, row[2]), slopes, np.full(401, row[4])], axis=1)
+        assert gain_cost(row[0], row[1])(gains).min() > row[5] * (1.0 - 1e-6)
+
+
+def test_an_interrupted_unit_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+    whole = search_pair(pair_searches((1.0,), (0.5,), SMALL, seed=3)[0])
+    unit = pair_searches((1.0,), (0.5,), SMALL, seed=3, checkpoints=tmp_path)[0]
+
+    class Stop(Exception):
+        pass
+
+    calls = []
+
+    def interrupted(cost):
+        def call(gains):
+            calls.append(len(gains))
+            if len(calls) == 17:
+                raise Stop
+            return cost(gains)
+
+        return call
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "research.gain_tuning.gain_cost",
+            lambda *p: interrupted(gain_cost(*p)),
+        )
+        with pytest.raises(Stop):
+            search_pair(unit)
+    assert search_pair(unit) == whole
+
+
+def test_units_are_seeded_by_their_place_and_a_grid_is_not_empty() -> None:
+    units = pair_searches(CART_MASSES, HALF_LENGTHS, SMALL, seed=5)
+    assert len({unit.seed for unit in units}) == len(units) == 400
+    with pytest.raises(
+        InvalidValueError, match="half-length of the grid must have at least one value"
+    ):
+        pair_searches((1.0,), (), SMALL, seed=0)
+    assert table_provenance(units)["seed"] == 5
+
+
+GRID = np.array([(j / 10, k / 20) for j in range(1, 21) for k in range(1, 21)])
+MASS, LENGTH = GRID.T
+TRUE = np.array([4.0, -0.3, 0.9, -1.5, 0.6])
+GAIN = TRUE[0] + TRUE[1] * MASS ** TRUE[2] + TRUE[3] * LENGTH ** TRUE[4]
+
+
+def table(slope: np.ndarray) -> GainTable:
+    rows = np.stack([MASS, LENGTH, 100 + 0 * MASS, slope, 90 + 0 * MASS, slope, slope], axis=1)
+    return GainTable(rows, {})
+
+
+def test_the_error_is_the_root_mean_square_of_g2() -> None:
+    candidates = np.array([TRUE, TRUE + np.array([0.5, 0.0, 0.0, 0.0, 0.0])])
+    assert rmse(candidates, MASS, LENGTH, GAIN) == pytest.approx([0.0, 0.5], abs=1e-12)
+
+
+def test_least_squares_recovers_a_gain_function() -> None:
+    fit = fit_by_least_squares("slope", MASS, LENGTH, GAIN, seed=0)
+    assert fit.rmse < 1e-8
+    assert fit.coefficients == pytest.approx(TRUE, rel=1e-3)
+
+
+def test_the_paper_s_search_comes_close_and_never_beats_least_squares() -> None:
+    noisy = GAIN + 0.05 * np.sin(40.0 * MASS * LENGTH)
+    settings = GeneticSettings(population_size=400, generations=150)
+    searched = fit_by_search("slope", MASS, LENGTH, noisy, settings, seed=0)
+    reference = fit_by_least_squares("slope", MASS, LENGTH, noisy, seed=0)
+    assert reference.rmse <= searched.rmse < 1.5 * reference.rmse
+
+
+@pytest.mark.slow
+def test_the_file_has_every_fit_and_what_the_retuned_controllers_use(tmp_path: Path) -> None:
+    settings = GeneticSettings(population_size=60, generations=20)
+    fits = fit_table(table(GAIN), seed=0, settings=settings)
+    save_fits(tmp_path / "fits.json", table(GAIN), fits, seed=0)
+    content = json.loads((tmp_path / "fits.json").read_text())
+    assert {(fit["gain"], fit["method"]) for fit in content["fits"]} == {
+        *((name, method) for name in GAIN_NAMES for method in ("search", "least squares")),
+        ("slope", DAMPED),
+    }
+    nominal = float(GAIN[(MASS == 1.0) & (LENGTH == 0.5)][0])
+    assert content["fixed"] == {"switching": 100.0, "slope": nominal, "boundary_layer": 90.0}
+    w = np.array([content["coefficients"]["slope"]])
+    damped = nominal * (GAIN / nominal) ** DAMPING
+    assert rmse(w, MASS, LENGTH, damped)[0] < 0.02

@@ -1,0 +1,376 @@
+"""The search breeds as the paper says, finds minima, and goes on to the same bits if killed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from research import genetic
+from research.genetic import (
+    Box,
+    GeneticSettings,
+    MultipleCrossoverGA,
+    clip,
+    minimise,
+    multiple_crossover,
+    mutate,
+    tournament,
+)
+
+LIKELY = 1e-3  # p-value: at the fixed seed of `rng` a right operator has passed
+
+
+class Given:
+    """A generator whose random values are given."""
+
+    def __init__(self, *values: float) -> None:
+        self.values = values
+
+    def random(self, size):
+        return np.reshape(self.values, size)
+
+
+def crossed(chromosomes, costs, rng, groups=None):
+    """Children of a population that is one group."""
+    groups = [range(len(costs))] if groups is None else groups
+    return multiple_crossover(np.array(chromosomes), np.array(costs), np.array(groups), rng)
+
+
+# Crossover (A1)
+
+X_I, X_J, X_K = (1.0, 2.0), (3.0, -1.0), (0.0, 4.0)  # 2 x_i - x_j - x_k = (-1, 1)
+
+
+@pytest.mark.parametrize(
+    ("chromosomes", "costs", "rhos", "expected"),
+    [  # 2 x_i - x_j - x_k = (-1, 1), whichever place the fittest has
+        ([X_I, X_J, X_K], [-3.0, 7.0, 5.0], (0.5, 0.25, 0.75),
+         [(0.5, 2.5), (2.75, -0.75), (-0.75, 4.75)]),
+        ([X_J, X_K, X_I], [7.0, 5.0, -3.0], (0.25, 0.75, 0.5),
+         [(2.75, -0.75), (-0.75, 4.75), (0.5, 2.5)]),
+        ([X_J, X_I], [5.0, 1.0], (0.5, 0.25), [(2.0, 0.5), (0.5, 2.75)]),  # x_i - x_j = (-2, 3)
+        ([(8.0,), (1.0,), (2.0,), (-4.0,)], [4.0, 3.0, 2.0, 6.0], (0.5, 0.0, 0.25, 1.0),
+         [(8.5,), (1.0,), (2.25,), (-3.0,)]),  # 3 * 2 - 8 - 1 + 4 = 1
+    ],
+)  # fmt: skip
+def test_a_group_moves_along_the_ways_to_its_fittest(chromosomes, costs, rhos, expected) -> None:
+    children = crossed(chromosomes, costs, Given(*rhos))
+    assert children.tolist() == [[list(x) for x in expected]]
+
+
+def test_each_group_has_its_own_fittest_and_children_stand_where_their_parents_stood() -> None:
+    chromosomes = [(0.0,), (10.0,), (1.0,), (20.0,)]
+    groups = [[3, 0], [1, 2]]
+    children = crossed(chromosomes, [1.0, 2.0, 3.0, 4.0], Given(1.0, 0.5, 0.25, 1.0), groups)
+    # Group (20, 0): the fittest 0 is -20 away. Group (10, 1): the fittest 10 is +9 away.
+    assert children[:, :, 0].tolist() == [[0.0, -10.0], [12.25, 10.0]]
+
+
+def test_rho_is_one_number_a_chromosome_uniform_and_drawn_anew(rng) -> None:
+    count = 3000
+    population = rng.normal(size=(3 * count, 4))
+    costs = rng.normal(size=3 * count)
+    groups = rng.permutation(3 * count).reshape(count, 3)
+    before = population.copy()
+    children = multiple_crossover(population, costs, groups, rng)
+    assert np.array_equal(population, before)
+    rho = np.empty((count, 3))
+    for g, group in enumerate(groups):
+        i = min(group, key=lambda q: costs[q])
+        j, k = (q for q in group if q != i)
+        direction = 2.0 * population[i] - population[j] - population[k]
+        moves = (children[g] - population[group]) / direction  # the same for each gene
+        rho[g] = moves[:, 0]
+        assert np.allclose(moves, moves[:, :1], rtol=0.0, atol=1e-9)  # round-off over small genes
+    assert stats.kstest(rho.ravel(), "uniform").pvalue > LIKELY
+    correlation = np.corrcoef(rho.T) - np.eye(3)
+    assert np.abs(correlation).max() < 4.0 / np.sqrt(count)  # four standard deviations
+
+
+# Mutation (A2)
+
+
+def test_a_mutant_is_shifted_by_one_uniform_number_of_at_most_the_constant(rng) -> None:
+    chromosomes = rng.normal(size=(5000, 3))
+    shifts = mutate(chromosomes, 0.25, rng) - chromosomes
+    assert np.allclose(shifts, shifts[:, :1], rtol=0.0, atol=1e-14)  # round-off of the difference
+    assert stats.kstest(shifts[:, 0] / 0.25, stats.uniform(-1.0, 2.0).cdf).pvalue > LIKELY
+
+
+# Selection
+
+
+def test_a_tournament_selects_each_rank_as_often_as_the_better_of_two(rng) -> None:
+    size, count = 10, 20000
+    ranks = rng.permutation(size)
+    selected = ranks[tournament(ranks.astype(float), count, rng)]
+    # Rank r wins when both drawn are of rank r or worse but not both worse: ((n-r)^2-(n-r-1)^2)/n^2
+    expected = (2.0 * (size - np.arange(size)) - 1.0) / size**2 * count
+    assert stats.chisquare(np.bincount(selected, minlength=size), expected).pvalue > LIKELY
+
+
+# The box
+
+
+def test_a_gene_that_left_the_box_is_put_on_the_bound_it_crossed() -> None:
+    chromosomes = np.array([[0.5, 2.0], [-0.1, 2.9], [1.1, 1.9], [1.0, 3.5]])
+    clipped = clip(chromosomes, np.array([0.0, 2.0]), np.array([1.0, 3.0]))
+    assert clipped.tolist() == [[0.5, 2.0], [0.0, 2.9], [1.0, 2.0], [1.0, 3.0]]
+
+
+SMALL = GeneticSettings(population_size=40, generations=12)  # 6 groups, 4 mutants, 18 copies
+BOX = Box((-2.0, 5.0, 0.0), (2.0, 9.0, 0.5))
+CENTRE = np.array([0.3, 6.1, 0.2])
+
+
+def sphere(chromosomes):
+    return np.sum((chromosomes - CENTRE) ** 2, axis=1)
+
+
+def rosenbrock(x):
+    return np.sum((1.0 - x[:, :-1]) ** 2 + 100.0 * (x[:, 1:] - x[:, :-1] ** 2) ** 2, axis=1)
+
+
+def told(generations: int, seed=1, settings=SMALL, cost=sphere) -> MultipleCrossoverGA:
+    """A search that has bred so many generations."""
+    search = MultipleCrossoverGA(BOX, settings, seed)
+    for _ in range(generations + 1):
+        search.tell(cost(search.ask()))
+    return search
+
+
+# Settings
+
+
+def test_the_defaults_are_the_papers() -> None:
+    settings = GeneticSettings()
+    assert (settings.population_size, settings.generations) == (1000, 1000)
+    assert (settings.reproduction, settings.crossover, settings.mutation) == (0.45, 0.45, 0.1)
+    assert (settings.mutation_constant, settings.parents) == (1e-7, 3)
+    assert (settings.groups, settings.mutants, settings.copies) == (150, 100, 450)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "thing", "value"),
+    [
+        ({"population_size": 100.0}, "population_size", "100.0"),
+        ({"parents": 1}, "parents", 1),
+        ({"reproduction": 1.35, "crossover": -0.45}, "reproduction", 1.35),
+        ({"mutation": "0.1"}, "mutation", "'0.1'"),
+        ({"mutation": 0.2}, "reproduction + crossover + mutation", 1.1),
+        ({"mutation_constant": 0.0}, "mutation_constant", 0.0),
+        ({"population_size": 6}, "population_size", 6),  # 0.45 * 6 < 3
+        ({"reproduction": 1.0, "crossover": 0.0, "mutation": 0.0}, "reproduction", 1.0),
+    ],
+    ids=str,
+)
+def test_settings_that_make_no_search_are_refused(wrong: dict, thing: str, value: object) -> None:
+    with pytest.raises(InvalidValueError) as caught:
+        GeneticSettings(**wrong)
+    assert caught.value.thing == thing
+    assert caught.value.value == pytest.approx(value, nan_ok=True)
+
+
+def test_round_off_costs_neither_a_group_nor_the_sum_of_the_shares() -> None:
+    assert 0.57 * 100 < 57.0
+    shares = {"reproduction": 0.33, "crossover": 0.57, "mutation": 0.1}
+    assert GeneticSettings(population_size=100, **shares).groups == 19
+    assert 0.7 + 0.2 + 0.1 != 1.0
+    GeneticSettings(reproduction=0.7, crossover=0.2, mutation=0.1)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "thing"),
+    [
+        pytest.param((0.0, 2.0), (1.0, 1.0), "upper[1]", id="lower-above-upper"),
+        pytest.param((0.0, math.nan), (1.0, 1.0), "lower[1]", id="nan"),
+        pytest.param((0.0,), (math.inf,), "upper[0]", id="infinite"),
+        pytest.param((0.0,), ("1",), "upper[0]", id="text"),
+        pytest.param((), (), "lower", id="empty"),
+        pytest.param((0.0, 0.0), (1.0,), "upper", id="lengths"),
+    ],
+)
+def test_bounds_that_make_no_box_are_refused(lower: tuple, upper: tuple, thing: str) -> None:
+    with pytest.raises(InvalidValueError) as caught:
+        Box(lower, upper)
+    assert caught.value.thing == thing
+
+
+@pytest.mark.parametrize("seed", [-1, 1.0, (), (1, -2)], ids=repr)
+def test_what_is_no_seed_is_refused(seed: object) -> None:
+    with pytest.raises(InvalidValueError, match="seed must be "):
+        MultipleCrossoverGA(BOX, SMALL, seed)
+
+
+# What is asked
+
+
+def test_the_first_question_is_a_population_uniform_in_the_box() -> None:
+    settings = GeneticSettings(population_size=2000)
+    chromosomes = MultipleCrossoverGA(BOX, settings, 1).ask()
+    assert chromosomes.shape == (2000, 3)
+    for gene, low, high in zip(chromosomes.T, BOX.lower, BOX.upper, strict=True):
+        assert stats.kstest((gene - low) / (high - low), "uniform").pvalue > 1e-3
+    assert np.abs(np.corrcoef(chromosomes.T) - np.eye(3)).max() < 4.0 / math.sqrt(2000)
+
+
+def test_only_children_and_mutants_are_asked_later() -> None:
+    search = told(3)
+    assert search.ask().shape == (22, 3)
+    assert (search.generation, search.evaluations) == (3, 40 + 3 * 22)
+    assert search.population.shape == (40, 3)
+    assert search.history.shape == (4,)
+
+
+def test_parents_and_mutants_are_each_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[list[int]] = []
+
+    def crossover_of(population, costs, groups, rng):
+        taken.append(groups.ravel().tolist())
+        return genuine_crossover(population, costs, groups, rng)
+
+    def mutants_of(chromosomes, constant, rng):
+        places = [np.flatnonzero((search.population == x).all(axis=1)) for x in chromosomes]
+        taken[-1] += np.concatenate(places).tolist()
+        return genuine_mutate(chromosomes, constant, rng)
+
+    genuine_crossover, genuine_mutate = genetic.multiple_crossover, genetic.mutate
+    monkeypatch.setattr(genetic, "multiple_crossover", crossover_of)
+    monkeypatch.setattr(genetic, "mutate", mutants_of)
+    for seed in range(20):
+        search = told(0, seed)  # all chromosomes of the initial population are different
+        search.ask()
+        assert len(taken[-1]) == len(set(taken[-1])) == 6 * 3 + 4
+    assert len(set(map(tuple, taken))) == 20  # drawn anew
+    assert set().union(*taken) == set(range(40))  # from the whole population
+
+
+def test_what_is_asked_stays_in_the_box_and_reaches_its_walls() -> None:
+    search = MultipleCrossoverGA(BOX, SMALL, 1)
+    walls = 0
+    for _ in range(10):
+        asked = search.ask()
+        assert np.all((asked >= BOX.lower) & (asked <= BOX.upper))
+        walls += np.sum((asked == BOX.lower) | (asked == BOX.upper))
+        search.tell(sphere(asked))
+    assert walls > 0
+
+
+# What is told
+
+
+def test_every_chromosome_keeps_the_cost_that_it_was_told() -> None:
+    for generations in range(8):
+        search = told(generations)
+        assert np.array_equal(search.costs, sphere(search.population))
+
+
+def copies_of(search: MultipleCrossoverGA) -> list[int]:
+    """Which chromosomes of a population without equals the next generation copies."""
+    before = search.population
+    search.tell(sphere(search.ask()))
+    return [np.flatnonzero((before == x).all(axis=1)).item() for x in search.population[:18]]
+
+
+def test_the_rest_of_a_generation_are_copies_selected_by_cost() -> None:
+    ranks = []
+    for seed in range(50):
+        search = told(0, seed)
+        rank = stats.rankdata(search.costs) - 1.0
+        best, *others = rank[copies_of(search)]
+        assert best == 0.0
+        ranks += others
+    # The better of two of n draws has the mean rank (n - 1) (2 n - 1) / 6 n; any draw, 19.5.
+    deviation = 9.4 / math.sqrt(len(ranks))
+    assert np.mean(ranks) == pytest.approx(39 * 79 / 240, abs=4.0 * deviation)
+
+
+def test_the_best_chromosome_ever_told_is_never_lost() -> None:
+    search, least = MultipleCrossoverGA(BOX, SMALL, 4), math.inf
+    noise = np.random.default_rng(8)  # costs without sense: the best is seldom a child of the best
+    for generation in range(60):
+        costs = noise.random(len(search.ask()))
+        least = min(least, costs.min())
+        search.tell(costs)
+        assert search.best_cost == search.history[generation] == least
+        assert search.costs[np.flatnonzero((search.population == search.best).all(1))[0]] == least
+
+
+def test_the_search_heeds_only_the_order_of_the_costs() -> None:
+    one, other = told(10), told(10, cost=lambda x: np.exp(sphere(x)) - 7.0)
+    assert np.array_equal(one.population, other.population)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+def test_a_cost_that_is_not_finite_is_refused_and_can_be_told_anew(wrong: float) -> None:
+    search, spared = told(2), told(3)
+    costs = sphere(search.ask())
+    place = ", ".join(f"{x:.6g}" for x in search.ask()[5])
+    spoilt = costs.copy()
+    spoilt[[5, 9]] = wrong
+    with pytest.raises(InvalidValueError) as caught:
+        search.tell(spoilt)
+    assert str(caught.value) == f"cost of ({place}) must be finite, got {wrong}"
+    search.tell(costs)
+    assert np.array_equal(search.population, spared.population)
+
+
+def test_what_is_not_known_yet_is_not_given() -> None:
+    search = MultipleCrossoverGA(BOX, SMALL, 1)
+    for read in (lambda: search.best, lambda: search.best_cost, search.state):
+        with pytest.raises(AflMujocoError):
+            read()
+    with pytest.raises(AflMujocoError, match="tell must follow ask"):
+        search.tell([1.0] * 40)
+    search.tell(sphere(search.ask()))
+    with pytest.raises(AflMujocoError, match="tell must follow ask"):
+        search.tell([1.0] * 22)
+
+
+# Reproducible
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
+    first, again, other = told(12, (3, 1)), told(12, (3, 1)), told(12, (3, 2))
+    assert first.population.tobytes() == again.population.tobytes()
+    assert first.history.tobytes() == again.history.tobytes()
+    assert first.population.tobytes() != other.population.tobytes()
+
+
+# Minima are found
+
+
+@pytest.mark.parametrize("parents", [2, 3, 4])
+def test_a_sphere_is_minimised(parents: int) -> None:
+    settings = GeneticSettings(population_size=200, generations=200, parents=parents)
+    result = minimise(sphere, BOX, settings, 1)
+    assert np.allclose(result.best, CENTRE, rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("genes", [2, 3])
+def test_rosenbrocks_valley_is_followed_to_its_end(genes: int) -> None:
+    settings = GeneticSettings(population_size=300, generations=200)
+    result = minimise(rosenbrock, Box((-2.0,) * genes, (2.0,) * genes), settings, 1)
+    assert np.allclose(result.best, 1.0, rtol=0.0, atol=1e-4)
+
+
+def test_a_minimum_in_a_corner_is_found_to_the_last_bit() -> None:
+    settings = GeneticSettings(population_size=100, generations=60)
+    result = minimise(lambda x: x @ [1.0, -3.0, 0.2], BOX, settings, 1)
+    assert result.best.tolist() == [BOX.lower[0], BOX.upper[1], BOX.lower[2]]
+
+
+def test_minimise_is_ask_and_tell_to_the_end_and_reports_every_generation() -> None:
+    reported: list[tuple[int, float]] = []
+    result = minimise(sphere, BOX, SMALL, 1, progress=lambda *line: reported.append(line))
+    search = told(12)
+    assert (result.generations, result.evaluations) == (12, 40 + 12 * 22)
+    assert np.array_equal(result.best, search.best)
+    assert result.cost == search.best_cost == sphere(result.best[np.newaxis])[0]
+    assert np.array_equal(result.history, search.history)
+    assert reported == list(enumerate(result.history))
+    assert np.all(np.diff(result.history) <= 0.0)

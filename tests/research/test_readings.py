@@ -1,0 +1,155 @@
+"""Readings: searches are round and sound, Table 1 is judged, the files are written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.scenario.files import load_scenario
+from afl_mujoco.studies.cube_search import Budget
+from research import readings
+from research.command import run_command
+from research.figures import draw_sensitivity
+from research.gain_tuning import GainTable
+from research.paper import (
+    CASES,
+    HORIZON,
+    HORIZONS,
+    SCALE_PHI,
+    SCALE_Z,
+    SCHEDULES,
+    Array,
+    improvement_error,
+    random_readings,
+    terms_of,
+)
+from research.readings import (
+    GOALS,
+    QUICK,
+    ROUND_HORIZONS,
+    descend,
+    find_readings,
+    judge_optima,
+    nearest,
+    round_count,
+    rounded,
+    sound,
+)
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_round_readings_are_round_and_sound(goal: str) -> None:
+    found = rounded(random_readings(500, 0), GOALS[goal])
+    assert sound(found).all()
+    assert set(found[:, HORIZON]) <= set(ROUND_HORIZONS)
+    for (symbol, _), (times, levels) in SCHEDULES.items():
+        np.testing.assert_allclose(found[:, times] % 0.5, 0.0, atol=1e-12)
+        share = found[:, levels] / (0.1 if symbol == "M" else 0.05)
+        np.testing.assert_allclose(share, np.round(share), atol=1e-9)
+    if not GOALS[goal].scales:
+        assert not found[:, [SCALE_Z, SCALE_PHI]].any()
+
+
+def test_a_search_is_the_same_again_and_finds_better_than_its_start() -> None:
+    unit = ("improvements-d4", 1, 0, Budget(generations=3, population=8))
+    first = nearest(unit)
+    assert nearest(unit) == first
+    values, error, tried = first
+    assert tried == 25
+    one = np.array([values])
+    assert error == pytest.approx(improvement_error(terms_of(one).objectives(one))[0])
+    assert HORIZONS[0] <= one[0, HORIZON] <= HORIZONS[1]
+    assert not one[0, [SCALE_Z, SCALE_PHI]].any()
+    assert nearest(("improvements-d4", 2, 0, unit[3])) != first
+
+
+def test_a_descent_ends_where_no_change_of_one_unknown_helps(monkeypatch) -> None:
+    goal = GOALS["improvements-d4"]
+    wanted = rounded(random_readings(1, 7), goal)[0]
+
+    def distance(_: object, readings: Array) -> list[float]:
+        return np.abs(readings - wanted).sum(axis=1).tolist()
+
+    monkeypatch.setattr(readings, "_costs", distance)
+    values, error, tried = descend(
+        ("improvements-d4", rounded(random_readings(1, 8), goal)[0].tolist())
+    )
+    assert values == pytest.approx(wanted.tolist()) and error == pytest.approx(0.0, abs=1e-9)
+    assert tried > 500
+
+
+def test_the_number_of_round_readings() -> None:
+    levels = 20 ** (2 * (3 + 2))
+    times = sum((comb(n, 2) * comb(n, 4)) ** 2 for n in (19, 29, 39, 59))
+    assert round_count() == 4 * levels * times
+
+
+def test_our_own_optima_are_optimal_under_the_scales_they_were_found_with(monkeypatch) -> None:
+    rows, table = readings.published_rows(), GainTable.shipped()
+    for k, (mass, length) in enumerate(rows[:, [4, 5]]):
+        gains = table.gains(mass, length)
+        rows[k, :3] = gains.switching, gains.slope, gains.boundary_layer
+    monkeypatch.setattr(readings, "published_rows", lambda: rows)
+    found = judge_optima(("table2", 20.0, 16, 5))
+    assert found.as_decided == 40
+    assert found.best == 40 and found.median_excess < 1e-3
+
+
+def test_a_column_made_of_the_terms_is_met(monkeypatch) -> None:
+    rows = readings.published_rows()
+    terms = readings._terms(rows[:, [0, 1, 2]], rows[:, [4, 5]], 20.0)
+    rows[:, 3] = terms @ [0.3, 0.2, 0.01]
+    monkeypatch.setattr(readings, "published_rows", lambda: rows)
+    assert judge_optima(("table2", 20.0, 8, 3)).column_error == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_papers_table_is_not_optimal() -> None:
+    found = judge_optima(("table2", 20.0, 16, 9))
+    assert found.as_decided == 0 and found.best < 40
+    assert found.column_error == pytest.approx(0.384, abs=2e-3)
+    assert np.isfinite(found.scales).all()
+
+
+# The command
+
+TINY = replace(
+    QUICK, restarts=1, generations=2, population=4, draws=20, descents=0, samples=50, base=4,
+    slopes=8, steps=3,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_each_case_of_each_named_reading_is_a_scenario_file(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(readings, "QUICK", TINY)
+    readings.main(["--quick", "--workers", "1", "--out", str(tmp_path)])
+    assert "four improvements are within 5 points of Table 3" in capsys.readouterr().out
+    found = json.loads((tmp_path / "readings.json").read_text())
+    names = [one["name"] for one in found["readings"]]
+    assert names == [f"{kind}-{goal}" for kind in ("nearest", "round") for goal in GOALS]
+    files = {path.name for path in tmp_path.glob("*.toml")}
+    assert files == {f"{name}-{case}.toml" for name in names for case in CASES}
+    first = found["readings"][0]
+    scenario = load_scenario(tmp_path / f"{first['name']}-{CASES[0]}.toml")
+    assert scenario.duration == first["values"]["horizon"]
+    run = afl.simulate_ode(scenario, afl.CONTROLLERS["fixed"], sample_period=0.01)
+    assert run.outcome.kind == "completed"
+    assert draw_sensitivity(found["sensitivity"]["cases"]).axes
+
+
+@pytest.mark.slow
+def test_the_result_does_not_depend_on_the_workers() -> None:
+    assert find_readings(TINY, 0) == find_readings(TINY, 0, workers=2)
+
+
+def test_a_negative_seed_is_one_line(capsys) -> None:
+    with pytest.raises(SystemExit) as end:
+        run_command(lambda: readings.main(["--seed", "-1"]))
+    assert (end.value.code, capsys.readouterr().err) == (
+        2,
+        "research: seed must be at least 0, got -1\n",
+    )

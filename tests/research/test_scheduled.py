@@ -1,0 +1,94 @@
+"""Many loops on schedules: their terms of (O1) are those of the equations as the paper has them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.catalogue import AFLController
+from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction
+from afl_mujoco.scenario.randomised import random_scenario
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.trajectory import FALL_ANGLE
+from research.batch import closed_loop_terms
+from research.scheduled import scheduled_terms
+
+PUBLISHED = GainFunction.published().coefficients
+
+
+def knots(scenarios: list[Scenario]) -> tuple[np.ndarray, np.ndarray]:
+    return tuple(  # type: ignore[return-value]
+        np.array([getattr(s, n).knots for s in scenarios]) for n in ("cart_mass", "half_length")
+    )
+
+
+def reference(scenario: Scenario, controller: AFLController) -> list[float]:
+    run = afl.simulate_ode(scenario, controller, sample_period=1e-3)
+    assert run.outcome.kind == "completed"
+    integrals = [np.trapezoid(np.abs(run.state[:, k]), run.time) for k in (0, 1)]
+    return [*integrals, np.abs(run.force).max(), run.force.max()]
+
+
+@pytest.mark.parametrize("name", ["fixed", "adaptive"])
+def test_the_terms_are_those_of_the_reference(name: str) -> None:
+    scenarios = [random_scenario(3, index) for index in range(6)]
+    controller = afl.CONTROLLERS[name]
+    assert isinstance(controller, AFLController)
+    found = scheduled_terms(*knots(scenarios), controller.gain_function.coefficients, 20.0)
+    for k, scenario in enumerate(scenarios):
+        expected = reference(scenario, controller)
+        here = [x[k] for x in (found.iae_z, found.iae_phi, found.peak_force, found.max_force)]
+        assert here == pytest.approx(expected, rel=5e-5)
+
+
+@pytest.mark.parametrize("index", [1, 4, 7, 9])  # the first with steps, the others with ramps
+def test_held_gains_are_those_of_the_start(index: int) -> None:
+    scenario = random_scenario(3, index)
+    gains = GainFunction.published().gains(scenario.cart_mass.at(0.0), scenario.half_length.at(0.0))
+    constant_gains = GainFunction.constant(gains)
+    held = scheduled_terms(*knots([scenario]), PUBLISHED, 20.0, held=True)
+    same = scheduled_terms(*knots([scenario]), constant_gains.coefficients, 20.0)
+    following = scheduled_terms(*knots([scenario]), PUBLISHED, 20.0)
+    assert held.iae_z == pytest.approx(same.iae_z, rel=1e-12)
+    assert held.iae_z != pytest.approx(following.iae_z, rel=1e-3)
+
+
+def test_on_a_constant_plant_it_agrees_with_the_other_batch() -> None:
+    plants = np.array([[0.1, 0.05], [2.0, 0.05], [0.5, 1.0]])
+    gains = GainFunction.published()
+    rows = [[getattr(gains.gains(*plant), name) for name in GAIN_NAMES] for plant in plants]
+    expected = closed_loop_terms(rows, plants, duration=15.0)
+    schedules = [np.stack([np.zeros(3), plants[:, k]], axis=1)[:, None] for k in (0, 1)]
+    found = scheduled_terms(*schedules, PUBLISHED, 15.0)
+    for name in ("iae_z", "iae_phi"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=5e-5)
+    np.testing.assert_allclose(found.peak_force, expected.max_force, rtol=5e-5)
+
+
+def test_gains_that_are_not_positive_lose_the_loop() -> None:
+    coefficients = PUBLISHED.copy()
+    coefficients[1] = [-1.0, 0.0, 0.0, 0.0, 0.0]
+    plant = [np.array([[[0.0, x]]]) for x in (1.0, 0.5)]
+    assert scheduled_terms(*plant, coefficients, 20.0).lost.tolist() == [True]
+
+
+def test_a_loop_that_falls_is_lost() -> None:
+    plant = [np.array([[[0.0, x]]]) for x in (1.0, 0.5)]
+    angles = -FALL_ANGLE - 1e-7, -1.5
+    found = [scheduled_terms(*plant, PUBLISHED, 20.0, start_angle=x).lost[0] for x in angles]
+    assert found == [True, False]
+
+
+def test_the_largest_force_has_a_sign_and_the_peak_has_none() -> None:
+    plant = [np.array([[[0.0, x]]]) for x in (1.0, 0.5)]
+    left, right = (scheduled_terms(*plant, PUBLISHED, 20.0, start_angle=x) for x in (-1.0, 1.0))
+    assert left.max_force[0] == left.peak_force[0] == right.peak_force[0]
+    assert 0.0 < right.max_force[0] < 0.9 * right.peak_force[0]
+
+
+def test_threads_do_not_change_a_bit() -> None:
+    schedules = knots([random_scenario(5, index) for index in range(37)])
+    one, three = (scheduled_terms(*schedules, PUBLISHED, 20.0, threads=n) for n in (1, 3))
+    for name in ("iae_z", "iae_phi", "peak_force", "max_force", "lost"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))

@@ -1,0 +1,95 @@
+"""`make tune` as a user runs it: resumed to the same bits, bad input in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from afl_mujoco.control.gain_function import shipped_file
+from research import tune
+from research.command import run_command
+from research.figures import draw_gain_table, fits_of
+from research.gain_tuning import GainTable
+
+ROOT = Path(__file__).parents[2]
+SMALL = (
+    *("--cart-masses", "0.5", "1.0", "--half-lengths", "0.5"),
+    *("--population", "60", "--workers", "1"),
+)
+
+
+def refused(capsys: pytest.CaptureFixture[str], message: str, *arguments: str) -> None:
+    with pytest.raises(SystemExit) as end:
+        run_command(lambda: tune.main(arguments))
+    said = capsys.readouterr()
+    assert (end.value.code, said.out) == (2, "")
+    assert message in said.err
+    assert len(said.err.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path, capsys) -> None:
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    table = (*SMALL, "--generations", "1500")
+    tune.main((*table, "--out", str(whole)))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "research.tune", *table, "--out", str(broken)],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    while not list((broken / "searches" / "checkpoints").glob("*")):
+        time.sleep(0.02)
+        assert process.poll() is None, process.communicate()
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, output, errors) == (130, "", "research: interrupted\n")
+    assert not (broken / "gain_table.json").exists()
+
+    capsys.readouterr()
+    refused(capsys, "has a search: pass --resume to continue it", *table, "--out", str(broken))
+    other = (*SMALL, "--generations", "1501", "--resume", "--out", str(whole))
+    refused(capsys, "settings.generations is 1500 there and 1501 here", *other)
+    tune.main((*table, "--resume", "--out", str(broken)))
+    one, other_one = (folder / "gain_table.json" for folder in (whole, broken))
+    assert one.read_bytes() == other_one.read_bytes()
+    assert len(GainTable.load(one).rows) == 2
+
+
+@pytest.mark.slow
+def test_a_plant_that_falls_in_mujoco_has_no_objective_there(tmp_path: Path) -> None:
+    gains = ("--lower", "100", "1000", "90", "--upper", "100", "1000", "90")
+    small = ("--cart-masses", "1", "--half-lengths", "0.5", "--population", "20")
+    tune.main((*gains, *small, "--generations", "1", "--workers", "1", "--out", str(tmp_path)))
+    content = json.loads((tmp_path / "gain_table.json").read_text())
+    assert content["rows"][0][-1] is None
+    assert content["rows"][0][-2] >= 1e9
+
+
+def test_the_gain_table_is_drawn_with_every_fit() -> None:
+    functions = json.loads(shipped_file("gain_functions.json").read_text("utf-8"))
+    slopes = draw_gain_table(GainTable.shipped(), fits := fits_of(functions)).axes[3]
+    assert [text.get_text() for text in slopes.get_legend().get_texts()][-3:] == [*fits]
+    assert slopes.get_xlabel() == "half-length l [m]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--lower", "100", "5", "90", "--upper", "200", "1", "110"), "not be below lower 5.0"),
+        (("--cart-masses",), "cart mass of the grid must have at least one value"),
+        ((*SMALL, "--cart-masses", "-1"), "cart mass of the grid must be positive"),
+        (("--seed", "-1"), "seed must be at least 0, got -1"),
+        (("--lower", "100", "-5", "90"), "lower bound of slope must be positive, got -5"),
+        (("--upper", "1e12", "5", "110"), "would take as many steps"),
+        (("--cart-masses", "1", "1"), "cart mass of the grid must differ"),
+        (("--population", "0"), "population_size must be at least 1"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line(capsys, arguments: tuple[str, ...], message: str) -> None:
+    refused(capsys, message, *arguments)
