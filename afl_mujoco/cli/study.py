@@ -6,7 +6,7 @@ import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -143,8 +143,8 @@ def study_commands(chosen: str | None = None) -> list[Any]:
 
 def _stub(one: Listed) -> Any:
     """Return a command without options."""
-    members: dict[str, Any] = {"__doc__": one.summary, "__module__": __name__}
-    return Annotated[type(one.name, (), members), tyro.conf.subcommand(one.name)]
+    made = make_dataclass(one.name, (), namespace={"__doc__": one.summary})
+    return Annotated[made, tyro.conf.subcommand(one.name)]
 
 
 def inputs_of(request: Any) -> dict[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +23,7 @@ from afl_mujoco.simulation.mujoco_model import (
     CartPoleModel,
     forward,
     impulse_jump,
+    mujoco,
     write_parameters,
 )
 from afl_mujoco.simulation.python_controller_rk4 import integrate_python_controller

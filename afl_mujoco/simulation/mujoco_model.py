@@ -33,7 +33,7 @@ from afl_mujoco.simulation.mujoco_description import (
 )
 
 choose_backend()
-import mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
+import mujoco as mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
 
 INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 
 from afl_mujoco.control.catalogue import as_controller, require_stateless
@@ -28,6 +27,9 @@ from afl_mujoco.simulation.trajectory import (
     assemble,
     controller_inputs,
 )
+
+if TYPE_CHECKING:
+    import mujoco
 
 MODES = ("exact", "continuous", "sampled")
 

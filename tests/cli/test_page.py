@@ -93,40 +93,25 @@ def test_the_same_files_give_the_same_bytes(page: str, folder: Path) -> None:
     assert write_page(folder, folder).read_text(encoding="utf-8") == page
 
 
-def test_the_verdict_comes_first_then_the_findings_then_every_study(outline: Outline) -> None:
-    text = outline.text[outline.text.index("PASS all 22 checks hold") :]
-    order = [
-        "PASS all 22 checks hold", "The paper's 12 claims", "Agreement.", "What holds.",
-        "Checks Agreement.", "Scenarios Every", "Error budget As deployed",
-        "The paper's claims The paper's claims.",
-        "Decisions The paper is silent", "Films MuJoCo", "Reproduce The commands", "Notation z",
-    ]  # fmt: skip
-    places = [text.index(title) for title in order]
-    assert places == sorted(places)
+def test_every_study_has_its_headline_and_the_command_that_made_it(outline: Outline) -> None:
+    text = outline.text
     for name in study_results.RESULTS:
-        assert f"afl-mujoco {name} --made-up" in outline.text
-
-
-def test_the_findings_lead_to_what_bears_them_out(page: str, outline: Outline) -> None:
-    links = re.findall(r'class="more" href="#([\w-]+)"', page)
-    assert {"checks", "budget", "studies", "claims", "random"} <= set(links)
-    assert len(links) == outline.text.count("Evidence on: ") > 10
+        report = study_results.record(name).report
+        assert f"afl-mujoco {name} --made-up" in text
+        headline = " ".join(f"{report.word} {report.headline}".split())
+        assert text.index(headline) < text.index("Reproduce afl-mujoco")
 
 
 def test_a_verification_that_fails_says_so_first(tmp_path: Path) -> None:
     text = Outline(written(tmp_path, make_result(b3=3.4e-7), figures=False)).text
-    assert text.startswith("FAIL: Cart-pole controllers in MuJoCo")
-    assert text.index("FAIL 4 of 22 checks fail") < text.index("What fails")
-    assert "yet B3 fails" in text
-    assert "PASS" not in text
+    assert text.startswith("FAIL: ") and "PASS" not in text
 
 
 def test_a_page_without_a_verification_has_no_verdict(tmp_path: Path) -> None:
     save_record(study_results.record("margins"), tmp_path, figures=False)
     text = Outline(write_page(tmp_path, tmp_path).read_text(encoding="utf-8")).text
-    assert text.startswith("Cart-pole controllers in MuJoCo")
+    assert text.startswith("Stability margins")
     assert "PASS" not in text and "FAIL" not in text
-    assert "Findings" in text
 
 
 def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
@@ -138,7 +123,8 @@ def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
         ("montecarlo", {}, (["laboratory"], ["adaptive", "lqr"])),
     ):
         scenarios, controllers = said
-        found = inputs_of(find_study(name).configuration(**options))
+        study = find_study(name)
+        found = inputs_of(study.request(study.configuration(**options)))
         things = [f"scenario {one}" for one in scenarios]
         assert [*found] == things + [f"controller {one}" for one in controllers]
 
@@ -154,14 +140,13 @@ def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_
     write_listing(tmp_path, film_entry("a.mp4", inputs={"scenario rig": "e"}))
     (tmp_path / "a.mp4").write_bytes(b"film")
     text = Outline(write_page(tmp_path, tmp_path).read_text(encoding="utf-8")).text
+    titles = [find_study(name).title for name in ("compare", "thresholds", "margins")]
     for said in (
-        "The scenario rig is not the same in Controllers compared, Imperfection thresholds and "
-        "Stability margins as in a.mp4: its file was changed",
-        "The controller lqr is not the same in Controllers compared and Stability margins as in "
-        "Imperfection thresholds: its file was changed",
+        f"rig is not the same in {titles[0]}, {titles[1]} and {titles[2]} as in a.mp4: run again",
+        f"lqr is not the same in {titles[0]} and {titles[2]} as in {titles[1]}: run again",
     ):
         assert said in text
-    assert text.count("Different versions of a ") == 2 * 2  # and what the link is for
+    assert text.count("Different versions of a ") == 2
     worst = [film_entry(f"{i}.mp4", inputs={"scenario rig-hardest": f"{i}"}) for i in range(2)]
     write_listing(tmp_path, *worst)
     save_record(replace(study_results.record("thresholds"), inputs=inputs), tmp_path, figures=False)
@@ -223,18 +208,10 @@ def test_every_inner_link_has_a_target_and_no_id_stands_twice(outline: Outline) 
     ids = Counter(attributes["id"] for _, attributes in outline.elements if "id" in attributes)
     assert [name for name, count in ids.items() if count > 1] == []
     targets = [a["href"][1:] for a in outline.named("a") if (a.get("href") or "").startswith("#")]
-    assert len(targets) > 50
     assert set(targets) <= set(ids)
     for _, attributes in outline.elements:
         for key in ("aria-labelledby", "aria-describedby"):
             assert attributes.get(key, next(iter(ids))) in ids
-
-
-def test_links_of_a_part_of_a_verification_have_targets_too(tmp_path: Path) -> None:
-    outline = Outline(written(tmp_path, make_result(full=False), figures=False))
-    ids = {attributes.get("id") for _, attributes in outline.elements}
-    targets = {a["href"][1:] for a in outline.named("a") if (a.get("href") or "").startswith("#")}
-    assert targets <= ids
 
 
 def test_the_page_is_built_for_every_reader(outline: Outline) -> None:

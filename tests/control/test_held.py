@@ -102,7 +102,7 @@ def test_without_a_start_it_is_refused() -> None:
         find_controller("adaptive-held-estimated")
 
 
-@pytest.mark.parametrize("command", [("margins",), ("attraction",), ("validate", "nominal")])
+@pytest.mark.parametrize("command", [("margins",), ("validate", "nominal")])
 def test_commands_that_know_no_start_refuse_it_in_one_line(command, command_line) -> None:
     code, output, errors = command_line(*command, "--controllers", "adaptive-held")
     assert (code, output) == (2, "")

@@ -190,6 +190,6 @@ def test_a_point_outside_the_cube_is_refused(point) -> None:
 
 
 def test_the_published_samples_are_of_this_laboratory() -> None:
-    results = Path(__file__).parents[3] / "docs" / "results"
+    results = Path(__file__).parents[2] / "docs" / "results"
     record = load_record(studies()["montecarlo"], results)
     assert record.result.space.scenario == LABORATORY
