@@ -103,13 +103,7 @@ class _Cache(caching.FunctionCache):
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function of floats and arrays on first use, and keep the result on disk.
-
-    Parameters
-    ----------
-    function
-        Function to compile; compiled, it releases the interpreter lock and divides as NumPy does.
-    """
+    """Compile a function of floats and arrays on first use, and keep the result on disk."""
     return _compiled(function)
 
 

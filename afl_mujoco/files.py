@@ -201,17 +201,7 @@ class EncodingError(ValueError):
 
 
 def read_utf8(path: str | Path | Traversable, most: int = MOST_TEXT) -> str:
-    """Return the text of a file, without the mark with which some editors begin it.
-
-    Raises
-    ------
-    FileError
-        If it is not a regular file, or is too large.
-    EncodingError
-        If it is in another encoding.
-    OSError
-        If it cannot be read.
-    """
+    """Return the text of a file, without the mark with which some editors begin it."""
     if isinstance(path, str | Path):
         require_regular(path, most)
         path = Path(path)
@@ -240,15 +230,7 @@ def array_names(path: Path) -> list[str]:
 
 
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
-    """Return some arrays of an npz, no others: zeros take a thousandth of their size there.
-
-    Raises
-    ------
-    KeyError
-        If one is missing.
-    ValueError
-        If one is not of numbers or text, or by their headers they take more than `MOST_ARRAYS`.
-    """
+    """Return some arrays of an npz, no others: zeros take a thousandth of their size there."""
     wanted = list(names)
     require_regular(path)
     with zipfile.ZipFile(path) as archive:

@@ -60,11 +60,6 @@ def choose_backend() -> str:
     window system that is not there; so pick the first headless backend whose libraries are
     installed, or ``disable``: simulation works without graphics. PyTorch's compiler is loaded first
     where there is one, see `_load_triton`.
-
-    Raises
-    ------
-    GraphicsError
-        If it is set to what MuJoCo does not know, or cannot be imported with.
     """
     asked = os.environ.get("MUJOCO_GL", "").strip().lower()
     if asked and asked not in KNOWN:

@@ -75,14 +75,7 @@ def reduced_slopes(
 ):
     """Return u, phi'', sigma', tau', s, xi1, xi2, xi3 and cos(phi) of the closed loop, (L1)-(L10).
 
-    Parameters
-    ----------
-    z, z_dot, sigma, tau, phi_dot
-        The state.
-    lever, lever_inverse
-        4 l / 3 [m], and its inverse.
-    gravity, switching, slope, layer_inverse
-        g, K, lambda and 1 / Phi.
+    lever, lever_inverse: 4 l / 3 [m], and its inverse.
     """
     g, rate2 = gravity, phi_dot * phi_dot
     sec2 = 1.0 + tau * tau
@@ -318,25 +311,15 @@ def _estimate(new, last, slopes):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Terms:
-    """The terms of (O1) of many closed loops.
+    """The terms of (O1) of many closed loops."""
 
-    Attributes
-    ----------
-    iae_z, iae_phi
-        Integrals of abs(z) [m s] and abs(phi) [rad s] up to `end_time`, shape (N,).
-    max_force
-        Largest abs(F) [N], shape (N,).
-    end_time
-        When the loop ended [s], shape (N,): the horizon, or the time at which it fell or diverged.
-    lost
-        Whether it fell or diverged, shape (N,).
-    """
-
+    # integrals of abs(z) [m s] and abs(phi) [rad s] up to `end_time`, shape (N,)
     iae_z: NDArray[np.float64]
     iae_phi: NDArray[np.float64]
-    max_force: NDArray[np.float64]
+    max_force: NDArray[np.float64]  # largest abs(F) [N], shape (N,)
+    # when the loop ended [s], shape (N,): the horizon, or the time at which it fell or diverged
     end_time: NDArray[np.float64]
-    lost: NDArray[np.bool_]
+    lost: NDArray[np.bool_]  # whether it fell or diverged, shape (N,)
 
 
 def closed_loop_terms(
@@ -442,16 +425,10 @@ def _positive(thing: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
 def integrate_all(loops, start, constants, found):
     """Integrate every loop to its end.
 
-    Parameters
-    ----------
-    loops
-        (M, l, K, lambda, Phi) of each, shape (N, 5).
-    start
-        The initial state, shape (4,).
-    constants
-        m, g, horizon and the weight of the error, shape (4,).
-    found
-        Takes integrals, largest force, end and status of each loop, shape (N, 5).
+    loops: (M, l, K, lambda, Phi) of each, shape (N, 5).
+    start: The initial state, shape (4,).
+    constants: m, g, horizon and the weight of the error, shape (4,).
+    found: Takes integrals, largest force, end and status of each loop, shape (N, 5).
     """
     block = np.zeros(ROWS * LANES)
     holds = np.empty(LANES, dtype=np.int64)

@@ -78,19 +78,12 @@ class _File:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainTable:
-    """Tuned gains by plant.
+    """Tuned gains by plant."""
 
-    Attributes
-    ----------
-    rows
-        One row of `COLUMNS` for each plant, shape (N, 7), read-only; the objective in MuJoCo is NaN
-        (``null`` in the file) where the pole fell there.
-    provenance
-        How it was made, as plain data.
-    """
-
+    # one row of `COLUMNS` for each plant, shape (N, 7), read-only; the objective in MuJoCo is NaN
+    # (``null`` in the file) where the pole fell there
     rows: NDArray[np.float64]
-    provenance: Mapping[str, Any]
+    provenance: Mapping[str, Any]  # how it was made, as plain data
 
     def __post_init__(self) -> None:
         """Check the rows and freeze them."""
@@ -147,25 +140,14 @@ _PACKAGES = ("afl_mujoco", "mujoco", "numba", "numpy")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairSearch:
-    """One unit of the table: the search on one plant.
+    """One unit of the table: the search on one plant."""
 
-    Attributes
-    ----------
-    cart_mass, half_length
-        M [kg] and l [m].
-    settings, box
-        Settings and box of the search.
-    seed
-        Seed of the table, and of the unit within it.
-    checkpoint
-        File that the search writes as it runs and resumes from; ``None`` to write none.
-    """
-
-    cart_mass: float
+    cart_mass: float  # M [kg] and l [m]
     half_length: float
-    settings: GeneticSettings
+    settings: GeneticSettings  # settings and box of the search
     box: Box
-    seed: tuple[int, int]
+    seed: tuple[int, int]  # seed of the table, and of the unit within it
+    # file that the search writes as it runs and resumes from; ``None`` to write none
     checkpoint: Path | None = None
 
 
@@ -256,24 +238,12 @@ DAMPING = 0.4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """One fit of (G1).
+    """One fit of (G1)."""
 
-    Attributes
-    ----------
-    gain
-        Name of the gain.
-    method
-        How the fit was found.
-    coefficients
-        (w1, ..., w5).
-    rmse
-        Root mean square error over the table, Eq. (G2), in the unit of the gain.
-    """
-
-    gain: str
-    method: str
-    coefficients: tuple[float, ...]
-    rmse: float
+    gain: str  # name of the gain
+    method: str  # how the fit was found
+    coefficients: tuple[float, ...]  # (w1, ..., w5)
+    rmse: float  # root mean square error over the table, Eq. (G2), in the unit of the gain
 
     def line(self) -> str:
         """Return the fit as one line."""

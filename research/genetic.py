@@ -66,29 +66,17 @@ def require_seed(seed: object) -> Seed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeneticSettings:
-    """Settings of the search; the defaults are the paper's.
+    """Settings of the search; the defaults are the paper's."""
 
-    Attributes
-    ----------
-    population_size
-        Chromosomes Np.
-    generations
-        Generations bred from the initial population.
-    reproduction, crossover, mutation
-        Shares Pr, Pc, Pm of the next generation that are copied, crossed and mutated; their sum
-        is 1. If the last group cannot be filled, copies take its place.
-    mutation_constant
-        c of Eq. (A2), in the unit of the genes.
-    parents
-        Chromosomes in a group of Eq. (A1): 3 in the paper; 2 gives two-parent crossover.
-    """
-
-    population_size: int = 1000
-    generations: int = 1000
+    population_size: int = 1000  # chromosomes Np
+    generations: int = 1000  # generations bred from the initial population
+    # shares Pr, Pc, Pm of the next generation that are copied, crossed and mutated; their sum is 1.
+    # If the last group cannot be filled, copies take its place
     reproduction: float = 0.45
     crossover: float = 0.45
     mutation: float = 0.1
-    mutation_constant: float = 1e-7
+    mutation_constant: float = 1e-7  # c of Eq. (A2), in the unit of the genes
+    # chromosomes in a group of Eq. (A1): 3 in the paper; 2 gives two-parent crossover
     parents: int = 3
 
     def __post_init__(self) -> None:
@@ -141,15 +129,9 @@ class GeneticSettings:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Bounds of the search; a gene whose bounds are equal stays fixed.
+    """Bounds of the search; a gene whose bounds are equal stays fixed."""
 
-    Attributes
-    ----------
-    lower, upper
-        Lower and upper bounds of the D genes.
-    """
-
-    lower: tuple[float, ...]
+    lower: tuple[float, ...]  # lower and upper bounds of the D genes
     upper: tuple[float, ...]
 
     def __post_init__(self) -> None:
@@ -189,21 +171,10 @@ def multiple_crossover(
     of two parents, ``x_i - x_j``. The paper calls each of rho_1, rho_2, rho_3 "a random value": one
     scalar per chromosome, the same for all its genes, so that a child lies on a line.
 
-    Parameters
-    ----------
-    population
-        Chromosomes, shape (P, D).
-    costs
-        Their costs, shape (P,); among equal costs, the first of a group counts as its fittest.
-    groups
-        Indices of the parents, shape (G, n).
-    rng
-        Gives rho ~ U[0, 1).
-
-    Returns
-    -------
-    FloatArray
-        Children, shape (G, n, D), in the places of their parents; not clipped.
+    population: Chromosomes, shape (P, D).
+    costs: Their costs, shape (P,); among equal costs, the first of a group counts as its fittest.
+    groups: Indices of the parents, shape (G, n).
+    Returns FloatArray: Children, shape (G, n, D), in the places of their parents; not clipped.
     """
     parents = population[groups]
     best = np.argmin(costs[groups], axis=1)
@@ -232,32 +203,17 @@ WRONG, THEN = "is not a valid checkpoint", "remove it to start again"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchState:
-    """A search between two generations: all that decides how it continues.
-
-    Attributes
-    ----------
-    problem
-        Settings, bounds and seed by name, as plain data; they may not differ on resumption.
-    generation, evaluations
-        Generations bred and chromosomes evaluated so far.
-    rng
-        State of the bit generator, as plain data.
-    population
-        Chromosomes, shape (P, D).
-    costs
-        Their costs, shape (P,).
-    history
-        Best cost of each generation, shape (generation + 1,).
-    """
+    """A search between two generations: all that decides how it continues."""
 
     schema: Literal[2] = 2
+    # settings, bounds and seed by name, as plain data; they may not differ on resumption
     problem: dict[str, Any]
-    generation: int
+    generation: int  # generations bred and chromosomes evaluated so far
     evaluations: int
-    rng: dict[str, Any]
-    population: FloatArray
-    costs: FloatArray
-    history: FloatArray
+    rng: dict[str, Any]  # state of the bit generator, as plain data
+    population: FloatArray  # chromosomes, shape (P, D)
+    costs: FloatArray  # their costs, shape (P,)
+    history: FloatArray  # best cost of each generation, shape (generation + 1,)
 
     def __post_init__(self) -> None:
         """Check the shapes."""
@@ -326,25 +282,11 @@ class MultipleCrossoverGA:
     tournament from the whole population, which keep their cost. The first copy is always that of
     the best chromosome: the paper is silent on such elitism, but without it the best could be lost.
 
-    Parameters
-    ----------
-    box
-        The search box; genes that leave it are clipped.
-    settings
-        Settings of the search.
-    seed
-        An int, or a tuple of ints; the same seed gives the same bits.
-
-    Attributes
-    ----------
-    problem
-        Settings, bounds and seed by name.
-    generation
-        Generations bred so far; 0 is the initial population.
-    evaluations
-        Costs evaluated so far.
-    population, costs
-        Chromosomes, shape (P, D), and their costs, shape (P,); empty before the first `tell`.
+    problem: Settings, bounds and seed by name.
+    generation: Generations bred so far; 0 is the initial population.
+    evaluations: Costs evaluated so far.
+    population, costs: Chromosomes, shape (P, D), and their costs, shape (P,); empty before the
+        first `tell`.
     """
 
     def __init__(self, box: Box, settings: GeneticSettings, seed: Seed) -> None:
@@ -475,24 +417,13 @@ def _require_costs(costs: ArrayLike, chromosomes: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchResult:
-    """What a search found.
+    """What a search found."""
 
-    Attributes
-    ----------
-    best
-        The best chromosome, shape (D,).
-    cost
-        Its cost.
-    evaluations, generations
-        Numbers of evaluations and generations that it took.
-    history
-        Best cost of each generation, shape (generations + 1,), from the initial population on.
-    """
-
-    best: FloatArray
-    cost: float
-    evaluations: int
+    best: FloatArray  # the best chromosome, shape (D,)
+    cost: float  # its cost
+    evaluations: int  # numbers of evaluations and generations that it took
     generations: int
+    # best cost of each generation, shape (generations + 1,), from the initial population on
     history: FloatArray
 
 
@@ -508,17 +439,7 @@ def minimise(
 ) -> SearchResult:
     """Search the box for the chromosome of least cost.
 
-    Parameters
-    ----------
-    cost
-        Function that returns finite costs, shape (n,), of chromosomes, shape (n, D).
-    checkpoint
-        File that is written after the first generation, after the last, and in between every
-        `CHECKPOINT_INTERVAL`; its folder must exist.
-    resume
-        Continue from the checkpoint, to the same bits as without a break; start if there is none.
-        The checkpoint knows settings, bounds and seed but not `cost`: problems that differ only in
-        their cost need separate files, or separate seeds.
+    cost: Function that returns finite costs, shape (n,), of chromosomes, shape (n, D).
     """
     search = MultipleCrossoverGA(box, settings, seed)
     if checkpoint is not None:

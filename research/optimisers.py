@@ -375,30 +375,16 @@ COMMAND = "python -m research.optimisers"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Benchmark:
-    """The settings of a benchmark; the defaults are those of the shipped result.
+    """The settings of a benchmark; the defaults are those of the shipped result."""
 
-    Attributes
-    ----------
-    optimisers
-        Names of `OPTIMISERS`; the others are compared with the first.
-    problems
-        The plants.
-    targets
-        How near to the optimal cost f a search must come: to f (1 + target); decreasing.
-    runs
-        Runs of each optimiser on each problem, each from a seed of its own.
-    budget
-        Evaluations of the cost that a run may spend.
-    seed
-        Of them all; a run gives the same whatever else is compared.
-    """
-
+    # names of `OPTIMISERS`; the others are compared with the first
     optimisers: tuple[str, ...] = tuple(OPTIMISERS)
-    problems: tuple[Problem, ...] = PROBLEMS
+    problems: tuple[Problem, ...] = PROBLEMS  # the plants
+    # how near to the optimal cost f a search must come: to f (1 + target); decreasing
     targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
-    runs: int = 51
-    budget: int = 100_000
-    seed: int = 0
+    runs: int = 51  # runs of each optimiser on each problem, each from a seed of its own
+    budget: int = 100_000  # evaluations of the cost that a run may spend
+    seed: int = 0  # of them all; a run gives the same whatever else is compared
 
     def __post_init__(self) -> None:
         for name, least in (("runs", 2), ("budget", 1), ("seed", 0)):

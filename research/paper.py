@@ -113,15 +113,10 @@ def readings_at(points: ArrayLike) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terms:
-    """The terms of (O1) of readings in the four cases.
+    """The terms of (O1) of readings in the four cases."""
 
-    Attributes
-    ----------
-    values
-        Integrals of abs(z) and abs(phi) and the largest force, each divided by its scale of D4;
-        shape (N, 4, 2, 3): reading, case, fixed or adaptive gains, term.
-    """
-
+    # integrals of abs(z) and abs(phi) and the largest force, each divided by its scale of D4; shape
+    # (N, 4, 2, 3): reading, case, fixed or adaptive gains, term
     values: Array
 
     def objectives(self, readings: Array) -> Array:
@@ -260,25 +255,13 @@ def published_rows() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """One published fit beside the rows that are printed.
+    """One published fit beside the rows that are printed."""
 
-    Attributes
-    ----------
-    gain, labels
-        The gain, and the reading of the columns (D2).
-    rmse
-        RMSE of the published function over the printed rows.
-    least
-        Least RMSE that it can have over all pairs: the others may be met exactly.
-    published
-        The RMSE that the paper gives for all pairs.
-    """
-
-    gain: str
+    gain: str  # the gain, and the reading of the columns (D2)
     labels: str
-    rmse: float
-    least: float
-    published: float
+    rmse: float  # RMSE of the published function over the printed rows
+    least: float  # least RMSE that it can have over all pairs: the others may be met exactly
+    published: float  # the RMSE that the paper gives for all pairs
 
     @property
     def possible(self) -> bool:

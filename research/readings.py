@@ -66,21 +66,12 @@ from research.paper import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """What a reading is to come near to.
+    """What a reading is to come near to."""
 
-    Attributes
-    ----------
-    error
-        Function of the objectives, shape (N, 4, 2), that returns the error of each reading.
-    meaning
-        What the error measures, with its unit.
-    scales
-        Whether the scales are free too; otherwise they are those of D4.
-    """
-
+    # function of the objectives, shape (N, 4, 2), that returns the error of each reading
     error: Callable[[Array], Array]
-    meaning: str
-    scales: bool
+    meaning: str  # what the error measures, with its unit
+    scales: bool  # whether the scales are free too; otherwise they are those of D4
 
 
 _POINTS = "rms difference of the four improvements [percentage points]"
@@ -273,32 +264,20 @@ Driver = tuple[str, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaseShares:
-    """How one improvement of Table 3 does over random readings.
+    """How one improvement of Table 3 does over random readings."""
 
-    Attributes
-    ----------
-    case, paper
-        The case, and the paper's improvement [%].
-    near, half, positive
-        Shares of the readings under which the improvement is within `NEAR` percentage points of the
-        paper's, at least half of it, and above zero.
-    quantiles
-        Quantiles of the improvement [%] at `QUANTILES`.
-    histogram
-        Shares of the readings in the bins between `EDGES`.
-    drivers
-        Unknowns that matter in the case, largest index first. The index is the share of the
-        variance of the improvement in which the unknown has a part, alone or with others; an
-        improvement below the first edge of the histogram counts as that.
-    """
-
-    case: str
+    case: str  # the case, and the paper's improvement [%]
     paper: float
+    # shares of the readings under which the improvement is within `NEAR` percentage points of the
+    # paper's, at least half of it, and above zero
     near: float
     half: float
     positive: float
-    quantiles: tuple[float, ...]
-    histogram: tuple[float, ...]
+    quantiles: tuple[float, ...]  # quantiles of the improvement [%] at `QUANTILES`
+    histogram: tuple[float, ...]  # shares of the readings in the bins between `EDGES`
+    # unknowns that matter in the case, largest index first. The index is the share of the variance
+    # of the improvement in which the unknown has a part, alone or with others; an improvement below
+    # the first edge of the histogram counts as that
     drivers: tuple[Driver, ...]
 
 
@@ -308,24 +287,15 @@ EDGES = tuple(range(-100, 105, 5))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensitivity:
-    """What random readings say.
+    """What random readings say."""
 
-    Attributes
-    ----------
-    samples, lost
-        Readings drawn, and how many of them a run fell under.
-    all_near, all_half
-        Numbers of readings under which all four improvements are within `NEAR` percentage points,
-        and at least half of the paper's.
-    cases
-        Each case of Table 3.
-    """
-
-    samples: int
+    samples: int  # readings drawn, and how many of them a run fell under
     lost: int
+    # numbers of readings under which all four improvements are within `NEAR` percentage points, and
+    # at least half of the paper's
     all_near: int
     all_half: int
-    cases: tuple[CaseShares, ...]
+    cases: tuple[CaseShares, ...]  # each case of Table 3
 
 
 def sensitivity_of(samples: int, base: int, seed: int, threads: int) -> Sensitivity:
@@ -397,30 +367,16 @@ SPAN = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optima:
-    """How Table 1 does under one horizon and one reading of its columns.
+    """How Table 1 does under one horizon and one reading of its columns."""
 
-    Attributes
-    ----------
-    labels, horizon
-        Reading of the columns (D2), and the horizon [s].
-    best
-        Largest number of rows that are optimal under one choice of scales.
-    scales
-        log10 of the factors on D4's scales for the integrals of z and phi, where that is so.
-    as_decided
-        Number of rows that are optimal under D4's scales.
-    median_excess
-        Median excess over the optimum where most rows are optimal [1].
-    column_error
-        Rms relative difference of column OF from the best non-negative weights of the terms [1].
-    """
-
-    labels: str
+    labels: str  # reading of the columns (D2), and the horizon [s]
     horizon: float
-    best: int
+    best: int  # largest number of rows that are optimal under one choice of scales
+    # log10 of the factors on D4's scales for the integrals of z and phi, where that is so
     scales: tuple[float, float]
-    as_decided: int
-    median_excess: float
+    as_decided: int  # number of rows that are optimal under D4's scales
+    median_excess: float  # median excess over the optimum where most rows are optimal [1]
+    # rms relative difference of column OF from the best non-negative weights of the terms [1]
     column_error: float
 
 
@@ -476,38 +432,19 @@ def _terms(gains: Array, plants: Array, horizon: float) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedReading:
-    """The reading found nearest to a goal.
+    """The reading found nearest to a goal."""
 
-    Attributes
-    ----------
-    name, goal
-        Its name, and that of the goal.
-    round
-        Whether its numbers are round.
-    error
-        Its error, in the unit of the goal.
-    errors
-        The errors that all restarts ended with, smallest first.
-    tried
-        Readings tried by all restarts together.
-    values
-        The unknowns by name, as in `readings_at`.
-    objectives
-        Objectives of the cases with fixed and adaptive gains, at the common scale that brings them
-        nearest to Table 3.
-    improvements
-        By how much adaptive gains lower them [%].
-    """
-
-    name: str
+    name: str  # its name, and that of the goal
     goal: str
-    round: bool
-    error: float
-    errors: tuple[float, ...]
-    tried: int
-    values: dict[str, float]
+    round: bool  # whether its numbers are round
+    error: float  # its error, in the unit of the goal
+    errors: tuple[float, ...]  # the errors that all restarts ended with, smallest first
+    tried: int  # readings tried by all restarts together
+    values: dict[str, float]  # the unknowns by name, as in `readings_at`
+    # objectives of the cases with fixed and adaptive gains, at the common scale that brings them
+    # nearest to Table 3
     objectives: tuple[tuple[float, float], ...]
-    improvements: tuple[float, ...]
+    improvements: tuple[float, ...]  # by how much adaptive gains lower them [%]
 
     @property
     def vector(self) -> Array:

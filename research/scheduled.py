@@ -37,23 +37,13 @@ AT_REST = 1e-8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScheduledTerms:
-    """The terms of (O1) of many closed loops on schedules, each of shape (N,).
+    """The terms of (O1) of many closed loops on schedules, each of shape (N,)."""
 
-    Attributes
-    ----------
-    iae_z, iae_phi
-        Integrals of abs(z) [m s] and abs(phi) [rad s].
-    peak_force, max_force
-        Largest abs(F), and largest F with its sign [N].
-    lost
-        Whether the loop fell or diverged.
-    """
-
-    iae_z: NDArray[np.float64]
+    iae_z: NDArray[np.float64]  # integrals of abs(z) [m s] and abs(phi) [rad s]
     iae_phi: NDArray[np.float64]
-    peak_force: NDArray[np.float64]
+    peak_force: NDArray[np.float64]  # largest abs(F), and largest F with its sign [N]
     max_force: NDArray[np.float64]
-    lost: NDArray[np.bool_]
+    lost: NDArray[np.bool_]  # whether the loop fell or diverged
 
 
 def scheduled_terms(
@@ -71,28 +61,11 @@ def scheduled_terms(
 ) -> ScheduledTerms:
     """Return the terms of (O1) for many schedules and gain functions, from rest.
 
-    Parameters
-    ----------
-    cart_mass, half_length
-        Knots (time, value) of M [kg] and l [m], linear between, shape (N, knots, 2); two knots at
-        one time are a jump.
-    coefficients
-        Coefficients of (G1) for K, lambda and Phi, shape (N, 3, 5) or (3, 5).
-    durations
-        The horizons [s], shape (N,).
-    held
-        Whether the gains of the start are kept; otherwise they follow M and l.
-    start_angle, pole_mass, gravity
-        phi(0) [rad], m [kg] and g [m/s^2].
-    tolerance
-        Local error of a step.
-    threads
-        Threads to share the loops among; the result does not depend on their number.
-
-    Raises
-    ------
-    InvalidValueError
-        If a shape does not fit.
+    cart_mass, half_length: Knots (time, value) of M [kg] and l [m], linear between, shape (N,
+        knots, 2); two knots at one time are a jump.
+    coefficients: Coefficients of (G1) for K, lambda and Phi, shape (N, 3, 5) or (3, 5).
+    durations: The horizons [s], shape (N,).
+    start_angle, pole_mass, gravity: phi(0) [rad], m [kg] and g [m/s^2].
     """
     masses, lengths = (np.ascontiguousarray(x, dtype=np.float64) for x in (cart_mass, half_length))
     if masses.ndim != 3 or lengths.ndim != 3 or len(masses) != len(lengths):

@@ -51,15 +51,7 @@ OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
-    Parameters
-    ----------
-    arguments
-        Arguments; ``sys.argv[1:]`` by default.
-
-    Returns
-    -------
-    int
-        0 success, 1 a check failed, 2 bad input, 130 interrupted.
+    arguments: Arguments; ``sys.argv[1:]`` by default.
     """
     output, errors = Output(sys.stdout), Output(sys.stderr)
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):

@@ -63,12 +63,8 @@ def force_kernel(
 def afl_force(state, inputs):
     """Return the force [N] at one state from gains that are already looked up.
 
-    Parameters
-    ----------
-    state
-        (z, phi, z_dot, phi_dot), shape (4,).
-    inputs
-        (M, m, l, g, K, lambda, Phi) as the controller assumes them, shape (7,).
+    state: (z, phi, z_dot, phi_dot), shape (4,).
+    inputs: (M, m, l, g, K, lambda, Phi) as the controller assumes them, shape (7,).
     """
     return force_kernel(
         state[0], state[1], state[2], state[3],
@@ -159,12 +155,7 @@ def saturation_ratio(
 ) -> NDArray[np.float64]:
     """Return s / Phi at each of many states.
 
-    Parameters
-    ----------
-    states
-        Shape (N, 4).
-    inputs
-        M, m, l, g, K, lambda, Phi, shape (N, 7).
+    inputs: M, m, l, g, K, lambda, Phi, shape (N, 7).
     """
     z, phi, z_dot, phi_dot = states.T
     surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, inputs[:, 2], inputs[:, 3], inputs[:, 5])

@@ -33,12 +33,8 @@ _FIXED = shipped_data("gain_functions.json")["fixed"]
 def slope_at(angle: float, half_length: float) -> float:
     """Return lambda [1/s].
 
-    Parameters
-    ----------
-    angle
-        phi [rad].
-    half_length
-        l [m], as assumed.
+    angle: phi [rad].
+    half_length: l [m], as assumed.
     """
     (near, far), (fast, slow) = ANGLES, SLOPES
     share = min(max((abs(angle) - near) / (far - near), 0.0), 1.0)

@@ -167,13 +167,7 @@ CONTROLLERS: Mapping[str, Controller] = MappingProxyType(_build())
 
 
 def as_controller(controller: Any) -> Controller:
-    """Return a controller from what the Python functions take.
-
-    Parameters
-    ----------
-    controller
-        A controller; a name that `find_controller` knows; or the function of a `PythonController`.
-    """
+    """Return a controller from what the Python functions take."""
     if isinstance(controller, str):
         return find_controller(controller)
     if hasattr(controller, "inputs_along_run"):

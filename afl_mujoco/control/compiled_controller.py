@@ -24,21 +24,12 @@ _linearizing_force = linearizing_force
 
 
 class CompiledController(NamedTuple):
-    """A controller as the compiled functions of this module take it, in this order.
+    """A controller as the compiled functions of this module take it, in this order."""
 
-    Attributes
-    ----------
-    kind
-        `AFL`, `LINEAR` or `PARTIAL`.
-    table
-        Its numbers, float64, C-contiguous, of three dimensions, as `compiled_force` describes them.
-    masses, lengths
-        Nodes M [kg] and l [m] of the table.
-    """
-
-    kind: int
+    kind: int  # `AFL`, `LINEAR` or `PARTIAL`
+    # its numbers, float64, C-contiguous, of three dimensions, as `compiled_force` describes them
     table: NDArray[np.float64]
-    masses: NDArray[np.float64]
+    masses: NDArray[np.float64]  # nodes M [kg] and l [m] of the table
     lengths: NDArray[np.float64]
 
 
@@ -46,14 +37,7 @@ class CompiledController(NamedTuple):
 def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
     """Return the force [N] of the control law with the gains of (G1), NaN where it has no value.
 
-    Parameters
-    ----------
-    z, phi, z_dot, phi_dot
-        The state.
-    assumed
-        Assumed (M, m, l, g).
-    w
-        Coefficients of the gain function, shape (3, 5).
+    w: Coefficients of the gain function, shape (3, 5).
     """
     cart_mass, pole_mass, half_length, gravity = assumed
     return force_kernel(
@@ -103,14 +87,9 @@ def interpolated_gains(table, masses, lengths, cart_mass, half_length):
     Their slopes are continuous, so that fixed steps stay accurate along a ramp of M or l; the
     reference integrator ends a step at every node.
 
-    Parameters
-    ----------
-    table
-        Gains at the nodes, shape (len(masses), len(lengths), 4).
-    masses, lengths
-        Nodes M [kg] and l [m], increasing.
-    cart_mass, half_length
-        The plant's M [kg] and l [m].
+    table: Gains at the nodes, shape (len(masses), len(lengths), 4).
+    masses, lengths: Nodes M [kg] and l [m], increasing.
+    cart_mass, half_length: The plant's M [kg] and l [m].
     """
     rows, row_weights = _weights(masses, cart_mass)
     columns, column_weights = _weights(lengths, half_length)
@@ -144,20 +123,10 @@ def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains):
 def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed):
     """Return the force [N] of a controller at one state, or NaN where it has no value.
 
-    Parameters
-    ----------
-    kind
-        `AFL`, `LINEAR` or `PARTIAL`.
-    table
-        Float64, C-contiguous. For `AFL`: coefficients of the gain function (G1), shape (1, 3, 5).
-        For the others: gains k by M and l, shape (len(masses), len(lengths), 4), interpolated
+    table: Float64, C-contiguous. For `AFL`: coefficients of the gain function (G1), shape (1, 3,
+        5). For the others: gains k by M and l, shape (len(masses), len(lengths), 4), interpolated
         at the assumed M and l; a single node applies to every plant.
-    masses, lengths
-        Nodes M [kg] and l [m], increasing; `AFL` does not use them.
-    z, phi, z_dot, phi_dot
-        The state.
-    assumed
-        Assumed (M, m, l, g).
+    masses, lengths: Nodes M [kg] and l [m], increasing; `AFL` does not use them.
     """
     if kind == AFL:
         return scheduled_force(z, phi, z_dot, phi_dot, assumed, table[0])
@@ -169,14 +138,7 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
 def force_from_inputs(kind, state, inputs):
     """Return the force [N] from gains already looked up, equal to `compiled_force` bit for bit.
 
-    Parameters
-    ----------
-    kind
-        `AFL`, `LINEAR` or `PARTIAL`.
-    state
-        (z, phi, z_dot, phi_dot), shape (4,).
-    inputs
-        Assumed (M, m, l, g) and the gains, three for `AFL`, four for the others.
+    state: (z, phi, z_dot, phi_dot), shape (4,).
     """
     if kind == AFL:
         return afl_force(state, inputs)
@@ -190,14 +152,7 @@ def force_from_inputs(kind, state, inputs):
 def forces_along(kind, states, inputs):
     """Return the force at each of many states, shape (N,).
 
-    Parameters
-    ----------
-    kind
-        `AFL`, `LINEAR` or `PARTIAL`.
-    states
-        Shape (N, 4).
-    inputs
-        As in `force_from_inputs`, shape (N, 7) or (N, 8).
+    inputs: As in `force_from_inputs`, shape (N, 7) or (N, 8).
     """
     forces = np.empty(len(states))
     for i in range(len(states)):
@@ -209,12 +164,7 @@ def forces_along(kind, states, inputs):
 def inputs_along(kind, table, masses, lengths, assumed):
     """Return the inputs of a controller at each of many instants: assumed (M, m, l, g), gains.
 
-    Parameters
-    ----------
-    kind, table, masses, lengths
-        The compiled controller, as in `compiled_force`.
-    assumed
-        Assumed (M, m, l, g) at each instant, shape (N, 4).
+    assumed: Assumed (M, m, l, g) at each instant, shape (N, 4).
     """
     count = 7 if kind == AFL else 8
     inputs = np.empty((len(assumed), count))

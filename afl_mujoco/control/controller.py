@@ -19,18 +19,10 @@ from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 
 
 class Estimator(NamedTuple):
-    """A compiled controller with the estimator of M, l and the state, as compiled loops take them.
+    """A compiled controller with the estimator of M, l and the state, for compiled loops."""
 
-    Attributes
-    ----------
-    compiled
-        The controller.
-    settings
-        Settings of the estimator, the record of `EstimatorSettings.on`.
-    """
-
-    compiled: CompiledController
-    settings: Any
+    compiled: CompiledController  # the controller
+    settings: Any  # settings of the estimator, the record of `EstimatorSettings.on`
 
 
 class Controller(Protocol):

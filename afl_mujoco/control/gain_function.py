@@ -30,12 +30,7 @@ GAIN_NAMES = ("switching", "slope", "boundary_layer")
 def scheduled_gain(cart_mass, half_length, w):
     """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1).
 
-    Parameters
-    ----------
-    cart_mass, half_length
-        M [kg] and l [m]; floats or arrays.
-    w
-        The coefficients (w1, ..., w5).
+    cart_mass, half_length: M [kg] and l [m]; floats or arrays.
     """
     gain = w[0]
     if w[1] != 0.0:

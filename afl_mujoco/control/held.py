@@ -34,17 +34,10 @@ class HeldController(Controller):
     ``lambda = lambda_0 (lambda_table(M, l) / lambda_0)^DAMPING`` with M and l as assumed at the
     start; K, Phi and lambda_0 are the fixed gains. Beyond the table the gain of its edge is taken.
     It remembers: only where a run has a start is it defined.
-
-    Attributes
-    ----------
-    name
-        Name for reports and files.
-    fixed
-        The fixed gains.
     """
 
-    name: str
-    fixed: Gains
+    name: str  # name for reports and files
+    fixed: Gains  # the fixed gains
     belief: CartPoleParameters | None = None
     _chosen: list[Gains] | None = field(default=None, repr=False, compare=False)
 

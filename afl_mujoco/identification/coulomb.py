@@ -82,20 +82,11 @@ def _reversal(at, x, force, friction, way, h, end):
 def coulomb_motion(at, starts, forces, friction, step, track):
     """Write the states on the steps of windows, each from its start.
 
-    Parameters
-    ----------
-    at
-        `CartPoleModel.addresses`, of a model without dry friction.
-    starts
-        (z, phi, z_dot, phi_dot), shape (B, 4).
-    forces
-        Force of the drive in each step [N], shape (B, steps).
-    friction
-        Dry friction of the rail [N].
-    step
-        Length of a step [s].
-    track
-        Written, shape (B, steps + 1, 4).
+    starts: (z, phi, z_dot, phi_dot), shape (B, 4).
+    forces: Force of the drive in each step [N], shape (B, steps).
+    friction: Dry friction of the rail [N].
+    step: Length of a step [s].
+    track: Written, shape (B, steps + 1, 4).
     """
     for b in range(len(starts)):
         x = (starts[b, 0], starts[b, 1], starts[b, 2], starts[b, 3])

@@ -33,18 +33,10 @@ SMALLEST = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeColumn:
-    """Time of a reading, from any origin.
+    """Time of a reading, from any origin."""
 
-    Attributes
-    ----------
-    column
-        Header of the column.
-    unit
-        Unit of the readings, one of `UNITS`.
-    """
-
-    column: str = "time"
-    unit: str = "s"
+    column: str = "time"  # header of the column
+    unit: str = "s"  # unit of the readings, one of `UNITS`
 
     def __post_init__(self) -> None:
         """Refuse an unknown unit."""
@@ -53,31 +45,16 @@ class TimeColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleColumn:
-    """Angle of the pole: 0 upright, positive if it leans towards -z.
+    """Angle of the pole: 0 upright, positive if it leans towards -z."""
 
-    Attributes
-    ----------
-    column
-        Header of the column.
-    unit
-        Unit of the readings and of the values below, one of `UNITS`.
-    sign
-        -1 if the readings grow as the pole leans towards +z.
-    zero
-        Reading of the upright pole, as far as it is known.
-    resolution
-        Resolution of the readings.
-    dead_zone
-        Start and end of the readings that are not valid, such as those of a potentiometer that does
-        not cover a whole turn; the scale is then identified too. None if every reading is valid and
-        the sensor measures whole turns.
-    """
-
-    column: str = "phi"
-    unit: str = "rad"
-    sign: int = 1
-    zero: float = 0.0
-    resolution: float = 0.0
+    column: str = "phi"  # header of the column
+    unit: str = "rad"  # unit of the readings and of the values below, one of `UNITS`
+    sign: int = 1  # -1 if the readings grow as the pole leans towards +z
+    zero: float = 0.0  # reading of the upright pole, as far as it is known
+    resolution: float = 0.0  # resolution of the readings
+    # start and end of the readings that are not valid, such as those of a potentiometer that does
+    # not cover a whole turn; the scale is then identified too. None if every reading is valid and
+    # the sensor measures whole turns
     dead_zone: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -95,24 +72,12 @@ class AngleColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositionColumn:
-    """Position of the cart.
+    """Position of the cart."""
 
-    Attributes
-    ----------
-    column
-        Header of the column.
-    unit
-        Unit of the readings and of the resolution, one of `UNITS`.
-    sign
-        -1 if the readings grow towards -z.
-    resolution
-        Resolution of the readings.
-    """
-
-    column: str = "z"
-    unit: str = "m"
-    sign: int = 1
-    resolution: float = 0.0
+    column: str = "z"  # header of the column
+    unit: str = "m"  # unit of the readings and of the resolution, one of `UNITS`
+    sign: int = 1  # -1 if the readings grow towards -z
+    resolution: float = 0.0  # resolution of the readings
 
     def __post_init__(self) -> None:
         """Validate every field."""
@@ -126,21 +91,11 @@ class PositionColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandColumn:
-    """Command to the drive, held from the time of its row to that of the next.
+    """Command to the drive, held from the time of its row to that of the next."""
 
-    Attributes
-    ----------
-    column
-        Header of the column.
-    sign
-        -1 if a positive command drives the cart towards -z.
-    limit
-        Largest command.
-    """
-
-    column: str = "command"
-    sign: int = 1
-    limit: float = 1.0
+    column: str = "command"  # header of the column
+    sign: int = 1  # -1 if a positive command drives the cart towards -z
+    limit: float = 1.0  # largest command
 
     def __post_init__(self) -> None:
         """Validate every field."""
@@ -150,33 +105,18 @@ class CommandColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nominal:
-    """Nominal values of the cart-pole, given by its owners.
+    """Nominal values of the cart-pole, given by its owners."""
 
-    Attributes
-    ----------
-    pole_mass, half_length
-        m [kg] and l [m] of a uniform rod. Every identified mass and force is proportional to m,
-        which motion alone cannot determine.
-    cart_mass
-        M [kg].
-    force
-        Force per unit of command [N].
-    hinge_damping, rail_damping
-        Viscous friction of hinge [N m s/rad] and rail [N s/m].
-    rail_half_length
-        How far the cart can go to either side [m].
-    gravity
-        g [m/s^2].
-    """
-
+    # m [kg] and l [m] of a uniform rod. Every identified mass and force is proportional to m, which
+    # motion alone cannot determine
     pole_mass: float
     half_length: float
-    cart_mass: float
-    force: float
-    hinge_damping: float = 0.0
+    cart_mass: float  # M [kg]
+    force: float  # force per unit of command [N]
+    hinge_damping: float = 0.0  # viscous friction of hinge [N m s/rad] and rail [N s/m]
     rail_damping: float = 0.0
-    rail_half_length: float | None = None
-    gravity: float = 9.81
+    rail_half_length: float | None = None  # how far the cart can go to either side [m]
+    gravity: float = 9.81  # g [m/s^2]
 
     def __post_init__(self) -> None:
         """Validate every field."""
@@ -200,36 +140,18 @@ class Nominal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """What the columns of a log mean, and what is known about its cart-pole.
+    """What the columns of a log mean, and what is known about its cart-pole."""
 
-    Attributes
-    ----------
-    name
-        Name of the cart-pole.
-    period
-        Nominal time between two rows [s]; a log whose period differs by more than a tenth is
-        refused.
-    nominal
-        Nominal values, given by its owners.
-    time, phi, z, command
-        The columns.
-    limits
-        Limits of statements that `afl-mujoco hardware` judges, by their id, where they are to be
-        others than those of the recordings that come with the package.
-
-    Raises
-    ------
-    InvalidValueError
-        If a value breaks its rule.
-    """
-
-    name: str
+    name: str  # name of the cart-pole
+    # nominal time between two rows [s]; a log whose period differs by more than a tenth is refused
     period: float
-    nominal: Nominal
-    time: TimeColumn = field(default_factory=TimeColumn)
+    nominal: Nominal  # nominal values, given by its owners
+    time: TimeColumn = field(default_factory=TimeColumn)  # the columns
     phi: AngleColumn = field(default_factory=AngleColumn)
     z: PositionColumn = field(default_factory=PositionColumn)
     command: CommandColumn = field(default_factory=CommandColumn)
+    # limits of statements that `afl-mujoco hardware` judges, by their id, where they are to be
+    # others than those of the recordings that come with the package
     limits: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -259,18 +181,7 @@ class Description:
 
 
 def load_description(path: str | Path) -> Description:
-    """Read a description from a TOML file.
-
-    Parameters
-    ----------
-    path
-        The file, with the attributes of `Description`; those that are dataclasses are tables.
-
-    Raises
-    ------
-    AflMujocoError
-        If it cannot be read or breaks a rule; the message names file, key and value.
-    """
+    """Read a description from a TOML file."""
     text = toml_as_json(path)
     try:
         return parse_json(text, Description)

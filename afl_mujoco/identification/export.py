@@ -43,11 +43,6 @@ def scenario_of(identified: Identified) -> Scenario:
 
     Its imperfections are the estimates, its ranges their intervals; M and l are the estimates, and
     the values that a controller assumes are off by up to their intervals.
-
-    Parameters
-    ----------
-    identified
-        The identified cart-pole, with a drive.
     """
     base = with_values(identified, identified.values)
     found = {one.name: one for one in identified.physical}
@@ -68,15 +63,7 @@ def scenario_of(identified: Identified) -> Scenario:
 
 
 def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
-    """Return the scenario of a cart-pole with some values of its parameters.
-
-    Parameters
-    ----------
-    identified
-        The identified cart-pole, with a drive; its description gives the sensors and the rail.
-    values
-        Values of the parameters of pole and rig.
-    """
+    """Return the scenario of a cart-pole with some values of its parameters."""
     if identified.drive is None:
         raise InvalidValueError("drive", "must be identified: the command of every log is constant")
     d = identified.description
@@ -113,13 +100,6 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
 
     A controller assumes the estimates of M and l, not the values drawn. A quantity that cannot be
     negative is zero if a negative value is drawn. The pole leans by up to `TILT`.
-
-    Parameters
-    ----------
-    count
-        Number of cart-poles.
-    seed
-        Seed of the random numbers.
     """
     generator = np.random.default_rng(seed)
     tilts = generator.uniform(-TILT, TILT, count)

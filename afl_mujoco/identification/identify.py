@@ -60,48 +60,29 @@ UNITS_RIGHT = (0.2, 5.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """An estimate with its interval.
+    """An estimate with its interval."""
 
-    Attributes
-    ----------
-    name, title, unit
-        Name, title and unit of the parameter.
-    value, low, high
-        The estimate, and its interval of 95 %.
-    on_bound
-        Whether the estimate lies on a bound of its parameter, so that there is no interval.
-    """
-
-    name: str
+    name: str  # name, title and unit of the parameter
     title: str
     unit: str
-    value: float
+    value: float  # the estimate, and its interval of 95 %
     low: float
     high: float
+    # whether the estimate lies on a bound of its parameter, so that there is no interval
     on_bound: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One of the two steps of the identification.
+    """One of the two steps of the identification."""
 
-    Attributes
-    ----------
-    estimates
-        The estimates of its parameters.
-    correlations
-        Correlations of the estimates, in their order; 0 with one that lies on a bound.
-    scatter_phi, scatter_z
-        Robust scatter of the residuals [rad, m]; None for a signal that was not fitted.
-    windows
-        Number of windows fitted.
-    """
-
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[Estimate, ...]  # the estimates of its parameters
+    # correlations of the estimates, in their order; 0 with one that lies on a bound
     correlations: tuple[tuple[float, ...], ...]
+    # robust scatter of the residuals [rad, m]; None for a signal that was not fitted
     scatter_phi: float
     scatter_z: float | None
-    windows: int
+    windows: int  # number of windows fitted
 
     @property
     def is_sound(self) -> bool:
@@ -124,37 +105,18 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:
-    """A cart-pole as identified from its logs.
+    """A cart-pole as identified from its logs."""
 
-    Attributes
-    ----------
-    description
-        Description of its logs.
-    logs
-        Names of the logs.
-    seconds
-        Total duration of the logs [s].
-    period
-        Period of their rows [s], the device's own.
-    dropped
-        Number of stretches between lost rows that are in no window.
-    share
-        Share of their duration that lies in a window [1].
-    pole, drive
-        The two steps; no drive if the command is constant.
-    physical
-        Physical quantities for a pole of the given mass; empty without a drive.
-    """
-
-    description: Description
-    logs: tuple[str, ...]
-    seconds: float
-    period: float
-    pole: Step
+    description: Description  # description of its logs
+    logs: tuple[str, ...]  # names of the logs
+    seconds: float  # total duration of the logs [s]
+    period: float  # period of their rows [s], the device's own
+    pole: Step  # the two steps; no drive if the command is constant
     drive: Step | None
+    # physical quantities for a pole of the given mass; empty without a drive
     physical: tuple[Estimate, ...]
-    dropped: int = 0
-    share: float = 1.0
+    dropped: int = 0  # number of stretches between lost rows that are in no window
+    share: float = 1.0  # share of their duration that lies in a window [1]
 
     @property
     def values(self) -> dict[str, float]:
@@ -175,24 +137,7 @@ def identify(
     workers: int = 1,
     progress: Progress = lambda done, total: None,
 ) -> Identified:
-    """Identify a cart-pole from its logs.
-
-    Parameters
-    ----------
-    logs
-        The logs; intervals need some ten of them.
-    description
-        Description of the logs.
-    workers
-        Number of threads; the results do not depend on it.
-    progress
-        Called with the number of parts of the work done, and their total number.
-
-    Raises
-    ------
-    InvalidValueError
-        If the logs show that a unit is wrong, or do not determine a cart-pole.
-    """
+    """Identify a cart-pole from its logs."""
     require_radians(logs, description)
     try:
         return _identify(logs, description, workers, progress)
@@ -234,13 +179,7 @@ def _identify(
 
 
 def windows_of(logs: Sequence[Log]) -> Windows:
-    """Return the windows to which a model is fitted, or raise if they hold too little of the logs.
-
-    Parameters
-    ----------
-    logs
-        The logs.
-    """
+    """Return the windows to which a model is fitted, or raise if they hold too little."""
     windows = cut(logs, WINDOW, WINDOW)
     if windows.share < LEAST_SHARE:
         lost = sum(log.missing for log in logs) / sum(log.slots[-1] + 1 for log in logs)
@@ -258,15 +197,7 @@ def windows_of(logs: Sequence[Log]) -> Windows:
 def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Array]:
     """Identify the pole and the sensors alone.
 
-    Parameters
-    ----------
-    windows
-        Windows of the logs.
-
-    Returns
-    -------
-    fit, starts
-        The fit, and the states at the first rows, shape (B, 4).
+    Returns fit, starts: The fit, and the states at the first rows, shape (B, 4).
     """
     w, parameters = windows, pole.parameters_of(description)
     driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
@@ -308,17 +239,7 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
 def _require_one_rig(
     errors: Residuals, mask: Array, found: Fit, name: str, windows: Windows, start_scale: Array
 ) -> None:
-    """Raise if logs differ in a parameter, each by itself with the others as found.
-
-    Parameters
-    ----------
-    errors, mask, start_scale
-        As in `fit_to_scatter`.
-    found
-        The fit to all logs.
-    name
-        The parameter.
-    """
+    """Raise if logs differ in a parameter, each by itself with the others as found."""
     one = next(one for one in found.parameters if one.name == name)
     values, sizes = by_cluster(errors, mask, found, name, windows.log, start_scale=start_scale)
     names = [windows.logs[number].name for number in np.unique(windows.log)]
@@ -342,14 +263,7 @@ def _require_one_rig(
 def pole_starts(errors: Callable[[Array, Array], Array], shared: Array, guess: Array) -> Array:
     """Return states of the pole at the first rows that fit the readings of their windows.
 
-    Parameters
-    ----------
-    errors
-        As in `fit_to_scatter`.
-    shared
-        Values of the parameters.
-    guess
-        (phi, phi_dot) at the first rows, shape (B, 2).
+    guess: (phi, phi_dot) at the first rows, shape (B, 2).
     """
     scale = 1e3  # far beyond any error [rad]: every reading has full weight
 

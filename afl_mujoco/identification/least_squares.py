@@ -47,64 +47,30 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A parameter to be estimated.
+    """A parameter to be estimated."""
 
-    Attributes
-    ----------
-    name, unit
-        Name and unit in files and tables.
-    title
-        Name in words.
-    start, low, high
-        First guess and bounds.
-    scale
-        Scale of its changes.
-    """
-
-    name: str
+    name: str  # name and unit in files and tables
     unit: str
-    title: str
-    start: float
+    title: str  # name in words
+    start: float  # first guess and bounds
     low: float
     high: float
-    scale: float
+    scale: float  # scale of its changes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """The result of a least-squares fit.
+    """The result of a least-squares fit."""
 
-    Attributes
-    ----------
-    parameters
-        Parameters that were estimated.
-    values
-        Estimates, shape (p,).
-    covariance
-        Covariance of the estimates, shape (p, p); zero for an estimate on a bound.
-    on_bound
-        Which estimates lie on a bound, shape (p,).
-    degrees
-        Degrees of freedom of the covariance.
-    starts
-        Initial states of the windows, shape (B, L).
-    residuals
-        Residuals in units of their scatter, shape (B, R).
-    scatter
-        Robust scatter of each signal, shape (C,).
-    evaluations
-        Number of evaluations of the Jacobian.
-    """
-
-    parameters: Sequence[Parameter]
-    values: Array
-    covariance: Array
-    on_bound: NDArray[np.bool_]
-    degrees: int
-    starts: Array
-    residuals: Array
-    scatter: Array
-    evaluations: int
+    parameters: Sequence[Parameter]  # parameters that were estimated
+    values: Array  # estimates, shape (p,)
+    covariance: Array  # covariance of the estimates, shape (p, p); zero for an estimate on a bound
+    on_bound: NDArray[np.bool_]  # which estimates lie on a bound, shape (p,)
+    degrees: int  # degrees of freedom of the covariance
+    starts: Array  # initial states of the windows, shape (B, L)
+    residuals: Array  # residuals in units of their scatter, shape (B, R)
+    scatter: Array  # robust scatter of each signal, shape (C,)
+    evaluations: int  # number of evaluations of the Jacobian
 
     @property
     def by_name(self) -> dict[str, float]:
@@ -149,18 +115,7 @@ def fit_to_scatter(
 ) -> Fit:
     """Estimate parameters and the unknown scatter of the signals, alternately.
 
-    Parameters
-    ----------
-    errors
-        ``errors(shared, starts)``: simulated less measured, shapes (p,) and (B, L) to (B, C, n).
-    mask
-        1 where a reading is valid, 0 elsewhere, shape (B, C, n).
-    parameters, starts, clusters, start_scale
-        As in `fit`.
-    evaluations
-        Largest number of evaluations of the Jacobian in a round.
-    smooth
-        As `errors`, of a model near it, for the derivatives of one that has none everywhere.
+    mask: 1 where a reading is valid, 0 elsewhere, shape (B, C, n).
     """
     count, signals = len(starts), mask.shape[1]
     now, scatter = list(parameters), np.full(signals, np.inf)
@@ -208,22 +163,9 @@ def fit(
 ) -> Fit:
     """Estimate parameters by the Levenberg-Marquardt method.
 
-    Parameters
-    ----------
-    residuals
-        The residuals to minimise.
-    parameters
-        The p parameters to estimate.
-    starts
-        First guess of the initial states of the windows, shape (B, L).
-    clusters
-        Index of the log of each window, shape (B,).
-    start_scale
-        Scale of the changes of a start, shape (L,).
-    evaluations
-        Largest number of evaluations of the Jacobian.
-    smooth
-        Residuals of a model near it, whose derivatives are taken; by default the residuals.
+    starts: First guess of the initial states of the windows, shape (B, L).
+    clusters: Index of the log of each window, shape (B,).
+    start_scale: Scale of the changes of a start, shape (L,).
     """
     near = residuals if smooth is None else smooth
     scales = np.array([one.scale for one in parameters])
@@ -263,20 +205,14 @@ def fit(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Reduced:
-    """The linear least-squares problem about a point, with the starts of the windows eliminated.
+    """The linear least-squares problem about a point, with the starts of the windows eliminated."""
 
-    Attributes
-    ----------
-    slopes, rest
-        Weighted derivatives with respect to the shared parameters, projected off those with respect
-        to the starts, and weighted residuals, shapes (B, R, p) and (B, R).
-    shared, q, r
-        Weighted derivatives before the projection, and the QR decomposition of those with respect
-        to the starts.
-    """
-
+    # weighted derivatives with respect to the shared parameters, projected off those with respect
+    # to the starts, and weighted residuals, shapes (B, R, p) and (B, R)
     slopes: Array
     rest: Array
+    # weighted derivatives before the projection, and the QR decomposition of those with respect to
+    # the starts
     shared: Array
     q: Array
     r: Array
@@ -327,22 +263,7 @@ def with_uncertainty_of(
     start_scale: Array,
     smooth: Callable[[Array, Array, Array], Array] | None = None,
 ) -> Fit:
-    """Return a fit whose covariance includes that of the parameters taken as known.
-
-    Parameters
-    ----------
-    errors
-        ``errors(shared, known, starts)``: as in `fit_to_scatter`, with the estimates of `known`.
-    mask
-        As in `fit_to_scatter`.
-    fit
-        The fit to which the covariance is added.
-    known
-        Fit of the known parameters to other data or signals, whose errors are taken to be
-        independent.
-    start_scale, smooth
-        As in `fit_to_scatter`.
-    """
+    """Return a fit whose covariance includes that of the parameters taken as known."""
     p = len(fit.values)
     scales = np.array([one.scale for one in (*fit.parameters, *known.parameters)])
     near = errors if smooth is None else smooth
@@ -375,14 +296,7 @@ def by_cluster(
 
     The other parameters stay as fitted to all; the windows of a cluster count as independent.
 
-    Parameters
-    ----------
-    errors, mask, start_scale
-        As in `fit_to_scatter`, of the fit.
-    name
-        The parameter that is estimated.
-    clusters
-        Index of the cluster of each window, shape (B,).
+    clusters: Index of the cluster of each window, shape (B,).
     """
     at = [one.name for one in fit.parameters].index(name)
 
@@ -415,14 +329,9 @@ def fitted_starts(
 ) -> Array:
     """Return the starts that minimise the residuals of the windows, by Gauss-Newton.
 
-    Parameters
-    ----------
-    residuals
-        Function from the starts to the residuals, shape (B, L) to (B, R).
-    starts
-        First guess, shape (B, L).
-    start_scale
-        Scale of the changes of a start, shape (L,).
+    residuals: Function from the starts to the residuals, shape (B, L) to (B, R).
+    starts: First guess, shape (B, L).
+    start_scale: Scale of the changes of a start, shape (L,).
     """
     for _ in range(rounds):
         rest = residuals(starts)
@@ -442,18 +351,7 @@ def derivatives(
     steps: Array,
     own_steps: Array,
 ) -> tuple[Array, Array]:
-    """Return the finite-difference derivatives in the shared parameters and in the starts.
-
-    Parameters
-    ----------
-    steps, own_steps
-        Steps of the shared parameters and of the starts, shapes (p,) and (L,).
-
-    Returns
-    -------
-    shared, own
-        The derivatives, shapes (B, R, p) and (B, R, L).
-    """
+    """Return the finite-difference derivatives in the shared parameters and in the starts."""
     base = residuals(shared, starts)
     by_shared = np.empty((*base.shape, len(shared)))
     for i, step in enumerate(steps):

@@ -40,43 +40,25 @@ LEAST_ROUGHNESS = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Log:
-    """A log in SI units.
+    """A log in SI units."""
 
-    Attributes
-    ----------
-    name
-        Name of its file, without the suffix.
-    time
-        Time since the first row [s], shape (N,); multiples of the device's own period if its stamps
-        only scatter about them.
-    phi
-        Readings of the angle [rad], shape (N,), upright at the zero that the description gives; if
-        there is a dead zone, the readings above it less 2 pi, so that they grow from end to end.
-    turns
-        Whole turns to add, shape (N,): the angle is continuous where a reading jumps from end to
-        end.
-    valid
-        Where the reading of the angle is valid, shape (N,).
-    z
-        Position of the cart [m], shape (N,).
-    command
-        Command, held from the time of a row to that of the next, shape (N,).
-    slots
-        Number of periods from the first row to each, whole, shape (N,): more than one more than
-        that of the row before where rows are missing.
-    period, jitter
-        Time between two rows, and the scatter of the stamps about it [s].
-    """
-
-    name: str
+    name: str  # name of its file, without the suffix
+    # time since the first row [s], shape (N,); multiples of the device's own period if its stamps
+    # only scatter about them
     time: NDArray[np.float64]
+    # readings of the angle [rad], shape (N,), upright at the zero that the description gives; if
+    # there is a dead zone, the readings above it less 2 pi, so that they grow from end to end
     phi: NDArray[np.float64]
+    # whole turns to add, shape (N,): the angle is continuous where a reading jumps from end to end
     turns: NDArray[np.float64]
-    valid: NDArray[np.bool_]
-    z: NDArray[np.float64]
+    valid: NDArray[np.bool_]  # where the reading of the angle is valid, shape (N,)
+    z: NDArray[np.float64]  # position of the cart [m], shape (N,)
+    # command, held from the time of a row to that of the next, shape (N,)
     command: NDArray[np.float64]
+    # number of periods from the first row to each, whole, shape (N,): more than one more than that
+    # of the row before where rows are missing
     slots: NDArray[np.int64]
-    period: float
+    period: float  # time between two rows, and the scatter of the stamps about it [s]
     jitter: float
 
     @property
@@ -98,21 +80,7 @@ class Log:
 
 
 def read_log(path: str | Path, description: Description) -> Log:
-    """Read a log from a CSV file.
-
-    Parameters
-    ----------
-    path
-        The file: a header, then rows of numbers, separated by commas, semicolons or tabs; with a
-        decimal point or comma; lines that begin with # are comments.
-    description
-        What its columns mean.
-
-    Raises
-    ------
-    AflMujocoError
-        If it cannot be read or is not a usable log; the message names file, rule and value.
-    """
+    """Read a log from a CSV file."""
     path = Path(path)
     table = _read(path, list(description.columns.values()))
     try:
@@ -122,13 +90,7 @@ def read_log(path: str | Path, description: Description) -> Log:
 
 
 def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log]:
-    """Read logs from files, or from all CSV files of a folder in the order of their names.
-
-    Raises
-    ------
-    AflMujocoError
-        As in `read_log`; also if a folder has no log, or two logs have the same name.
-    """
+    """Read logs from files, or from all CSV files of a folder in the order of their names."""
     files: list[Path] = []
     for path in map(Path, paths):
         found = [path]
@@ -153,12 +115,7 @@ def write_log(
 ) -> None:
     """Write a log in SI units, with the default column names of a description.
 
-    Parameters
-    ----------
-    path
-        The file.
-    time, phi, z, command
-        Shape (N,) [s, rad, m, N].
+    time, phi, z, command: Shape (N,) [s, rad, m, N].
     """
     with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -170,12 +127,7 @@ def write_log(
 def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Description) -> Log:
     """Return a log from its columns, or raise if it cannot be used for identification.
 
-    Parameters
-    ----------
-    name
-        Name of the log.
-    table
-        Columns of the log by header, shape (N,), in the units of the description.
+    table: Columns of the log by header, shape (N,), in the units of the description.
     """
     d = description
     columns = {signal: table[header] for signal, header in d.columns.items()}
@@ -242,12 +194,7 @@ def _slots(
     The clock follows the stamps slowly: rounding each step by itself would take a late stamp and an
     early one after it for a lost row.
 
-    Parameters
-    ----------
-    period, clock
-        Period, and time on the clock at the first row [s].
-    followed
-        Share of the difference of a stamp by which the clock follows it.
+    period, clock: Period, and time on the clock at the first row [s].
     """
     found = [0]
     for stamp in time[1:].tolist():

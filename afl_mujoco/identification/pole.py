@@ -88,13 +88,7 @@ NONE = {"angle_scale": 1.0}
 
 
 def linearity(values: Mapping[str, float], angles: Array) -> Array:
-    """Return the deviation of readings from a straight line at some angles [rad].
-
-    Parameters
-    ----------
-    values
-        Values of the parameters; those of the linearity may be missing.
-    """
+    """Return the deviation of readings from a straight line at some angles [rad]."""
     off = np.zeros_like(angles)
     for k in range(1, HARMONICS + 1):
         if f"sin_{k}" in values:
@@ -104,18 +98,10 @@ def linearity(values: Mapping[str, float], angles: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drive:
-    """The recorded motion of the cart over windows.
+    """The recorded motion of the cart over windows."""
 
-    Attributes
-    ----------
-    windows
-        Windows of the logs.
-    gravity
-        g [m/s^2].
-    """
-
-    windows: Windows
-    gravity: float
+    windows: Windows  # windows of the logs
+    gravity: float  # g [m/s^2]
     _tracks: Sequence[Any] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -129,12 +115,7 @@ class Drive:
     def angles(self, values: Mapping[str, float], starts: Array) -> Array:
         """Return the angles at the rows of the windows [rad], shape (B, n).
 
-        Parameters
-        ----------
-        values
-            Values of the parameters.
-        starts
-            (phi, phi_dot) at the first rows, shape (B, 2).
+        starts: (phi, phi_dot) at the first rows, shape (B, 2).
         """
         v, w = {**NONE, **values}, self.windows
         factor = v["coupling"] * v["gravity_term"] / self.gravity
@@ -145,13 +126,7 @@ class Drive:
         return at_rows(w, track[..., 0], track[..., 1], 0.0)
 
     def velocities(self, skew: float, compliance: float) -> Array:
-        """Return the cart's velocity on the half steps of the windows [m/s], (B, 2 steps + 1).
-
-        Parameters
-        ----------
-        skew, compliance
-            As in `parameters_of`.
-        """
+        """Return the cart's velocity on the half steps of the windows [m/s], (B, 2 steps + 1)."""
         w = self.windows
         found = np.empty((w.count, 2 * w.steps + 1))
         half = 0.5 * w.step * np.arange(2 * w.steps + 1)
@@ -169,12 +144,7 @@ class Drive:
 def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
     """Return what the sensor reads at some angles [rad].
 
-    Parameters
-    ----------
-    values
-        Values of the parameters.
-    angles, turns
-        Angles [rad], and the whole turns in them.
+    angles, turns: Angles [rad], and the whole turns in them.
     """
     v = {**NONE, **values}
     read: Array = (angles - 2.0 * np.pi * turns - v["angle_offset"]) / v["angle_scale"]
@@ -184,12 +154,8 @@ def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
 def at_rows(windows: Windows, values: Array, rates: Array, late: float) -> Array:
     """Return a simulated signal interpolated at the rows of the windows, shape (B, n).
 
-    Parameters
-    ----------
-    values, rates
-        The signal on the steps of the windows, and its derivative, shape (B, steps + 1).
-    late
-        How much later than the rows the signal is taken [s].
+    values, rates: The signal on the steps of the windows, and its derivative, shape (B, steps + 1).
+    late: How much later than the rows the signal is taken [s].
     """
     w = windows
     place = (w.time - w.time[:, :1] + late) / w.step
@@ -214,16 +180,10 @@ def _rates(phi, p, drive, w2, c, d):
 def pole_motion(starts, drives, step, w2, c, d):
     """Return (phi, phi') on the steps of each window, by RK4, shape (B, steps + 1, 2).
 
-    Parameters
-    ----------
-    starts
-        (phi, phi_dot), shape (B, 2).
-    drives
-        ``(k w2 / g) z'`` on the half steps [rad/s], shape (B, 2 steps + 1).
-    step
-        Length of a step [s].
-    w2, c, d
-        Gravity term [1/s^2], viscous [1/s] and dry friction [rad/s^2].
+    starts: (phi, phi_dot), shape (B, 2).
+    drives: ``(k w2 / g) z'`` on the half steps [rad/s], shape (B, 2 steps + 1).
+    step: Length of a step [s].
+    w2, c, d: Gravity term [1/s^2], viscous [1/s] and dry friction [rad/s^2].
     """
     steps = (drives.shape[1] - 1) // 2
     track = np.empty((len(starts), steps + 1, 2))

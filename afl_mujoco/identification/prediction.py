@@ -28,18 +28,10 @@ SEEN = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Starts:
-    """Instants from which recordings are predicted.
+    """Instants from which recordings are predicted."""
 
-    Attributes
-    ----------
-    windows
-        Windows of the rows that are fitted and predicted, one for each start.
-    past
-        Number of rows to which the state is fitted; the last of them is the start.
-    """
-
-    windows: Windows
-    past: int
+    windows: Windows  # windows of the rows that are fitted and predicted, one for each start
+    past: int  # number of rows to which the state is fitted; the last of them is the start
 
     @property
     def before(self) -> Array:
@@ -58,14 +50,9 @@ class Starts:
 def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Starts:
     """Return the starts of logs.
 
-    Parameters
-    ----------
-    past
-        Length of the rows that are fitted [s].
-    longest
-        Longest horizon [s].
-    every
-        Time between two starts [s].
+    past: Length of the rows that are fitted [s].
+    longest: Longest horizon [s].
+    every: Time between two starts [s].
     """
     period = min(log.period for log in logs)
     spacing = stride_of(period) * period
@@ -77,36 +64,20 @@ def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Errors of predictions after some time.
+    """Errors of predictions after some time."""
 
-    Attributes
-    ----------
-    horizon
-        Time after the start [s].
-    rms_phi, rms_z
-        Root of the mean squared error [rad, m]; None for a signal that was not predicted.
-    counts_phi, counts_z
-        The same in counts of the sensors [1]; None without a resolution.
-    explained_phi, explained_z
-        Share of variance explained, for the angle without its turns [1].
-    away_phi
-        `counts_phi` of predictions whose start and end are more than `AWAY` from upright.
-    clear_phi
-        The same, for starts before which no reading of the angle is missing.
-    starts, away
-        Number of starts, in all and away from upright.
-    """
-
-    horizon: float
+    horizon: float  # time after the start [s]
+    # root of the mean squared error [rad, m]; None for a signal that was not predicted
     rms_phi: float
     rms_z: float | None
-    counts_phi: float | None
+    counts_phi: float | None  # the same in counts of the sensors [1]; None without a resolution
     counts_z: float | None
-    explained_phi: float
+    explained_phi: float  # share of variance explained, for the angle without its turns [1]
     explained_z: float | None
+    # `counts_phi` of predictions whose start and end are more than `AWAY` from upright
     away_phi: float | None
-    clear_phi: float | None
-    starts: int
+    clear_phi: float | None  # the same, for starts before which no reading of the angle is missing
+    starts: int  # number of starts, in all and away from upright
     away: int
 
 
@@ -122,18 +93,8 @@ def errors_of(
 ) -> tuple[Errors, ...]:
     """Return the errors of predictions for each horizon.
 
-    Parameters
-    ----------
-    predicted
-        Predicted readings of position and angle, shape (B, 2, n).
-    horizons
-        Horizons [s].
-    values
-        Scale and offset of the angle, which turn readings into angles.
-    position
-        Whether the position was predicted.
-    whole
-        Whether to leave out starts whose window lacks a row, since its command is not known.
+    predicted: Predicted readings of position and angle, shape (B, 2, n).
+    horizons: Horizons [s].
     """
     w, d, v = starts.windows, description, {**pole.NONE, **values}
     there, first = np.arange(w.count), starts.past - 1
@@ -169,13 +130,7 @@ def errors_of(
 def predicted_by_pole(
     starts: Starts, values: Mapping[str, float], description: Description
 ) -> Array:
-    """Return the predicted readings of the angle for a known motion of the cart, shape (B, n).
-
-    Parameters
-    ----------
-    values
-        Values of the parameters of the pole.
-    """
+    """Return the predicted readings of the angle for a known motion of the cart, shape (B, n)."""
     w = starts.windows
     driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
 
@@ -200,19 +155,7 @@ def predicted_by_rig(
 ) -> tuple[Array, Array]:
     """Return the predicted readings for known commands, and the states at the starts.
 
-    Parameters
-    ----------
-    values
-        Values of the parameters of pole and rig.
-    scatter
-        Scatter of position and angle, which weights their readings [m, rad].
-    workers
-        Number of threads; the results do not depend on it.
-
-    Returns
-    -------
-    readings, states
-        Shapes (B, 2, n) and (B, 4).
+    scatter: Scatter of position and angle, which weights their readings [m, rad].
     """
     w = starts.windows
     whole = rig.Rig(windows=w, description=description, workers=workers)
@@ -244,12 +187,7 @@ def predicted_by_rig(
 def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> Array:
     """Return the predicted readings without any acceleration, shape (B, 2, n).
 
-    Parameters
-    ----------
-    states
-        (z, phi, z_dot, phi_dot) at the starts, shape (B, 4).
-    values
-        Scales and offsets of the sensors.
+    states: (z, phi, z_dot, phi_dot) at the starts, shape (B, 4).
     """
     w = starts.windows
     after = w.time - w.time[:, starts.past - 1 : starts.past]

@@ -58,15 +58,7 @@ def parameters_of(description: Description) -> list[Parameter]:
 def physical(values: Mapping[str, float], description: Description) -> dict[str, float]:
     """Return masses, forces and frictions from identified ratios, for a pole of the given mass.
 
-    Parameters
-    ----------
-    values
-        Values of the parameters of pole and rig.
-
-    Returns
-    -------
-    physical
-        ``half_length`` [m], ``cart_mass`` [kg], ``force`` [N] per unit of command,
+    Returns physical: ``half_length`` [m], ``cart_mass`` [kg], ``force`` [N] per unit of command,
         ``rail_damping`` [N s/m], ``rail_friction`` [N], ``hinge_damping`` [N m s/rad],
         ``hinge_friction`` [N m].
     """
@@ -92,13 +84,7 @@ FRICTIONS = ("rail_damping", "rail_friction", "hinge_damping", "hinge_friction")
 def model_of(
     values: Mapping[str, float], description: Description
 ) -> tuple[CartPoleParameters, Imperfections]:
-    """Return an identified cart-pole as a cart with a uniform rod, and its friction.
-
-    Parameters
-    ----------
-    values
-        Values of the parameters of pole and rig.
-    """
+    """Return an identified cart-pole as a cart with a uniform rod, and its friction."""
     n, found = description.nominal, physical(values, description)
     plant = CartPoleParameters(
         cart_mass=found["cart_mass"],
@@ -112,24 +98,13 @@ def model_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
-    """The cart-poles of some windows.
+    """The cart-poles of some windows."""
 
-    Attributes
-    ----------
-    windows
-        Windows of the logs.
-    description
-        Description of the cart-pole.
-    workers
-        Number of threads; the results do not depend on it.
-    exact
-        Whether dry friction is that of Coulomb, as in `coulomb`, or softened, as by MuJoCo: the
-        exact one has no derivative by the speed of a cart that sticks.
-    """
-
-    windows: Windows
-    description: Description
-    workers: int = 1
+    windows: Windows  # windows of the logs
+    description: Description  # description of the cart-pole
+    workers: int = 1  # number of threads; the results do not depend on it
+    # whether dry friction is that of Coulomb, as in `coulomb`, or softened, as by MuJoCo: the exact
+    # one has no derivative by the speed of a cart that sticks
     exact: bool = False
     _models: Sequence[CartPoleModel] = field(init=False, repr=False)
 
@@ -142,30 +117,13 @@ class Rig:
     def readings(self, values: Mapping[str, float], starts: Array) -> Array:
         """Return the readings of the sensors at the rows of the windows, shape (B, 2, n).
 
-        Parameters
-        ----------
-        values
-            Values of the parameters of pole and rig.
-        starts
-            (z, phi, z_dot, phi_dot) at the first rows, shape (B, 4).
-
-        Returns
-        -------
-        readings
-            Readings of the position [m] and the angle [rad].
+        starts: (z, phi, z_dot, phi_dot) at the first rows, shape (B, 4).
+        Returns readings: Readings of the position [m] and the angle [rad].
         """
         return self.read(values, self.motion(values, starts))
 
     def read(self, values: Mapping[str, float], track: Array) -> Array:
-        """Return the readings of the sensors along a motion, shape (B, 2, n).
-
-        Parameters
-        ----------
-        values
-            Values of the parameters of pole and rig.
-        track
-            Result of `motion`.
-        """
+        """Return the readings of the sensors along a motion, shape (B, 2, n)."""
         w, v = self.windows, values
         z, phi, z_dot, phi_dot = np.moveaxis(track, -1, 0)
         angle = pole.at_rows(w, phi, phi_dot, 0.0)
@@ -178,13 +136,7 @@ class Rig:
         return np.stack([position, pole.readings(v, angle, w.turns)], axis=1)
 
     def motion(self, values: Mapping[str, float], starts: Array) -> Array:
-        """Return the states on the steps of the windows, shape (B, steps + 1, 4).
-
-        Parameters
-        ----------
-        values, starts
-            As in `readings`.
-        """
+        """Return the states on the steps of the windows, shape (B, steps + 1, 4)."""
         forces = self.forces(values)
         plant, imperfections = model_of(values, self.description)
         if self.exact and imperfections.rail_friction > 0.0:
@@ -246,15 +198,10 @@ class Rig:
 def _impulses(times, commands, lag, when):
     """Return the integral of a held command behind a first-order lag, shape of `when`.
 
-    Parameters
-    ----------
-    times, commands
-        Times [s] and the commands that hold from each of them on, shape (N,); before the first
-        time the first command holds, and the lag has settled.
-    lag
-        Time constant [s].
-    when
-        Times of the integral [s], shape (B, K), ascending in each row.
+    times, commands: Times [s] and the commands that hold from each of them on, shape (N,); before
+        the first time the first command holds, and the lag has settled.
+    lag: Time constant [s].
+    when: Times of the integral [s], shape (B, K), ascending in each row.
     """
     count = len(times)
     behind, whole = np.empty(count), np.zeros(count)  # lagged command and integral at each time

@@ -43,13 +43,6 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
     The readings are those that the controller got, with the noise and resolution of its sensors.
     The commands are those that it gave, cut off at the force limit, before any delay or lag of the
     drive.
-
-    Parameters
-    ----------
-    run
-        Run of the scenario, as `require_loggable` allows.
-    stem
-        Beginning of the names of the files.
     """
     settings = run.provenance["settings"]
     period, r = settings["control_period"], scenario.imperfections
@@ -73,12 +66,8 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
 def description_of(scenario: Scenario, period: float, limit: float) -> Description:
     """Return the description of a log of a scenario and its cart-pole.
 
-    Parameters
-    ----------
-    period
-        Time between two rows [s].
-    limit
-        Largest command [N].
+    period: Time between two rows [s].
+    limit: Largest command [N].
     """
     r, plant = scenario.imperfections, scenario.parameters_at(0.0)
     return Description(

@@ -31,47 +31,28 @@ LEAST = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:
-    """Windows of logs.
+    """Windows of logs."""
 
-    Attributes
-    ----------
-    logs
-        All logs.
-    log, first
-        Index of the log of each window, and its first row in the log, shape (B,).
-    time, phi, turns, z
-        As in `Log`, shape (B, n); where there is no row, the time that it would have.
-    there
-        1 where there is a row of the window, else 0, shape (B, n).
-    valid
-        1 where there is one whose reading of the angle is valid, else 0, shape (B, n).
-    starts
-        First guess of the initial states (z, phi, z_dot, phi_dot), shape (B, 4).
-    spacing
-        Time between two rows that are used [s].
-    step
-        Step of a simulation [s].
-    dropped
-        Number of stretches that would have been windows, but whose angle is not known at the start
-        or that are too short.
-    share
-        Share of the duration of the logs that lies in a window [1].
-    """
-
-    logs: Sequence[Log]
+    logs: Sequence[Log]  # all logs
+    # index of the log of each window, and its first row in the log, shape (B,)
     log: NDArray[np.int64]
     first: NDArray[np.int64]
+    # as in `Log`, shape (B, n); where there is no row, the time that it would have
     time: NDArray[np.float64]
     phi: NDArray[np.float64]
     turns: NDArray[np.float64]
     z: NDArray[np.float64]
-    there: NDArray[np.float64]
+    there: NDArray[np.float64]  # 1 where there is a row of the window, else 0, shape (B, n)
+    # 1 where there is one whose reading of the angle is valid, else 0, shape (B, n)
     valid: NDArray[np.float64]
+    # first guess of the initial states (z, phi, z_dot, phi_dot), shape (B, 4)
     starts: NDArray[np.float64]
-    spacing: float
-    step: float
+    spacing: float  # time between two rows that are used [s]
+    step: float  # step of a simulation [s]
+    # number of stretches that would have been windows, but whose angle is not known at the start or
+    # that are too short
     dropped: int
-    share: float
+    share: float  # share of the duration of the logs that lies in a window [1]
 
     @property
     def whole(self) -> NDArray[np.bool_]:
@@ -120,20 +101,8 @@ def cut(
     A lost row ends a window, and the next begins after it: the command in between is not known, and
     to hold the one before it is off by as much as the command changes in a row.
 
-    Parameters
-    ----------
-    length
-        Length of a window [s].
-    every
-        Time between the starts of two windows [s].
-    seen, head
-        Number of readings of the angle that a window must have among its first `head` rows; a
-        window with fewer is left out.
-    gap
-        Gap between two rows, in units of their spacing, that ends a window. Over a shorter one the
-        command is held.
-    least
-        Rows that a window must have; None where it must have all.
+    length: Length of a window [s].
+    every: Time between the starts of two windows [s].
     """
     period = min(log.period for log in logs)
     stride = stride_of(period)
@@ -182,10 +151,7 @@ def _part(
 ) -> dict[str, NDArray[np.float64]]:
     """Return the columns of a window from a row on, at most to a last row.
 
-    Parameters
-    ----------
-    ahead
-        How many periods after the first each of its rows is, shape (n,).
+    ahead: How many periods after the first each of its rows is, shape (n,).
     """
     slots = log.slots[row] + ahead
     rows = np.minimum(np.searchsorted(log.slots, slots), last)

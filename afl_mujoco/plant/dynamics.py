@@ -17,12 +17,8 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 def determinant(phi, cart_mass, pole_mass):
     """Return D = 4/3 (M + m) - m cos^2(phi) [kg], the denominator of (P3) and (P4).
 
-    Parameters
-    ----------
-    phi
-        Pole angle [rad].
-    cart_mass, pole_mass
-        M, m [kg].
+    phi: Pole angle [rad].
+    cart_mass, pole_mass: M, m [kg].
     """
     return 4.0 / 3.0 * (cart_mass + pole_mass) - pole_mass * np.cos(phi) ** 2
 
@@ -31,14 +27,9 @@ def determinant(phi, cart_mass, pole_mass):
 def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
     """Return z'' [m/s^2], Eq. (P3).
 
-    Parameters
-    ----------
-    phi, phi_dot
-        Pole angle [rad] and its rate [rad/s].
-    force
-        Force on the cart [N].
-    cart_mass, pole_mass, half_length, gravity
-        M, m [kg], l [m], g [m/s^2].
+    phi, phi_dot: Pole angle [rad] and its rate [rad/s].
+    force: Force on the cart [N].
+    cart_mass, pole_mass, half_length, gravity: M, m [kg], l [m], g [m/s^2].
     """
     centripetal = pole_mass * half_length * phi_dot**2 * np.sin(phi)
     weight = pole_mass * gravity * np.sin(phi) * np.cos(phi)
@@ -51,14 +42,9 @@ def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gr
 def pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
     """Return phi'' [rad/s^2], Eq. (P4).
 
-    Parameters
-    ----------
-    phi, phi_dot
-        Pole angle [rad] and its rate [rad/s].
-    force
-        Force on the cart [N].
-    cart_mass, pole_mass, half_length, gravity
-        M, m [kg], l [m], g [m/s^2].
+    phi, phi_dot: Pole angle [rad] and its rate [rad/s].
+    force: Force on the cart [N].
+    cart_mass, pole_mass, half_length, gravity: M, m [kg], l [m], g [m/s^2].
     """
     centripetal = pole_mass * half_length * phi_dot**2 * np.sin(phi)
     weight = (cart_mass + pole_mass) * gravity * np.sin(phi)
@@ -126,17 +112,9 @@ def velocity_jump(
 ) -> NDArray[np.float64]:
     """Return the jump of (z_dot, phi_dot) that an ideal impulse on the cart causes.
 
-    Parameters
-    ----------
-    state
-        (z, phi, z_dot, phi_dot), shape (..., 4).
-    impulse
-        Momentum given to the cart along z [N s].
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 2): mass matrix^-1 (impulse, 0) [m/s, rad/s].
+    state: (z, phi, z_dot, phi_dot), shape (..., 4).
+    impulse: Momentum given to the cart along z [N s].
+    Returns ndarray: Shape (..., 2): mass matrix^-1 (impulse, 0) [m/s, rad/s].
     """
     matrix = mass_matrix(state, parameters)
     push = np.zeros((*matrix.shape[:-1], 1))

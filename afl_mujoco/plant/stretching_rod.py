@@ -24,16 +24,10 @@ def stretching_accelerations(
 ):
     """Return (z'', phi''), the solution of the equations above.
 
-    Parameters
-    ----------
-    phi, phi_dot
-        Pole angle [rad] and its rate [rad/s].
-    force
-        Force on the cart [N].
-    cart_mass, pole_mass, half_length, gravity
-        M, m [kg], l [m], g [m/s^2].
-    half_length_rate
-        l' [m/s].
+    phi, phi_dot: Pole angle [rad] and its rate [rad/s].
+    force: Force on the cart [N].
+    cart_mass, pole_mass, half_length, gravity: M, m [kg], l [m], g [m/s^2].
+    half_length_rate: l' [m/s].
     """
     sin, cos = np.sin(phi), np.cos(phi)
     d = determinant(phi, cart_mass, pole_mass)

@@ -19,13 +19,7 @@ def power_of_ten(exponent: int) -> str:
 
 
 def scientific(value: float | None, digits: int = 2) -> str:
-    """Return a value with a few digits and a power of ten; 0 as it is.
-
-    Parameters
-    ----------
-    value
-        What to write; ``None`` is `MISSING`.
-    """
+    """Return a value with a few digits and a power of ten; 0 as it is."""
     if value is None or not math.isfinite(value):
         return MISSING
     if value == 0.0:
@@ -35,13 +29,7 @@ def scientific(value: float | None, digits: int = 2) -> str:
 
 
 def short(value: float | None, digits: int = 4) -> str:
-    """Return a value as a person writes it: plain if that is short, else scientific.
-
-    Parameters
-    ----------
-    value
-        What to write; ``None`` is `MISSING`.
-    """
+    """Return a value as a person writes it: plain if that is short, else scientific."""
     if value is None or not math.isfinite(value):
         return MISSING
     if value and not 1e-3 <= abs(value) < 1e6:
@@ -51,13 +39,7 @@ def short(value: float | None, digits: int = 4) -> str:
 
 
 def fixed(value: float | None, decimals: int) -> str:
-    """Return a value with a number of decimals, for columns that are read from top to bottom.
-
-    Parameters
-    ----------
-    value
-        What to write; ``None`` is `MISSING`.
-    """
+    """Return a value with a number of decimals, for columns that are read from top to bottom."""
     if value is None or not math.isfinite(value):
         return MISSING
     return _signed(f"{value:.{decimals}f}")
@@ -73,24 +55,12 @@ def limit(value: float) -> str:
 
 
 def size(value: float | None) -> str:
-    """Return a size with two decimals, or with a power of ten if it is too small for them.
-
-    Parameters
-    ----------
-    value
-        What to write, not negative; ``None`` is `MISSING`.
-    """
+    """Return a size with two decimals, or with a power of ten if it is too small for them."""
     return fixed(value, 2) if value and value >= SMALL else scientific(value)
 
 
 def percent(share: float | None, digits: int = 2) -> str:
-    """Return a share in percent.
-
-    Parameters
-    ----------
-    share
-        The share, 1 for all; ``None`` is `MISSING`.
-    """
+    """Return a share in percent."""
     if share is None or not math.isfinite(share):
         return MISSING
     return f"{short(100.0 * share, digits)} %"
@@ -113,13 +83,7 @@ def _to(rounded: Callable[[float], int], x: float, digits: int) -> float:
 
 
 def interval(ends: Sequence[float]) -> str:
-    """Return an interval of shares in percent, without the percent sign.
-
-    Parameters
-    ----------
-    ends
-        Its two ends, 1 for all.
-    """
+    """Return an interval of shares in percent, without the percent sign."""
     low, high = (fixed(100.0 * end, 1) for end in ends)
     return f"{low} to {high}"
 

@@ -131,10 +131,7 @@ class _Literal(Figure):
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure that needs no display and shows names as they are.
 
-    Parameters
-    ----------
-    width, height
-        Its size [in].
+    width, height: Its size [in].
     """
     figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
     FigureCanvasAgg(figure)

@@ -32,18 +32,10 @@ def require_error(name: str, value: Any) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumed:
-    """What is assumed of one parameter.
+    """What is assumed of one parameter."""
 
-    Attributes
-    ----------
-    value
-        `TRUE`, `NOMINAL`, or a number.
-    error
-        Relative error, above -1: 0.1 is 10 % too large.
-    """
-
-    value: str | float = TRUE
-    error: float = 0.0
+    value: str | float = TRUE  # `TRUE`, `NOMINAL`, or a number
+    error: float = 0.0  # relative error, above -1: 0.1 is 10 % too large
 
     def __post_init__(self) -> None:
         """Validate both fields."""
@@ -79,11 +71,6 @@ class Belief:
 
     A controller with parameters of its own assumes those; one that estimates M and l is not told
     them. Each field takes what `Assumed.of` takes.
-
-    Raises
-    ------
-    AflMujocoError
-        If a value breaks its rule.
     """
 
     cart_mass: Assumed = Assumed()
@@ -138,15 +125,7 @@ class Belief:
         return CartPoleParameters(**told)
 
     def told(self, name: str, truth: Any, nominal: float | None = None) -> Any:
-        """Return what is assumed of one parameter, given its true values.
-
-        Parameters
-        ----------
-        truth
-            A number or an array.
-        nominal
-            Its nominal value; the truth by default.
-        """
+        """Return what is assumed of one parameter, given its true values."""
         one: Assumed = getattr(self, name)
         value = one.value
         if value == NOMINAL and nominal is not None:

@@ -235,11 +235,6 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
 
     Every default is written out, except in `imperfections`, `requirements`, `belief` and `ranges`,
     which contain only the values that differ from their defaults.
-
-    Parameters
-    ----------
-    scenario
-        The scenario; `load_scenario` reads an equal one from a file with this table.
     """
     s = scenario
     knots = {

@@ -33,44 +33,22 @@ FINEST_STEP = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imperfection:
-    """One departure from the ideal loop, and how much of it good laboratory hardware has.
+    """One departure from the ideal loop, and how much of it good laboratory hardware has."""
 
-    Attributes
-    ----------
-    name
-        Name in files and on the command line.
-    title
-        Name in words.
-    unit
-        Unit in which a level is shown.
-    fields
-        Fields of `Imperfections` that it sets, each to the level times its factor.
-    reference
-        Level of the reference hardware, good but ordinary in a laboratory.
-    benign, harsh
-        Ends of the range in which the threshold is searched; ``benign > harsh`` where less is
-        worse.
-    scale
-        Factor from a level to its shown value.
-    switches
-        Fields that it switches on at every level.
-    seeded
-        Whether it draws random numbers, so that the loop must survive several seeds.
-    quantum
-        Levels are multiples of this; 0 for any level.
-    """
-
-    name: str
-    title: str
-    unit: str
+    name: str  # name in files and on the command line
+    title: str  # name in words
+    unit: str  # unit in which a level is shown
+    # fields of `Imperfections` that it sets, each to the level times its factor
     fields: Mapping[str, float]
-    reference: float
+    reference: float  # level of the reference hardware, good but ordinary in a laboratory
+    # ends of the range in which the threshold is searched; ``benign > harsh`` where less is worse
     benign: float
     harsh: float
-    scale: float = 1.0
-    switches: tuple[str, ...] = ()
+    scale: float = 1.0  # factor from a level to its shown value
+    switches: tuple[str, ...] = ()  # fields that it switches on at every level
+    # whether it draws random numbers, so that the loop must survive several seeds
     seeded: bool = False
-    quantum: float = 0.0
+    quantum: float = 0.0  # levels are multiples of this; 0 for any level
 
     def options(self, level: float) -> dict[str, Any]:
         """Return the fields of `Imperfections` at a level."""
@@ -100,51 +78,29 @@ class Imperfection:
 
 
 class Draw(NamedTuple):
-    """How a field is drawn for random hardware: uniformly from a range.
+    """How a field is drawn for random hardware: uniformly from a range."""
 
-    Attributes
-    ----------
-    axis
-        Position among the fields that are drawn. The samples of a seed depend on it: a new field
-        takes the next number.
-    range
-        Least and largest value.
-    why
-        What hardware the two ends stand for.
-    label, scale
-        Name with unit for the comparison of failed and surviving runs by this field alone, and
-        the factor to that unit; without a label they are those of the field's threshold.
-    """
-
+    # position among the fields that are drawn. The samples of a seed depend on it: a new field
+    # takes the next number
     axis: int
-    range: tuple[float, float]
-    why: str
+    range: tuple[float, float]  # least and largest value
+    why: str  # what hardware the two ends stand for
+    # name with unit for the comparison of failed and surviving runs by this field alone, and the
+    # factor to that unit; without a label they are those of the field's threshold
     label: str = ""
     scale: float = 1.0
 
 
 class Declaration(NamedTuple):
-    """What is known about a field of `Imperfections` besides its default and meaning.
+    """What is known about a field of `Imperfections` besides its default and meaning."""
 
-    Attributes
-    ----------
-    rule
-        ``rule(name, value)`` returns the value as it is stored, or raises.
-    unit
-        SI unit of the value.
-    swept
-        Imperfections whose thresholds are searched and whose first field is this one.
-    why
-        Where their reference level comes from.
-    drawn
-        How it is drawn for random hardware; None if it stays ideal there.
-    """
-
+    # ``rule(name, value)`` returns the value as it is stored, or raises
     rule: Callable[[str, Any], Any]
-    unit: str
+    unit: str  # SI unit of the value
+    # imperfections whose thresholds are searched and whose first field is this one
     swept: tuple[Imperfection, ...]
-    why: str
-    drawn: Draw | None
+    why: str  # where their reference level comes from
+    drawn: Draw | None  # how it is drawn for random hardware; None if it stays ideal there
 
 
 def _declared(

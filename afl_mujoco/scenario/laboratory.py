@@ -70,11 +70,6 @@ def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
     """Return a scenario with ranges: its own, else those of laboratory hardware.
 
     Imperfections that are not ideal in the scenario stay as they are.
-
-    Parameters
-    ----------
-    start
-        Whether a scenario without ranges of its own gets a random initial state too.
     """
     if scenario.ranges != FIXED:
         return scenario

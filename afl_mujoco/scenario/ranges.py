@@ -44,31 +44,18 @@ def unit_of(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranges:
-    """What varies from run to run, and how far; the rest is as the scenario says.
+    """What varies from run to run, and how far; the rest is as the scenario says."""
 
-    Attributes
-    ----------
-    varied
-        Least and largest value by name, one of `VARIABLE`; values are drawn uniformly. Where M or
-        l varies, its schedule is drawn, with levels within the range.
-    cart_mass_rate, half_length_rate
-        Largest abs(dM/dt) [kg/s] and abs(dl/dt) [m/s] of drawn schedules; None lets them jump.
-    changes
-        How many times M and l change to another level, 0 for levels that stay. None for the paper's
-        shapes: one level, two jumps between three levels or a trapezoid between two.
-    last_change
-        Latest time at which M and l begin to change [s]; half the duration if None.
-
-    Raises
-    ------
-    InvalidValueError
-        If a range is empty or holds values that are not allowed.
-    """
-
+    # least and largest value by name, one of `VARIABLE`; values are drawn uniformly. Where M or l
+    # varies, its schedule is drawn, with levels within the range
     varied: Mapping[str, Range] = field(default_factory=dict)
+    # largest abs(dM/dt) [kg/s] and abs(dl/dt) [m/s] of drawn schedules; None lets them jump
     cart_mass_rate: float | None = None
     half_length_rate: float | None = None
+    # how many times M and l change to another level, 0 for levels that stay. None for the paper's
+    # shapes: one level, two jumps between three levels or a trapezoid between two
     changes: int | None = None
+    # latest time at which M and l begin to change [s]; half the duration if None
     last_change: float | None = None
 
     def __post_init__(self) -> None:
@@ -100,13 +87,7 @@ class Ranges:
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Ranges:
-        """Return the ranges from a flat table of ranges and the other attributes by name.
-
-        Raises
-        ------
-        AflMujocoError
-            If a name is unknown or a value breaks its rule.
-        """
+        """Return the ranges from a flat table of ranges and the other attributes by name."""
         varied = {name: value for name, value in table.items() if name not in SETTINGS}
         for name in varied:
             if name not in VARIABLE:

@@ -70,19 +70,9 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SampleSpace:
-    """The scenarios that the ranges of a scenario allow, as points of a unit cube.
+    """The scenarios that the ranges of a scenario allow, as points of a unit cube."""
 
-    Attributes
-    ----------
-    scenario
-        The scenario with its `Ranges`; what they leave out is the same in every sample.
-
-    Raises
-    ------
-    InvalidValueError
-        If nothing varies, or a corner of the ranges is not a valid scenario.
-    """
-
+    # the scenario with its `Ranges`; what they leave out is the same in every sample
     scenario: Scenario
 
     def __post_init__(self) -> None:
@@ -174,13 +164,7 @@ class SampleSpace:
     def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
         """Return the scenario at a point of the cube.
 
-        Parameters
-        ----------
-        point
-            One number in 0 to 1 for each coordinate, shape (dimension,).
-        index, seed
-            Number and seed of the sample; they give its name and the seed of its noise, and
-            nothing else.
+        point: One number in 0 to 1 for each coordinate, shape (dimension,).
         """
         at, base = self._by_name(point), self.scenario
         scaled = {
@@ -267,13 +251,7 @@ class SampleSpace:
 
 
 def acting(changes: Mapping[str, float]) -> dict[str, float]:
-    """Return the coordinates that act on a scenario, without those that its shapes do not use.
-
-    Parameters
-    ----------
-    changes
-        Distance of every coordinate from that of `SampleSpace.reference`.
-    """
+    """Return the coordinates that act on a scenario, without those that its shapes do not use."""
     found = {}
     for name, change in changes.items():
         thing, _, part = name.partition(" ")
@@ -304,11 +282,6 @@ def draw_of(scenario: Scenario, index: int) -> Scenario:
 
     What happens to the last digit of a reading is as random as its noise: the same run with half
     the timestep settles at another time, and neither is the right one.
-
-    Parameters
-    ----------
-    index
-        Number of the draw; 0 is the scenario itself.
     """
     if index == 0:
         return scenario
@@ -321,13 +294,7 @@ def draw_of(scenario: Scenario, index: int) -> Scenario:
 
 
 def draws_of(scenario: Scenario, count: int | None = None) -> list[Scenario]:
-    """Return the draws of a scenario.
-
-    Parameters
-    ----------
-    count
-        Number of draws; by default `DRAWS` where noise or encoders act, else one.
-    """
+    """Return the draws of a scenario."""
     wanted = (DRAWS if scenario.imperfections.drawn else 1) if count is None else count
     return [draw_of(scenario, index) for index in range(wanted)]
 

@@ -31,40 +31,23 @@ LONGEST_STEP = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steps:
-    """Time grid whose steps never cross a breakpoint.
+    """Time grid whose steps never cross a breakpoint."""
 
-    Attributes
-    ----------
-    times
-        The steps' ends [s], shape (N + 1,).
-    cart_mass, half_length
-        M [kg] and l [m] at the start, the middle and the end of each step, the limits from inside
-        the step, shape (N, 3).
-    push
-        Disturbing force during each step [N], shape (N,).
-    impulse
-        Jump of the momentum along z at the start of each step [N s], shape (N,).
-    """
-
-    times: NDArray[np.float64]
+    times: NDArray[np.float64]  # the steps' ends [s], shape (N + 1,)
+    # M [kg] and l [m] at the start, the middle and the end of each step, the limits from inside the
+    # step, shape (N, 3)
     cart_mass: NDArray[np.float64]
     half_length: NDArray[np.float64]
-    push: NDArray[np.float64]
+    push: NDArray[np.float64]  # disturbing force during each step [N], shape (N,)
+    # jump of the momentum along z at the start of each step [N s], shape (N,)
     impulse: NDArray[np.float64]
 
 
 def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
     """Return the multiples of `period` within the horizon together with every breakpoint.
 
-    Parameters
-    ----------
-    period
-        Spacing of the grid [s].
-
-    Returns
-    -------
-    ndarray
-        Increasing times from 0 to the horizon [s], shape (N + 1,).
+    period: Spacing of the grid [s].
+    Returns ndarray: Increasing times from 0 to the horizon [s], shape (N + 1,).
     """
     period = require_positive("timestep", period)
     if period > scenario.duration:
@@ -84,10 +67,7 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
 def steps(scenario: Scenario, period: float) -> Steps:
     """Cut the horizon into steps of at most `period` that end on every breakpoint.
 
-    Parameters
-    ----------
-    period
-        The longest step [s].
+    period: The longest step [s].
     """
     times = time_grid(scenario, period)
     segments = scenario.segments
@@ -124,21 +104,11 @@ def parameters_in(
 
 
 class Disturbances(NamedTuple):
-    """What disturbs the cart in each step of a grid, shape (N,) each.
+    """What disturbs the cart in each step of a grid, shape (N,) each."""
 
-    Attributes
-    ----------
-    push
-        Mean force along z over the step [N].
-    impulse
-        Jump of the momentum along z in the step [N s].
-    split
-        When it acts, as a share of the step, 0 for its start.
-    """
-
-    push: NDArray[np.float64]
-    impulse: NDArray[np.float64]
-    split: NDArray[np.float64]
+    push: NDArray[np.float64]  # mean force along z over the step [N]
+    impulse: NDArray[np.float64]  # jump of the momentum along z in the step [N s]
+    split: NDArray[np.float64]  # when it acts, as a share of the step, 0 for its start
 
 
 def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturbances:
@@ -147,10 +117,7 @@ def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturb
     A pulse acts with its exact mean over each step, so that all of its momentum arrives; an impulse
     acts at its instant, and several in one step act with the first of them.
 
-    Parameters
-    ----------
-    times
-        Ends of the steps [s], shape (N + 1,).
+    times: Ends of the steps [s], shape (N + 1,).
     """
     lengths = np.diff(times)
     push, impulse, split = np.zeros((3, len(lengths)))
@@ -189,12 +156,8 @@ def _require_few(unit: str, length: float, step: float) -> None:
 def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
     """Return how many steps make up `length`, or raise unless it is a whole number.
 
-    Parameters
-    ----------
-    length
-        Length to be divided [s].
-    step
-        Length of a step [s].
+    length: Length to be divided [s].
+    step: Length of a step [s].
     """
     step, length = require_positive(unit, step), require_positive(thing, length)
     _require_few(unit, length, step)
@@ -210,18 +173,10 @@ def instants(times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Ticks(NamedTuple):
-    """How a control period is cut into physics steps.
+    """How a control period is cut into physics steps."""
 
-    Attributes
-    ----------
-    timestep
-        Physics step [s].
-    hold
-        Physics steps of a control period.
-    """
-
-    timestep: float
-    hold: int
+    timestep: float  # physics step [s]
+    hold: int  # physics steps of a control period
 
     @property
     def period(self) -> float:
@@ -232,13 +187,9 @@ class Ticks(NamedTuple):
 def cut_period(period: float | None, timestep: float | None) -> Ticks:
     """Return physics steps that divide a control period, or raise.
 
-    Parameters
-    ----------
-    period
-        Control period [s]; None for one step.
-    timestep
-        Physics step [s]; None for the longest up to `LONGEST_STEP` that divides the period. It may
-        differ by `TYPED` from one that does.
+    period: Control period [s]; None for one step.
+    timestep: Physics step [s]; None for the longest up to `LONGEST_STEP` that divides the period.
+        It may differ by `TYPED` from one that does.
     """
     longest = LONGEST_STEP if timestep is None else require_positive("timestep", timestep)
     if period is None:
@@ -258,12 +209,8 @@ def cut_period(period: float | None, timestep: float | None) -> Ticks:
 def step_times(duration: float, timestep: float) -> NDArray[np.float64]:
     """Return the ends of equal steps, the last one shortened to end at the horizon, shape (N + 1,).
 
-    Parameters
-    ----------
-    duration
-        Horizon [s].
-    timestep
-        Physics step [s].
+    duration: Horizon [s].
+    timestep: Physics step [s].
     """
     _require_few("timestep", duration, timestep)
     count = max(math.ceil(duration / timestep - SNAP), 1)

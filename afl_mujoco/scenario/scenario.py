@@ -35,34 +35,19 @@ from afl_mujoco.scenario.schedules import Schedule, constant
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch of time over which everything prescribed is smooth.
+    """A stretch of time over which everything prescribed is smooth."""
 
-    Attributes
-    ----------
-    start, end
-        The stretch [s].
-    cart_mass, half_length
-        Value at `start` and slope of M [kg, kg/s] and l [m, m/s].
-    push
-        Disturbing force on the cart [N].
-    impulse
-        Jump of the momentum along z at `start` [N s].
-    """
-
-    start: float
+    start: float  # the stretch [s]
     end: float
-    cart_mass: tuple[float, float]
+    cart_mass: tuple[float, float]  # value at `start` and slope of M [kg, kg/s] and l [m, m/s]
     half_length: tuple[float, float]
-    push: float
-    impulse: float
+    push: float  # disturbing force on the cart [N]
+    impulse: float  # jump of the momentum along z at `start` [N s]
 
     def parameters_at(self, time: float) -> tuple[float, float]:
         """Return (M, l) at `time`, the limit from inside the segment at both ends.
 
-        Parameters
-        ----------
-        time
-            Time [s].
+        time: Time [s].
         """
         elapsed = time - self.start
         (mass, mass_rate), (length, length_rate) = self.cart_mass, self.half_length
@@ -71,10 +56,7 @@ class Segment:
     def cut_at(self, times: Iterable[float]) -> tuple[Segment, ...]:
         """Return the parts between some times inside the segment; the first has the impulse.
 
-        Parameters
-        ----------
-        times
-            Times [s], increasing.
+        times: Times [s], increasing.
         """
         cuts = (self.start, *times, self.end)
         parts: list[Segment] = []

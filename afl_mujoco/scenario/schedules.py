@@ -290,12 +290,7 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
 def slew_limited(schedule: Schedule, rate: float) -> Schedule:
     """Return the schedule that follows another with a limited rate, from its first value.
 
-    Parameters
-    ----------
-    schedule
-        The schedule to follow.
-    rate
-        Largest absolute slope [1/s].
+    rate: Largest absolute slope [1/s].
     """
     rate = require_positive("rate", rate)
     knots = list(zip(schedule.times, schedule.values, strict=True))

@@ -42,10 +42,7 @@ _FORCE_LINE, _PUSH_LINE = -0.15, -0.03
 def cart_size(cart_mass: float) -> tuple[float, float, float]:
     """Return the half-size of the drawn cart [m]: width and depth grow with M at one density.
 
-    Parameters
-    ----------
-    cart_mass
-        M [kg]; the model's own cart is drawn at 1 kg.
+    cart_mass: M [kg]; the model's own cart is drawn at 1 kg.
     """
     grown = float(np.sqrt(np.clip(cart_mass, 0.05, 5.0)))
     return CART_HALF_SIZE[0] * grown, CART_HALF_SIZE[1] * grown, CART_HALF_SIZE[2]
@@ -54,10 +51,7 @@ def cart_size(cart_mass: float) -> tuple[float, float, float]:
 def show_mass(scene: mujoco.MjvScene, cart: int, mass: float) -> None:
     """Draw the cart in the size and colour of its mass; the model does not change.
 
-    Parameters
-    ----------
-    mass
-        M [kg].
+    mass: M [kg].
     """
     share = min(mass / HEAVY, 1.0)
     for geom in scene.geoms[: scene.ngeom]:
@@ -107,10 +101,7 @@ def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool
 def add_stops(scene: mujoco.MjvScene, end: float | None, cart_mass: float) -> None:
     """Draw the end stops where the drawn cart touches them; none if the rail has no end.
 
-    Parameters
-    ----------
-    end
-        Half-length of the rail [m], at which the middle of the cart is stopped.
+    end: Half-length of the rail [m], at which the middle of the cart is stopped.
     """
     if end is None:
         return

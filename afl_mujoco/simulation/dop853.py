@@ -61,16 +61,8 @@ def _stage(rates, arguments, time, state, step, slopes, row, point):
 def try_step(rates, arguments, time, state, step, slopes, after):
     """Write the stages of a step and the state after it.
 
-    Parameters
-    ----------
-    rates, arguments
-        The right-hand side and its first argument.
-    time, state, step
-        Start of the step [s], state there, and length of the step [s].
-    slopes
-        Shape (16, 4); row 0 holds the slopes at the start, row 12 gets those at the end.
-    after
-        Takes the state, shape (4,).
+    time, state, step: Start of the step [s], state there, and length of the step [s].
+    after: Takes the state, shape (4,).
     """
     for row in range(1, STAGES + 1):
         _stage(rates, arguments, time, state, step, slopes, row, after)
@@ -211,30 +203,13 @@ def _report(fitted, time, state, reached, after, last, times, count, found):
 def solve(rates, arguments, margin, start, end, state, times, options, work, found):
     """Integrate over a segment; return the number of times reached, and when and how it ended.
 
-    Parameters
-    ----------
-    rates, arguments
-        The right-hand side and its first argument.
-    margin
-        Compiled function of a state; where it changes sign the integration stops.
-    start, end
-        The segment [s].
-    state
-        State at the start, shape (4,); overwritten by the state at the end.
-    times
-        Times at which to report the state [s], increasing, within the segment, shape (N,).
-    options
-        ``(rtol, atol, longest step [s])``.
-    work
-        Work space, shape `WORK`.
-    found
-        Takes the states at the times, shape (N, 4).
-
-    Returns
-    -------
-    tuple
-        How many of the times were reached, the time of the end [s], and `REACHED`, `STOPPED` or
-        `STUCK`.
+    start, end: The segment [s].
+    state: State at the start, shape (4,); overwritten by the state at the end.
+    times: Times at which to report the state [s], increasing, within the segment, shape (N,).
+    options: ``(rtol, atol, longest step [s])``.
+    found: Takes the states at the times, shape (N, 4).
+    Returns tuple: How many of the times were reached, the time of the end [s], and `REACHED`,
+        `STOPPED` or `STUCK`.
     """
     rtol, atol, longest = options
     slopes, fitted, after, point = work[:ROWS], work[ROWS : ROWS + 7], work[ROWS + 7], work[-1]

@@ -27,13 +27,7 @@ _STYLES: tuple[dict[str, Any], ...] = (
 
 @styled()
 def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
-    """Draw z, z', phi, phi', F, M and l over time, and the difference of two runs.
-
-    Parameters
-    ----------
-    runs
-        One run, or two of the same scenario, which are overlaid.
-    """
+    """Draw z, z', phi, phi', F, M and l over time, and the difference of two runs."""
     figure = new_figure(11.0, 10.0)
     axes = figure.subplots(4, 2, sharex=True).ravel()
     for run, style in zip(runs, _STYLES, strict=False):

@@ -94,21 +94,9 @@ def integrate(
 
     Error control does not see all of the error of a step across a kink: none steps across one.
 
-    Parameters
-    ----------
-    times
-        Times at which to report the state [s], increasing, from 0 to the horizon, shape (N,).
-    nodes
-        `Controller.nodes`: the M [kg] and l [m] at which the right-hand side is not smooth.
-    quadratures
-        Number of integrals that follow the four states in the state vector, starting at zero.
-
-    Returns
-    -------
-    ndarray
-        The state at the times that the run reached, shape (K, 4 + quadratures).
-    Outcome
-        How it ended.
+    times: Times at which to report the state [s], increasing, from 0 to the horizon, shape (N,).
+    nodes: `Controller.nodes`: the M [kg] and l [m] at which the right-hand side is not smooth.
+    Returns ndarray: The state at the times that the run reached, shape (K, 4 + quadratures).
     """
     state = np.array([*scenario.initial_state, *[0.0] * quadratures])
     reached: list[NDArray[np.float64]] = []
@@ -165,15 +153,7 @@ def scipy_solver(
     *,
     controller: str,
 ) -> Solver:
-    """Return SciPy's integrator of a right-hand side in Python.
-
-    Parameters
-    ----------
-    method
-        One of `METHODS`.
-    controller
-        Name of the controller in it: the run raises if its force is too rough to integrate.
-    """
+    """Return SciPy's integrator of a right-hand side in Python."""
     require_tolerances(method, rtol, atol)
 
     def solve(
@@ -207,12 +187,7 @@ def compiled_solver(
 ) -> Solver:
     """Return the compiled integrator as `integrate` takes it.
 
-    Parameters
-    ----------
-    solve
-        Called with the segment, then with the arguments of `dop853.solve` from `state` on.
-    longest
-        Longest step [s].
+    longest: Longest step [s].
     """
     options = (rtol, atol, longest)
     work = np.empty(dop853.WORK)

@@ -96,12 +96,7 @@ def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
 def judge_ending(scenario: Scenario, outcome: Outcome, peak: float) -> tuple[Judgement, ...]:
     """Judge a run by what needs no record of it: whether it completes and spares the end stops.
 
-    Parameters
-    ----------
-    outcome
-        How it ended.
-    peak
-        Its largest abs(z) [m].
+    peak: Its largest abs(z) [m].
     """
     required, completed = scenario.required, outcome.kind == COMPLETED
     found = []
@@ -307,10 +302,7 @@ def _ended(run: Trajectory) -> list[str]:
 def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
     """Return remarks on values that one may have meant in another unit.
 
-    Parameters
-    ----------
-    period
-        Control period [s].
+    period: Control period [s].
     """
     return [*_slow(scenario, period or 0.0), *_coarse(scenario), *_long(scenario)]
 

@@ -46,12 +46,9 @@ def model_file(name: str) -> Path:
 def capsule_inertia(mass, half_length, radius):
     """Return the inertia across a uniform solid capsule, about its middle [kg m^2].
 
-    Parameters
-    ----------
-    mass
-        Its mass [kg].
-    half_length, radius
-        Half the length of its cylinder, and the radius of cylinder and end caps [m].
+    mass: Its mass [kg].
+    half_length, radius: Half the length of its cylinder, and the radius of cylinder and end caps
+        [m].
     """
     length = 2.0 * half_length
     caps = mass * (4.0 * radius) / (4.0 * radius + 3.0 * length)  # volumes without pi r^2 / 3
@@ -68,14 +65,8 @@ def pole_inertia(rod, pole_mass, half_length, tip_share, radius):
     A share of the mass is a point at the tip, the rest a rod or capsule centred at `half_length`;
     the centre of mass lies at ``(1 + tip_share) half_length``.
 
-    Parameters
-    ----------
-    rod
-        Inertia of the whole mass as a slender rod [kg m^2], the result without share and radius.
-    pole_mass, half_length
-        m [kg] and l [m].
-    tip_share, radius
-        `Imperfections.tip_mass_share` and `Imperfections.pole_radius`.
+    rod: Inertia of the whole mass as a slender rod [kg m^2], the result without share and radius.
+    pole_mass, half_length: m [kg] and l [m].
     """
     if radius > 0.0:
         rod = capsule_inertia(pole_mass, half_length, radius)
@@ -103,16 +94,7 @@ def describe(spec: Any, p: CartPoleParameters) -> None:
 def passive_arrays(
     compiled: Mapping[str, NDArray[Any]], imperfections: Imperfections, slider: Any, hinge: Any
 ) -> dict[str, NDArray[Any]]:
-    """Return the fields of MjModel with the passive physics of `imperfections`.
-
-    Parameters
-    ----------
-    compiled
-        The fields of the model as it was compiled.
-    imperfections
-        Damping, friction and armature are added to those of the model; an end stop replaces the
-        joint's range.
-    """
+    """Return the fields of MjModel with the passive physics of `imperfections`."""
     arrays, r = {name: array.copy() for name, array in compiled.items()}, imperfections
     z, phi = slider.dofadr[0], hinge.dofadr[0]
     arrays["dof_damping"][[z, phi]] += r.rail_damping, r.hinge_damping

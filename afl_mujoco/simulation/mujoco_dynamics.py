@@ -141,10 +141,7 @@ def velocities(
 ) -> NDArray[np.float64]:
     """Return the (z_dot, phi_dot) of generalised momenta, the inverse of `momenta`.
 
-    Parameters
-    ----------
-    momentum
-        Momenta of (z, phi), shape (2,).
+    momentum: Momenta of (z, phi), shape (2,).
     """
     forward(model.addresses, *state[:4].tolist(), 0.0, 0.0)
     result = np.empty((1, 2))

@@ -47,20 +47,10 @@ def _derivative(at, state, force, push, pole_mass, half_length, rate):
 def forced_derivative(at, state, true, force, push, rate):
     """Return (z_dot, phi_dot, z'', phi'') under a force.
 
-    Parameters
-    ----------
-    at
-        `CartPoleModel.addresses`.
-    state
-        (z, phi, z_dot, phi_dot), shape (4,) or longer.
-    true
-        (M, m, l, g).
-    force
-        Force of the controller [N]; NaN where it has none.
-    push
-        Disturbing force [N].
-    rate
-        Rate of the half-length that acts on the rod [m/s].
+    state: (z, phi, z_dot, phi_dot), shape (4,) or longer.
+    force: Force of the controller [N]; NaN where it has none.
+    push: Disturbing force [N].
+    rate: Rate of the half-length that acts on the rod [m/s].
     """
     write_parameters(at, true[0], true[1], true[2], true[3])
     return _derivative(at, state, force, push, true[1], true[2], rate)
@@ -104,27 +94,11 @@ def integrate_continuous(
 ):
     """Integrate one segment by RK4, controller and parameters evaluated in every stage.
 
-    Parameters
-    ----------
-    at
-        `CartPoleModel.addresses`.
-    initial_state
-        Shape (4,).
-    times
-        Ends of the steps [s], shape (N + 1,).
-    cart_mass, half_length
-        M, l at the start, the middle and the end of each step, shape (N, 3).
-    constants
-        (m, g).
-    acting
-        Disturbing force [N] and acting rate of the half-length [m/s].
-    inputs
-        Inputs of the controller in each stage, shape (N, 3, 7) or (N, 3, 8).
-
-    Returns
-    -------
-    tuple
-        The states reached, shape (K, 4), and the index of the outcome.
+    times: Ends of the steps [s], shape (N + 1,).
+    cart_mass, half_length: M, l at the start, the middle and the end of each step, shape (N, 3).
+    acting: Disturbing force [N] and acting rate of the half-length [m/s].
+    inputs: Inputs of the controller in each stage, shape (N, 3, 7) or (N, 3, 8).
+    Returns tuple: The states reached, shape (K, 4), and the index of the outcome.
     """
     pole_mass, gravity = constants
     push, rate = acting

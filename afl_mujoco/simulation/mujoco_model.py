@@ -86,12 +86,7 @@ ADDRESSES = np.dtype(
 def write_parameters(at, cart_mass, pole_mass, half_length, gravity):
     """Write every model field that depends on the parameters, then refresh the derived constants.
 
-    Parameters
-    ----------
-    at
-        `CartPoleModel.addresses`.
-    cart_mass, pole_mass, half_length, gravity
-        M, m [kg], l [m], g [m/s^2].
+    cart_mass, pole_mass, half_length, gravity: M, m [kg], l [m], g [m/s^2].
     """
     x2, y2, z2 = CART_HALF_SIZE[0] ** 2, CART_HALF_SIZE[1] ** 2, CART_HALF_SIZE[2] ** 2
     store(at.cart_mass, cart_mass)

@@ -55,40 +55,23 @@ _FOREVER = 2**62
 
 
 class Episode(NamedTuple):
-    """The inputs of a scenario, sampled on the physics steps until nothing changes any more.
+    """The inputs of a scenario, sampled on the physics steps until nothing changes any more."""
 
-    Attributes
-    ----------
-    constants
-        Physics step [s], m [kg] and g [m/s^2].
-    profile
-        As in `loop.start`; its last row applies from then on.
-    now
-        M [kg] and l [m] at each instant, after the jump where there is one, shape (N, 2).
-    told
-        M [kg] and l [m] that a controller assumes: late and with an error if the scenario has
-        such imperfections.
-    sensors, actuator
-        The hardware.
-    """
-
-    constants: tuple[float, float, float]
-    profile: NDArray[Any]
+    constants: tuple[float, float, float]  # physics step [s], m [kg] and g [m/s^2]
+    profile: NDArray[Any]  # as in `loop.start`; its last row applies from then on
+    # M [kg] and l [m] at each instant, after the jump where there is one, shape (N, 2)
     now: NDArray[np.float64]
+    # M [kg] and l [m] that a controller assumes: late and with an error if the scenario has such
+    # imperfections
     told: NDArray[np.float64]
-    sensors: Sensors
+    sensors: Sensors  # the hardware
     actuator: Actuator
 
 
 def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
     """Return the sampled inputs of a scenario.
 
-    Parameters
-    ----------
-    timestep
-        Physics step [s].
-    hold
-        Physics steps of a control period.
+    timestep: Physics step [s].
     """
     s, r = scenario, scenario.imperfections
     count = len(step_times(s.duration, timestep)) - 1
@@ -172,16 +155,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     `forward` after it. The state of the hardware, such as delayed commands, is not part of MuJoCo's
     state: `copy` copies it, `set_state` does not change it.
 
-    Parameters
-    ----------
-    scenario
-        What happens to the plant, and its imperfections.
-    timestep
-        Physics step [s], which divides the scenario's duration.
-    integrator
-        As in `CartPoleModel`.
-    hold
-        Physics steps of a control period, at whose ends the sensors are read.
+    timestep: Physics step [s], which divides the scenario's duration.
     """
 
     def __init__(
@@ -207,13 +181,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self._seen_at: tuple[float, ...] = ()
 
     def follow(self, scenario: Scenario) -> None:
-        """Take another scenario's plant and hardware; `begin` starts it.
-
-        Parameters
-        ----------
-        scenario
-            The scenario; its duration is a multiple of the timestep.
-        """
+        """Take another scenario's plant and hardware; `begin` starts it."""
         self._take(scenario)
         self._model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
 
@@ -255,10 +223,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     def begin(self, state: Sequence[float]) -> None:
         """Put the plant at t = 0 into `state`, then apply the impulses at that instant.
 
-        Parameters
-        ----------
-        state
-            (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s].
+        state: (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s].
         """
         self.data.ptr.time = 0.0
         mm.write_state(self.addresses, *(float(x) for x in state))

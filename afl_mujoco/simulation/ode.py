@@ -120,12 +120,7 @@ def solve_ode(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
     """Return only the times [s], the states reached and the outcome of `simulate_ode`.
 
-    Parameters
-    ----------
-    longest_step
-        Longest step of the compiled method [s].
-    change
-        What a change of M and l does; the paper's by default.
+    longest_step: Longest step of the compiled method [s].
     """
     scenario.require_ideal()
     require_stateless(controller, "the ODE")

@@ -52,22 +52,13 @@ _COMPLETED, _FELL, _RUNNING = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL), -
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """What is held over a step instead of followed continuously.
+    """What is held over a step instead of followed continuously."""
 
-    Attributes
-    ----------
-    control_period
-        How long the force is held [s], a multiple of the timestep; ``None`` for a force that is
-        evaluated in every stage.
-    schedule
-        Whether M and l keep, over each timestep, their values at its middle.
-    disturbance
-        Whether the push has its mean over each timestep.
-    """
-
+    # how long the force is held [s], a multiple of the timestep; ``None`` for a force that is
+    # evaluated in every stage
     control_period: float | None = None
-    schedule: bool = False
-    disturbance: bool = False
+    schedule: bool = False  # whether M and l keep, over each timestep, their values at its middle
+    disturbance: bool = False  # whether the push has its mean over each timestep
 
 
 def simulate_ode_rk4(
@@ -279,16 +270,9 @@ def _combined(x, dt, k1, k2, k3, k4):
 def rk4_step(state, force, plant, dt):
     """Return the state (four numbers) after one textbook RK4 step under a constant force.
 
-    Parameters
-    ----------
-    state
-        Four numbers.
-    force
-        Force on the cart [N].
-    plant
-        (M, m, l, g) at the start, the middle and the end of the step, shape (3, 4).
-    dt
-        The step [s].
+    force: Force on the cart [N].
+    plant: (M, m, l, g) at the start, the middle and the end of the step, shape (3, 4).
+    dt: The step [s].
     """
     x = (state[0], state[1], state[2], state[3])
     k1 = _slope(x, force, plant[0])

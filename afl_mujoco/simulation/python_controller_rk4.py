@@ -38,20 +38,11 @@ def integrate_python_controller(
 ) -> tuple[Array, Array, int]:
     """Integrate by textbook RK4, the controller evaluated in every stage, until the run ends.
 
-    Parameters
-    ----------
-    initial_state
-        Shape (4,).
-    times
-        Ends of the steps [s], shape (N + 1,).
-    assumed
-        Assumed (M, m, l, g) at the start, the middle and the end of each step, shape (N, 3, 4).
-
-    Returns
-    -------
-    tuple
-        States reached, shape (K, 4), the force from each of these instants on [N], shape (K,), and
-        the index of the outcome.
+    times: Ends of the steps [s], shape (N + 1,).
+    assumed: Assumed (M, m, l, g) at the start, the middle and the end of each step, shape (N, 3,
+        4).
+    Returns tuple: States reached, shape (K, 4), the force from each of these instants on [N], shape
+        (K,), and the index of the outcome.
     """
     count, force = len(times) - 1, 0.0
     states, forces = np.empty((count + 1, 4)), np.empty(count + 1)

@@ -41,10 +41,7 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
 def nominal_scales(sample_period: float) -> ObjectiveScales:
     """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
 
-    Parameters
-    ----------
-    sample_period
-        Spacing of the grid on which the integrals are taken [s].
+    sample_period: Spacing of the grid on which the integrals are taken [s].
     """
     scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
     run = simulate_ode(scenario, controller, sample_period=sample_period)
@@ -52,13 +49,7 @@ def nominal_scales(sample_period: float) -> ObjectiveScales:
 
 
 def objective_scales(figures: Metrics) -> ObjectiveScales:
-    """Return the scales that make the objective of these metrics 3.
-
-    Parameters
-    ----------
-    figures
-        Metrics of the fixed gains on the nominal plant (decision D4).
-    """
+    """Return the scales that make the objective of these metrics 3."""
     return ObjectiveScales(
         **{name: figures[name] for name in TERMS}  # type: ignore[arg-type]
     )

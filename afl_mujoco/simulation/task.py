@@ -66,10 +66,8 @@ def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
     most a fifth. The long tails leave a slope to follow far from the goal. It is 1 only where
     the pole is upright at z = 0, without force.
 
-    Parameters
-    ----------
-    z, phi, force
-        Cart position [m], pole angle [rad], force on the cart [N]: numbers, or arrays of one shape.
+    z, phi, force: Cart position [m], pole angle [rad], force on the cart [N]: numbers, or arrays of
+        one shape.
     """
     away = np.array([phi, z, force]).T / _MARGINS  # in one call: it is slow for single numbers
     upright, centred, easy = tolerance(away, margin=1.0, sigmoid="long_tail").T
@@ -299,11 +297,8 @@ def controller_policy(
 
     With it an environment reproduces `simulate_mujoco` in sampled mode, bit for bit.
 
-    Parameters
-    ----------
-    control_period
-        Control period of the environment [s], for a Python controller, which gets the time: the
-        observation does not have it.
+    control_period: Control period of the environment [s], for a Python controller, which gets the
+        time: the observation does not have it.
     """
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")

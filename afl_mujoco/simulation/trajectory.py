@@ -246,10 +246,7 @@ def controller_inputs(
 ) -> NDArray[np.float64]:
     """Return the inputs of the controller at each of the `times`, shape (N, 7) or (N, 8).
 
-    Parameters
-    ----------
-    times
-        Instants [s], shape (N,).
+    times: Instants [s], shape (N,).
     """
     return controller.inputs_along_run(
         scenario.cart_mass(instants(times)),
@@ -278,16 +275,9 @@ def assemble(
 ) -> Trajectory:
     """Put a simulator's result together.
 
-    Parameters
-    ----------
-    times
-        The grid [s], shape (N,).
-    states
-        The states reached, shape (K, 4), K <= N.
-    forces
-        Forces [N], shape (K,); by default the controller's at each state.
-    deployed
-        Command and effort of a `Trajectory`.
+    times: The grid [s], shape (N,).
+    states: The states reached, shape (K, 4), K <= N.
+    forces: Forces [N], shape (K,); by default the controller's at each state.
     """
     reached = times[: len(states)]
     if forces is None:

@@ -17,24 +17,13 @@ upper bound, if it holds nowhere on it; or both."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Threshold:
-    """Where a property is lost on the way from a benign level to a harsh one.
+    """Where a property is lost on the way from a benign level to a harsh one."""
 
-    Attributes
-    ----------
-    bound
-        `LOWER`, `UPPER` or `BRACKETED`.
-    holds_at
-        Harshest level found such that it and every more benign level tried hold.
-    fails_at
-        Most benign level found at which it does not hold.
-    islands
-        Number of harsher levels tried that hold again; if there are any, the property is not
-        monotone.
-    """
-
-    bound: str
+    bound: str  # `LOWER`, `UPPER` or `BRACKETED`
+    # harshest level found such that it and every more benign level tried hold
     holds_at: float | None
-    fails_at: float | None
+    fails_at: float | None  # most benign level found at which it does not hold
+    # number of harsher levels tried that hold again; if there are any, the property is not monotone
     islands: int
 
 
@@ -58,14 +47,7 @@ def find_threshold(
 ) -> Threshold:
     """Return the first level at which a property is lost.
 
-    Parameters
-    ----------
-    tolerance
-        Largest relative width of the bracket, unless no level lies within it [1].
-    closer
-        Number of levels just more benign than the bracket, half the tolerance apart, that must hold
-        too; otherwise the bracket moves there. A property that is not monotone may be lost
-        between two levels of the scan.
+    tolerance: Largest relative width of the bracket, unless no level lies within it [1].
     """
     known: dict[float, bool] = {}
 

@@ -19,20 +19,9 @@ MOST_GENERATIONS, MOST_POPULATION = 100_000, 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """How much a search may spend; it ends earlier if the strategy stops by itself.
+    """How much a search may spend; it ends earlier if the strategy stops by itself."""
 
-    Attributes
-    ----------
-    generations, population
-        Number of generations, and number of points in each.
-
-    Raises
-    ------
-    InvalidValueError
-        If either is too small or too large.
-    """
-
-    generations: int = 30
+    generations: int = 30  # number of generations, and number of points in each
     population: int = 16
 
     def __post_init__(self) -> None:
@@ -53,14 +42,7 @@ def minimise(
     rng: Generator,
     budget: Budget,
 ) -> tuple[Point, int]:
-    """Search the unit cube by CMA-ES; return the best point and how many were tried.
-
-    Parameters
-    ----------
-    cost
-        Function of points of the cube that returns what to minimise, one number for each. The start
-        is tried first, alone.
-    """
+    """Search the unit cube by CMA-ES; return the best point and how many were tried."""
     import cma
 
     options = {

@@ -142,28 +142,18 @@ def prepare(options: Options) -> Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """One controller under one imperfection; runs are places among the rows of the result.
+    """One controller under one imperfection; runs are places among the rows of the result."""
 
-    Attributes
-    ----------
-    imperfection, controller
-        Their names.
-    reference, failure
-        Runs at the level of the reference hardware, and at the mildest level found that is not
-        survived; none where all that was tried is.
-    survives, settles
-        Thresholds up to which the controller survives, and settles.
-    applies
-        Whether it acts on the controller at all: what is wrong about a belief does not where the
-        force does not depend on it.
-    """
-
-    imperfection: str
+    imperfection: str  # their names
     controller: str
+    # runs at the level of the reference hardware, and at the mildest level found that is not
+    # survived; none where all that was tried is
     reference: tuple[int, ...]
     failure: tuple[int, ...]
-    survives: Threshold
+    survives: Threshold  # thresholds up to which the controller survives, and settles
     settles: Threshold
+    # whether it acts on the controller at all: what is wrong about a belief does not where the
+    # force does not depend on it
     applies: bool = True
 
 

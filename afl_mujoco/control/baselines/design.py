@@ -52,10 +52,7 @@ def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
     boundary layer, ``s' = -3 g K / (4 l Phi) s``. So pole placement with these poles is the paper's
     controller without its nonlinear terms.
 
-    Parameters
-    ----------
-    half_length, gravity
-        l [m] and g [m/s^2].
+    half_length, gravity: l [m] and g [m/s^2].
     """
     g = FIXED_GAINS
     fast = 0.75 * gravity / half_length * g.switching / g.boundary_layer
@@ -91,18 +88,11 @@ def outer_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """Gains for any plant: computed at nodes, which are the same for every run, and interpolated.
+    """Gains for any plant: computed at nodes that are the same for every run, and interpolated."""
 
-    Attributes
-    ----------
-    method
-        Function that returns the gains of a plant, shape (4,); defined at module level.
-    description
-        What it does, as plain data.
-    """
-
+    # function that returns the gains of a plant, shape (4,); defined at module level
     method: Method = field(repr=False)
-    description: Mapping[str, Any]
+    description: Mapping[str, Any]  # what it does, as plain data
 
     def over(self, plants: PlantRange) -> GainGrid:
         """Return the gains at the nodes around some plants, or raise InvalidValueError."""

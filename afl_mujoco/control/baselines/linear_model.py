@@ -19,18 +19,10 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
 class LinearModel(NamedTuple):
-    """A linear model ``x' = A x + B v`` of x = (z, phi, z_dot, phi_dot).
+    """A linear model ``x' = A x + B v`` of x = (z, phi, z_dot, phi_dot)."""
 
-    Attributes
-    ----------
-    a
-        A, shape (4, 4).
-    b
-        B, shape (4,); v is the force [N], or the cart's acceleration [m/s^2].
-    """
-
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
+    a: NDArray[np.float64]  # A, shape (4, 4)
+    b: NDArray[np.float64]  # B, shape (4,); v is the force [N], or the cart's acceleration [m/s^2]
 
 
 def accelerated_mass(parameters: CartPoleParameters) -> float:
@@ -53,10 +45,7 @@ def upright_model(parameters: CartPoleParameters) -> LinearModel:
 def partially_linear_model(half_length: float, gravity: float) -> LinearModel:
     """Return the model at upright under the input map (L1), its input z'' [m/s^2].
 
-    Parameters
-    ----------
-    half_length, gravity
-        l [m] and g [m/s^2].
+    half_length, gravity: l [m] and g [m/s^2].
     """
     share = 0.75 / half_length
     return _model(cart=(0.0, 1.0), pole=(share * gravity, share))
@@ -77,15 +66,8 @@ def pole_placing_gains(model: LinearModel, poles: Sequence[complex]) -> NDArray[
     With z'' = c phi + p v and phi'' = a phi + q v, the closed loop's polynomial is
     ``s^4 + (p k3 + q k4) s^3 + (p k1 + q k2 - a) s^2 - (a p - c q) (k3 s + k1)``.
 
-    Parameters
-    ----------
-    poles
-        Four, real or in conjugate pairs [1/s].
-
-    Returns
-    -------
-    ndarray
-        Gains of (z, phi, z_dot, phi_dot), shape (4,).
+    poles: Four, real or in conjugate pairs [1/s].
+    Returns ndarray: Gains of (z, phi, z_dot, phi_dot), shape (4,).
     """
     polynomial = np.poly(np.asarray(poles))
     if len(polynomial) != 5 or np.iscomplexobj(polynomial):

@@ -22,23 +22,13 @@ GRID = 11
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedController(Controller):
-    """A controller with the estimator of its M, l and state; only sampled mode supports it.
+    """A controller with the estimator of its M, l and state; only sampled mode supports it."""
 
-    Attributes
-    ----------
-    name
-        Name for reports and files.
-    controller
-        The compiled controller that uses the estimates.
-    settings
-        Settings of the estimator.
-    belief
-        None: the assumed parameters change along the run.
-    """
-
-    name: str
-    controller: Controller
+    name: str  # name for reports and files
+    controller: Controller  # the compiled controller that uses the estimates
+    # settings of the estimator
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
+    # none: the assumed parameters change along the run
     belief: CartPoleParameters | None = field(default=None, init=False)
     estimates: ClassVar[bool] = True
 

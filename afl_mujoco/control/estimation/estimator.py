@@ -57,14 +57,7 @@ def filtered_state(filter_):
 def start(filter_, settings, z, phi):
     """Begin with the first measurement and return the initial estimates of M [kg] and l [m].
 
-    Parameters
-    ----------
-    filter_
-        From `new_filter`; written.
-    settings
-        The record of `EstimatorSettings.on`.
-    z, phi
-        Measured position [m] and angle [rad].
+    z, phi: Measured position [m] and angle [rad].
     """
     filter_.nis = 0.0
     for i in range(STATES):
@@ -87,18 +80,9 @@ def start(filter_, settings, z, phi):
 def update(filter_, settings, z, phi, force, dt):
     """Process one control period and return the estimates of M [kg] and l [m].
 
-    Parameters
-    ----------
-    filter_
-        From `new_filter`, started; changed.
-    settings
-        The record of `EstimatorSettings.on`.
-    z, phi
-        Position [m] and angle [rad] measured at the end of the period.
-    force
-        Force on the cart over the period, its mean if it was not constant [N].
-    dt
-        Length of the period [s].
+    z, phi: Position [m] and angle [rad] measured at the end of the period.
+    force: Force on the cart over the period, its mean if it was not constant [N].
+    dt: Length of the period [s].
     """
     _predict(filter_, settings, force, dt)
     if not abs(filter_.state[3]) * dt < LARGEST_TURN:

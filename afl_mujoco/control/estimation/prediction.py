@@ -18,14 +18,8 @@ STATES = 6
 def accelerations(phi, phi_dot, force, plant):
     """Return (z'', phi'') [m/s^2, rad/s^2], Eq. (E1).
 
-    Parameters
-    ----------
-    phi, phi_dot
-        Pole angle [rad] and its rate [rad/s].
-    force
-        Force on the cart [N].
-    plant
-        (M, m, l, g).
+    phi, phi_dot: Pole angle [rad] and its rate [rad/s].
+    force: Force on the cart [N].
     """
     cart_mass, pole_mass, half_length, gravity = plant
     sin, cos = np.sin(phi), np.cos(phi)
@@ -39,16 +33,8 @@ def accelerations(phi, phi_dot, force, plant):
 def moved(z, phi, z_dot, phi_dot, force, plant, dt):
     """Return (z, phi, z_dot, phi_dot) after `dt` under a held force: one step of RK4, Eq. (E2).
 
-    Parameters
-    ----------
-    z, phi, z_dot, phi_dot
-        The state before.
-    force
-        Force on the cart [N].
-    plant
-        (M, m, l, g).
-    dt
-        Length of the step [s].
+    force: Force on the cart [N].
+    dt: Length of the step [s].
     """
     half = 0.5 * dt
     z1, p1 = accelerations(phi, phi_dot, force, plant)
@@ -67,16 +53,8 @@ def moved(z, phi, z_dot, phi_dot, force, plant, dt):
 def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
     """Write the derivatives of z'' and phi'' with respect to the states, Eq. (E3).
 
-    Parameters
-    ----------
-    phi, phi_dot
-        Pole angle [rad] and its rate [rad/s].
-    force
-        Force on the cart [N].
-    plant
-        (M, m, l, g).
-    cart_row, pole_row
-        Written: the derivatives of z'' and of phi'' with respect to (z, phi, z', phi', ln M, ln l).
+    phi, phi_dot: Pole angle [rad] and its rate [rad/s].
+    force: Force on the cart [N].
     """
     cart_mass, pole_mass, half_length, gravity = plant
     sin, cos = np.sin(phi), np.cos(phi)
@@ -101,14 +79,8 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
 def fill_transition(cart_row, pole_row, dt, transition):
     """Write the transition matrix I + A dt + (A dt)^2 / 2 of the six states, Eq. (E4).
 
-    Parameters
-    ----------
-    cart_row, pole_row
-        Rows of A for z' and phi', from `linearise`.
-    dt
-        Length of the step [s].
-    transition
-        Written, shape (6, 6).
+    dt: Length of the step [s].
+    transition: Written, shape (6, 6).
     """
     half = 0.5 * dt * dt
     cart_by_phi, cart_by_rate = cart_row[1], cart_row[3]

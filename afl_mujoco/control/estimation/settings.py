@@ -42,72 +42,50 @@ _RANGES = ("cart_mass_range", "half_length_range")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorSettings:
-    """What the estimator assumes of the hardware, and how accurate each assumption is.
+    """What the estimator assumes of the hardware, and how accurate each assumption is."""
 
-    Attributes
-    ----------
-    position_noise, angle_noise
-        Standard deviation of the measured z [m] and phi [rad]; for an encoder that only rounds,
-        its step over the square root of 12. The defaults are for steps of 0.35 mm and 3600 counts
-        per turn.
-    acceleration_noise
-        Intensity of the white acceleration of the cart that the model does not know, from forces
-        that are not measured [m/s^2/sqrt(Hz)]. A larger value makes the estimate of M more robust
-        against friction, and more biased at rest: the controller reacts to the noise that passes
-        the filter.
-    cart_mass_accuracy, half_length_accuracy
-        Least relative standard deviation of M and l while the motion is excited [1]: it keeps the
-        filter able to follow a change of M or l.
-    least_cart_acceleration, least_pole_acceleration
-        Excitation: an estimate of M or l that has reached that accuracy is frozen while the moving
-        mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a settled cart-pole is
-        the noise of its own sensors, from which nothing is learned.
-    excitation_memory
-        Time constant of that moving mean [s].
-    initial_cart_mass, initial_half_length
-        M and l assumed before the first measurement [kg, m]. A light cart makes the first force
-        gentle: an estimate that is too light costs milliseconds, one that is too heavy can cost
-        the run.
-    cart_mass_spread, half_length_spread
-        Standard deviation of the logarithms of M and l before the first measurement [1].
-    speed_spread, rate_spread
-        Standard deviation of the velocities, which are assumed to be zero then [m/s, rad/s].
-    cart_mass_range, half_length_range
-        Least and largest M [kg] and l [m] that are ever assumed, as one knows them of the hardware
-        and its loads. By default the box of the paper, widened by a quarter at either end, and half
-        to twice the M and l at the start of a run: the plant as it is set up is known, what it
-        becomes is not. A plant beyond them is estimated at the bound, which a remark says.
-    pole_mass, gravity
-        m [kg] and g [m/s^2], which are known: by default those of the scenario.
-    force_sensed
-        Whether the drive reports the force that it exerts, as a drive that measures its current
-        does. Otherwise the estimator gets the command, cut off at the force limit, which ignores
-        a delay, a slew rate or a lag of the drive.
-
-    Raises
-    ------
-    InvalidValueError
-        If a number is not positive and finite, or a range does not hold the initial value.
-    """
-
+    # standard deviation of the measured z [m] and phi [rad]; for an encoder that only rounds, its
+    # step over the square root of 12. The defaults are for steps of 0.35 mm and 3600 counts per
+    # turn
     position_noise: float = 1e-4
     angle_noise: float = 5e-4
+    # intensity of the white acceleration of the cart that the model does not know, from forces that
+    # are not measured [m/s^2/sqrt(Hz)]. A larger value makes the estimate of M more robust against
+    # friction, and more biased at rest: the controller reacts to the noise that passes the filter
     acceleration_noise: float = 0.01
+    # least relative standard deviation of M and l while the motion is excited [1]: it keeps the
+    # filter able to follow a change of M or l
     cart_mass_accuracy: float = 0.1
     half_length_accuracy: float = 0.1
+    # excitation: an estimate of M or l that has reached that accuracy is frozen while the moving
+    # mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a settled cart-pole is the
+    # noise of its own sensors, from which nothing is learned
     least_cart_acceleration: float = 0.05
     least_pole_acceleration: float = 0.03
-    excitation_memory: float = 0.3
+    excitation_memory: float = 0.3  # time constant of that moving mean [s]
+    # M and l assumed before the first measurement [kg, m]. A light cart makes the first force
+    # gentle: an estimate that is too light costs milliseconds, one that is too heavy can cost the
+    # run
     initial_cart_mass: float = 0.1
     initial_half_length: float = 0.5
+    # standard deviation of the logarithms of M and l before the first measurement [1]
     cart_mass_spread: float = 1.5
     half_length_spread: float = 1.0
+    # standard deviation of the velocities, which are assumed to be zero then [m/s, rad/s]
     speed_spread: float = 1.0
     rate_spread: float = 1.0
+    # least and largest M [kg] and l [m] that are ever assumed, as one knows them of the hardware
+    # and its loads. By default the box of the paper, widened by a quarter at either end, and half
+    # to twice the M and l at the start of a run: the plant as it is set up is known, what it
+    # becomes is not. A plant beyond them is estimated at the bound, which a remark says
     cart_mass_range: tuple[float, float] | None = None
     half_length_range: tuple[float, float] | None = None
+    # m [kg] and g [m/s^2], which are known: by default those of the scenario
     pole_mass: float | None = None
     gravity: float | None = None
+    # whether the drive reports the force that it exerts, as a drive that measures its current does.
+    # Otherwise the estimator gets the command, cut off at the force limit, which ignores a delay, a
+    # slew rate or a lag of the drive
     force_sensed: bool = False
 
     def __post_init__(self) -> None:
@@ -127,21 +105,7 @@ class EstimatorSettings:
                 raise InvalidValueError(f"initial_{name}", rule, value)
 
     def on(self, start: CartPoleParameters) -> tuple[Any, PlantRange]:
-        """Return the settings as the compiled estimator takes them, and the plants it may assume.
-
-        Parameters
-        ----------
-        start
-            The plant at the start of a run, used for settings that are not given. What the plant
-            becomes later must not be known here: the estimator would see the future.
-
-        Returns
-        -------
-        record
-            A record with the fields of `SETTINGS`.
-        assumed
-            The plants that the controller is designed for.
-        """
+        """Return the settings for the compiled estimator, and the plants that it may assume."""
         masses = self.cart_mass_range or _around(
             start.cart_mass, (*CART_MASSES, self.initial_cart_mass)
         )

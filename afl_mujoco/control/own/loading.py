@@ -14,14 +14,7 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
 def load_python_controller(spec: str, belief: CartPoleParameters | None = None) -> PythonController:
-    """Return the controller that a module defines, under the name ``module.attribute``.
-
-    Parameters
-    ----------
-    spec
-        ``"module:attribute"``; the module is looked for among the installed ones, then in the
-        working directory.
-    """
+    """Return the controller that a module defines, under the name ``module.attribute``."""
     name = spec.replace(":", ".")
     return PythonController(name=name, function=load_attribute(spec), belief=belief, spec=spec)
 

@@ -53,13 +53,7 @@ def why_it_remembers(function: Any) -> str:
 
 
 def fresh(name: str, function: Any) -> Any:
-    """Return the function for one run: made anew, copied, or itself if it is stateless.
-
-    Raises
-    ------
-    InvalidValueError
-        If it cannot be made, or not be copied: to share it would carry it into the next run.
-    """
+    """Return the function for one run: made anew, copied, or itself if it is stateless."""
     makes = makes_controllers(function)
     try:
         return function() if makes else _copied(function, {})

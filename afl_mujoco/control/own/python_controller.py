@@ -78,38 +78,26 @@ class PythonController(Controller):
     A simulator that evaluates it continuously also calls it at states that the run does not pass
     through, and more than once at an instant: there it must be stateless. Sampled mode calls it
     once per control period, in order.
-
-    Attributes
-    ----------
-    name
-        Name for reports and files.
-    function
-        ``function(time, state, belief) -> force``; or a class or factory without arguments whose
-        instances are such functions, one for each run; or such an instance, or a bound method of
-        one: each run has a deep copy of it, on which its method ``reset()`` is called if it has
-        one. An instance with ``stateless = True`` is used as it is. NaN, or a
-        `ControllerDomainError`, says that it has no force there, and ends the run.
-    belief
-        Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t).
-    call_limit
-        How long one call may take [s].
-    first_call_limit
-        How long the first call of a run may take [s], if that is more: a library may compile then.
-        After one that took longer, a process waits no more than `call_limit`.
-    spec
-        ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this.
-    stateful
-        Whether what it answers depends on earlier calls; by default it does unless ``function`` is
-        a function that writes no global and no nonlocal, a partial of one, or has the attribute
-        ``stateless = True``.
     """
 
-    name: str
+    name: str  # name for reports and files
+    # ``function(time, state, belief) -> force``; or a class or factory without arguments whose
+    # instances are such functions, one for each run; or such an instance, or a bound method of one:
+    # each run has a deep copy of it, on which its method ``reset()`` is called if it has one. An
+    # instance with ``stateless = True`` is used as it is. NaN, or a `ControllerDomainError`, says
+    # that it has no force there, and ends the run
     function: Any
+    # constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
     belief: CartPoleParameters | None = None
-    call_limit: float = field(default_factory=_limit.get)
+    call_limit: float = field(default_factory=_limit.get)  # how long one call may take [s]
+    # ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this
     spec: str | None = None
+    # whether what it answers depends on earlier calls; by default it does unless ``function`` is a
+    # function that writes no global and no nonlocal, a partial of one, or has the attribute
+    # ``stateless = True``
     stateful: bool = None  # type: ignore[assignment]
+    # how long the first call of a run may take [s], if that is more: a library may compile then.
+    # After one that took longer, a process waits no more than `call_limit`
     first_call_limit: float = FIRST_CALL_LIMIT
     called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
@@ -158,14 +146,9 @@ class PythonController(Controller):
     def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
         """Return the force [N], NaN where the controller has none.
 
-        Parameters
-        ----------
-        time
-            Time [s].
-        state
-            (z, phi, z_dot, phi_dot), shape (4,).
-        assumed
-            Assumed (M, m, l, g), shape (4,).
+        time: Time [s].
+        state: (z, phi, z_dot, phi_dot), shape (4,).
+        assumed: Assumed (M, m, l, g), shape (4,).
         """
         mass, pole_mass, length, gravity = (float(x) for x in assumed)
         belief = CartPoleParameters(

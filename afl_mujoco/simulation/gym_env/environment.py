@@ -52,40 +52,13 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     is terminated when ``|phi|`` reaches `FALL_ANGLE` or the state diverges, and truncated at the
     scenario's end.
 
-    Parameters
-    ----------
-    scenario
-        A name of the catalogue, a TOML file or a `Scenario`, with its imperfections.
-    render_mode
-        None, or ``"rgb_array"``, which needs EGL or OSMesa when the first picture is drawn.
-    control_period
-        How long an action is held [s], a multiple of `timestep` (default: that of the scenario's
-        imperfections, else `CONTROL_PERIOD`).
-    force_limit
-        Force of an action of 1 [N].
-    parameters
-        Whether M and l are ``"observed"``, ``"hidden"``, or ``"privileged"``: not observed, but
-        their true values are ``parameters`` of the information.
-    randomize
-        Whether to draw each episode's scenario, as in `load`; ``sample`` of the information is its
-        name, `scenario` the scenario itself.
-    scaled
-        Whether observations are shares of `scale`; else they are in SI units.
-    timestep, integrator, initial_noise
-        As in `load`.
-    width, height, camera
-        Size of the pictures [pixels], and camera, ``"side"`` or ``"fixed"``.
-
-    Attributes
-    ----------
-    scale
-        Scales by which observations are divided [m, rad, m/s, rad/s, kg, m]: powers of two, so that
-        nothing is rounded; those of M and l are not less than the largest M and l that can occur.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule.
+    control_period: How long an action is held [s], a multiple of `timestep` (default: that of the
+        scenario's imperfections, else `CONTROL_PERIOD`).
+    force_limit: Force of an action of 1 [N].
+    width, height, camera: Size of the pictures [pixels], and camera, ``"side"`` or ``"fixed"``.
+    scale: Scales by which observations are divided [m, rad, m/s, rad/s, kg, m]: powers of two, so
+        that nothing is rounded; those of M and l are not less than the largest M and l that can
+        occur.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class declares it)
@@ -156,15 +129,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
         """Start an episode.
 
-        Parameters
-        ----------
-        seed
-            Seed of everything random in this and later episodes.
-
-        Returns
-        -------
-        tuple
-            Observation, and information: ``time`` [s] and the ``force`` [N] that acted.
+        Returns tuple: Observation, and information: ``time`` [s] and the ``force`` [N] that acted.
         """
         if self._closed:
             raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
@@ -186,10 +151,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     ) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         """Hold an action over one control period.
 
-        Parameters
-        ----------
-        action
-            Force as a share of the limit, shape (1,), clipped to -1 and 1.
+        action: Force as a share of the limit, shape (1,), clipped to -1 and 1.
         """
         if not self._under_way:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
@@ -258,21 +220,6 @@ def policy_controller(
 
     It acts as in the environment, through its wrappers: held for the same control period, it
     repeats the episode. It has no memory: the policy is read and not copied.
-
-    Parameters
-    ----------
-    predict
-        Function that takes an observation and returns an action, or an action and a state, which
-        must be None, as ``predict`` of Stable-Baselines3's models does. One with an argument
-        ``deterministic`` is called with True.
-    environment
-        The environment on which the policy was trained, a `CartPoleEnv` or wrappers of one that
-        change observations or actions one by one.
-
-    Raises
-    ------
-    InvalidValueError
-        If the environment is none, or a wrapper cannot be repeated outside it.
     """
     env = getattr(environment, "unwrapped", environment)
     if not isinstance(env, CartPoleEnv):

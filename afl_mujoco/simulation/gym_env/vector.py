@@ -97,19 +97,10 @@ def _step(
 ):  # fmt: skip
     """Take a control period in each environment of a part.
 
-    Parameters
-    ----------
-    part
-        Indices of the environments; the arguments that follow, except `hold`, have a row for each.
-    profiles, now
-        As in `Episode`: what happens in each step, and the true (M, l) at each instant.
-    shown
-        The (M, l) at each instant that `told` gets, shape (N, K, 2).
-    sizes
-        Number of rows of `profiles`, `now` and `pendings` in use, shape (N, 3).
-    truth, seen, told, forces
-        Take the state, its measurement, (M, l), and the force that acted, shape (N, 4), (N, 4),
-        (N, 2) and (N,).
+    shown: The (M, l) at each instant that `told` gets, shape (N, K, 2).
+    sizes: Number of rows of `profiles`, `now` and `pendings` in use, shape (N, 3).
+    truth, seen, told, forces: Take the state, its measurement, (M, l), and the force that acted,
+        shape (N, 4), (N, 4), (N, 2) and (N,).
     """
     for i in part:
         store(at[i].control, commands[i])
@@ -128,16 +119,6 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
     """Many `CartPoleEnv`, step for step and bit for bit as in a `SyncVectorEnv` of them.
 
     When an episode has ended, the next step starts a new one and ignores its action.
-
-    Parameters
-    ----------
-    num_envs
-        Number of environments.
-    threads
-        Threads to share them among, one for each processor by default; the results do not depend on
-        their number.
-    settings
-        As in `CartPoleEnv`, except those of pictures.
     """
 
     metadata = {  # noqa: RUF012 (as the base class declares it)
@@ -191,13 +172,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Any = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode in every environment.
-
-        Parameters
-        ----------
-        seed
-            One seed for each environment, or the seed of the first, from which the others count up.
-        """
+        """Start an episode in every environment."""
         count = range(self.num_envs)
         if seed is None or isinstance(seed, int):
             seeds: list[int | None] = [None if seed is None else seed + i for i in count]
@@ -231,10 +206,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
     ]:
         """Hold an action in every environment over one control period.
 
-        Parameters
-        ----------
-        actions
-            Forces as shares of the limit, shape (N, 1), clipped to -1 and 1.
+        actions: Forces as shares of the limit, shape (N, 1), clipped to -1 and 1.
         """
         if self._ended is None:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")

@@ -29,18 +29,7 @@ _OUTSIDE_NAMES = frozenset({"Monitor"})
 
 
 def changes_of(environment: gymnasium.Env) -> tuple[Change, Change]:
-    """Return what wrappers make of an observation of the innermost environment, and of an action.
-
-    Parameters
-    ----------
-    environment
-        An environment and its wrappers.
-
-    Raises
-    ------
-    InvalidValueError
-        If a wrapper does something that cannot be repeated outside the environment.
-    """
+    """Return what wrappers make of the innermost environment's observation, and of an action."""
     seen: list[Change] = []
     done: list[Change] = []
     layer = environment

@@ -15,20 +15,11 @@ from afl_mujoco.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatedRun:
-    """A run and its estimates.
+    """A run and its estimates."""
 
-    Attributes
-    ----------
-    run
-        The run.
-    time
-        Control ticks that the run reached [s], shape (T,).
-    cart_mass, half_length
-        M [kg] and l [m] that the command of each tick assumed, shape (T,).
-    """
-
-    run: Trajectory
-    time: NDArray[np.float64]
+    run: Trajectory  # the run
+    time: NDArray[np.float64]  # control ticks that the run reached [s], shape (T,)
+    # M [kg] and l [m] that the command of each tick assumed, shape (T,)
     cart_mass: NDArray[np.float64]
     half_length: NDArray[np.float64]
 

@@ -49,71 +49,37 @@ RECORD = ("z", "phi", "z_dot", "phi_dot", "force", "command")
 
 
 class Sensors(NamedTuple):
-    """How the state is measured.
+    """How the state is measured."""
 
-    Attributes
-    ----------
-    noisy
-        Whether any noise is added.
-    noise_z, noise_phi, noise_z_dot, noise_phi_dot
-        Standard deviations [m, rad, m/s, rad/s].
-    step_z, step_phi
-        Resolutions [m, rad].
-    differentiated
-        Whether velocities are differences of positions.
-    period
-        Control period [s].
-    filter_share
-        Share of the gap to the measured velocity that the filtered velocity closes in a period, 1
-        without a filter [1].
-    seed
-        Seed of the noise.
-    """
-
-    noisy: bool
-    noise_z: float
+    noisy: bool  # whether any noise is added
+    noise_z: float  # standard deviations [m, rad, m/s, rad/s]
     noise_phi: float
     noise_z_dot: float
     noise_phi_dot: float
-    step_z: float
+    step_z: float  # resolutions [m, rad]
     step_phi: float
-    differentiated: bool
-    period: float
+    differentiated: bool  # whether velocities are differences of positions
+    period: float  # control period [s]
+    # share of the gap to the measured velocity that the filtered velocity closes in a period, 1
+    # without a filter [1]
     filter_share: float
-    seed: int
+    seed: int  # seed of the noise
 
 
 class Actuator(NamedTuple):
-    """How a command becomes the force on the cart.
+    """How a command becomes the force on the cart."""
 
-    Attributes
-    ----------
-    limit
-        Largest force [N].
-    slew
-        Largest rate of the force [N/step].
-    late
-        Whole physics steps of the transport delay.
-    later_share
-        Rest of the transport delay [step].
-    lag
-        Time constant of the first-order lag [step].
-    """
-
-    limit: float
-    slew: float
-    late: int
-    later_share: float
-    lag: float
+    limit: float  # largest force [N]
+    slew: float  # largest rate of the force [N/step]
+    late: int  # whole physics steps of the transport delay
+    later_share: float  # rest of the transport delay [step]
+    lag: float  # time constant of the first-order lag [step]
 
 
 def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
     """Return how the hardware measures.
 
-    Parameters
-    ----------
-    period
-        Control period [s].
+    period: Control period [s].
     """
     r = imperfections
     return Sensors(
@@ -134,12 +100,7 @@ def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
 def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Actuator:
     """Return how the hardware acts.
 
-    Parameters
-    ----------
-    timestep
-        Physics step [s].
-    steps
-        Number of steps of the run; a longer delay has the same effect as this one.
+    timestep: Physics step [s].
     """
     r = imperfections
     delay = min(r.delay / timestep, steps + 1.0)
@@ -167,17 +128,7 @@ def no_commands(actuator: Actuator) -> NDArray[np.float64]:
 
 @borrowing_kernel
 def sense(at, sensors, run, tick):
-    """Return (z, phi, z_dot, phi_dot) as the controller gets them.
-
-    Parameters
-    ----------
-    at
-        `CartPoleModel.addresses`; the state is read from MjData.
-    sensors
-        A `Sensors`.
-    tick
-        Number of the control tick; each is measured once, in order.
-    """
+    """Return (z, phi, z_dot, phi_dot) as the controller gets them."""
     z, phi, z_dot, phi_dot = read_state(at)
     if sensors.noisy:
         n = normals(sensors.seed, tick)
@@ -274,16 +225,8 @@ def actuate(actuator, run, pending, command, k, length):
     held; a step gets the exact mean over the step, so that it delivers the right momentum with any
     of MuJoCo's integrators. The run notes the force itself, which the mean would understate.
 
-    Parameters
-    ----------
-    actuator
-        An `Actuator`.
-    command
-        The command now, from `within_reach` [N].
-    k
-        Number of the step; the function is called once for each step, in order.
-    length
-        Length of the step [step], at most 1.
+    command: The command now, from `within_reach` [N].
+    length: Length of the step [step], at most 1.
     """
     before, share = command, min(actuator.later_share, length)
     if actuator.late > 0 or share > 0.0:

@@ -54,55 +54,27 @@ _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 
 
 class Criterion(NamedTuple):
-    """When a run ends before its horizon, and when it counts as settled.
+    """When a run ends before its horizon, and when it counts as settled."""
 
-    Attributes
-    ----------
-    fall_angle
-        The run ends as fallen when ``|phi|`` reaches this [rad].
-    z, phi, z_dot, phi_dot
-        Half-widths of the bands within which a run is settled [m, rad, m/s, rad/s].
-    dwell
-        The run ends as settled after this many steps within the bands; 0 for never.
-    """
-
-    fall_angle: float = FALL_ANGLE
-    z: float = BAND_Z
+    fall_angle: float = FALL_ANGLE  # the run ends as fallen when ``|phi|`` reaches this [rad]
+    z: float = BAND_Z  # half-widths of the bands within which a run is settled [m, rad, m/s, rad/s]
     phi: float = BAND_PHI
     z_dot: float = math.inf
     phi_dot: float = math.inf
-    dwell: int = 0
+    dwell: int = 0  # the run ends as settled after this many steps within the bands; 0 for never
 
 
 class Plan(NamedTuple):
-    """The numbers of a run.
+    """The numbers of a run."""
 
-    Attributes
-    ----------
-    steps
-        Physics steps of the run.
-    hold
-        Physics steps of a control period.
-    timestep
-        Physics step [s].
-    last
-        Length of the last step [s], at most a physics step: it ends at the horizon.
-    pole_mass, gravity
-        m [kg] and g [m/s^2].
-    rail
-        Largest displacement of the cart to either side [m].
-    criterion
-        When the run ends early.
-    """
-
-    steps: int
-    hold: int
-    timestep: float
-    last: float
-    pole_mass: float
+    steps: int  # physics steps of the run
+    hold: int  # physics steps of a control period
+    timestep: float  # physics step [s]
+    last: float  # length of the last step [s], at most a physics step: it ends at the horizon
+    pole_mass: float  # m [kg] and g [m/s^2]
     gravity: float
-    rail: float = math.inf
-    criterion: Criterion = Criterion()
+    rail: float = math.inf  # largest displacement of the cart to either side [m]
+    criterion: Criterion = Criterion()  # when the run ends early
 
 
 @borrowing_kernel
@@ -170,18 +142,9 @@ def _enter(at, plan, profile, run, record, k):
 def start(at, plan, profile, run, record, initial_state):
     """Put the plant at the start of its run.
 
-    Parameters
-    ----------
-    at
-        `CartPoleModel.addresses`.
-    plan
-        A `Plan`.
-    profile
-        What happens to the plant in each step, with the fields of `PROFILE`.
-    record
-        Takes the columns of `RECORD` at each instant, shape (N + 1, 6), or (0, 6) for no record.
-    initial_state
-        (z, phi, z_dot, phi_dot), shape (4,).
+    record: Takes the columns of `RECORD` at each instant, shape (N + 1, 6), or (0, 6) for no
+        record.
+    initial_state: (z, phi, z_dot, phi_dot), shape (4,).
     """
     x = initial_state
     mj_reset_data(at.model, at.data)
@@ -209,12 +172,7 @@ def _step(at, plan, profile, k, length):
 def advance(at, plan, actuator, profile, run, pending, record, command):
     """Continue to the next control tick, or to the end of the run.
 
-    Parameters
-    ----------
-    actuator, pending
-        An `Actuator`, and an array from `no_commands`.
-    command
-        Force that the controller commands [N]; NaN ends the run, and so does a force beyond
+    command: Force that the controller commands [N]; NaN ends the run, and so does a force beyond
         `STATE_LIMIT` that no limit of the drive cuts off.
     """
     first = run.step
@@ -258,16 +216,7 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
 def run_to_end(
     at, plan, profile, run, pending, record, initial_state, sensors, actuator, kind, inputs
 ):
-    """Run the closed loop with a compiled controller from start to end.
-
-    Parameters
-    ----------
-    sensors
-        A `Sensors`.
-    kind, inputs
-        Kind of the controller, as in `CompiledController`, and its inputs at each tick, from
-        `Controller.inputs_along_run`; the last row applies from then on.
-    """
+    """Run the closed loop with a compiled controller from start to end."""
     start(at, plan, profile, run, record, initial_state)
     tick = 0
     while run.status == RUNNING:
@@ -295,16 +244,7 @@ def run_estimating(
 ):
     """Run the closed loop with a controller whose M, l and state are estimated.
 
-    Parameters
-    ----------
-    at, plan, profile, run, pending, record, initial_state, sensors, actuator
-        As in `run_to_end`. The estimator gets the measured positions and the force commanded over
-        each control period, cut off at the limit; if its settings say that the drive reports the
-        force, it gets the mean of the force exerted.
-    compiled
-        A `CompiledController`.
-    estimates
-        Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
+    estimates: Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
     """
     kind, table, masses, lengths = compiled
     start(at, plan, profile, run, record, initial_state)

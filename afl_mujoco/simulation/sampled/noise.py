@@ -36,10 +36,7 @@ def _philox(c0, c1, c2, c3, k0, k1):
 def random_words(counter, key):
     """Return the block of Philox4x32-10, four words.
 
-    Parameters
-    ----------
-    counter, key
-        Words of 32 bits as uint64, shape (4,) and (2,).
+    counter, key: Words of 32 bits as uint64, shape (4,) and (2,).
     """
     return _philox(counter[0], counter[1], counter[2], counter[3], key[0], key[1])
 
@@ -54,15 +51,7 @@ def _pair(first, second):
 
 @kernel
 def normals(seed, tick):
-    """Return four independent standard normal numbers.
-
-    Parameters
-    ----------
-    seed
-        Not negative.
-    tick
-        Number of the control tick.
-    """
+    """Return four independent standard normal numbers."""
     s, t, zero = np.uint64(seed), np.uint64(tick), np.uint64(0)
     a, b, c, d = _philox(t & _LOW, t >> _WORD, zero, zero, s & _LOW, s >> _WORD)
     n0, n1 = _pair(a, b)

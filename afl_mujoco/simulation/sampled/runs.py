@@ -47,51 +47,27 @@ MOST_FINER = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreparedRun:
-    """A run that is ready to go.
+    """A run that is ready to go."""
 
-    Attributes
-    ----------
-    plan, sensors, actuator
-        Its numbers.
-    profile, initial_state
-        What happens to the plant, as in `loop.start`.
-    inputs
-        Inputs of the controller at each control tick, as in `loop.run_to_end`.
-    estimator
-        The estimator of M, l and the state, None if there is none.
-    """
-
-    plan: loop.Plan
+    plan: loop.Plan  # its numbers
     sensors: Sensors
     actuator: Actuator
-    profile: NDArray[Any]
+    profile: NDArray[Any]  # what happens to the plant, as in `loop.start`
     initial_state: NDArray[np.float64]
+    # inputs of the controller at each control tick, as in `loop.run_to_end`
     inputs: NDArray[np.float64]
-    estimator: Estimator | None
+    estimator: Estimator | None  # the estimator of M, l and the state, None if there is none
 
 
 class Timing(NamedTuple):
-    """The instants of a run.
+    """The instants of a run."""
 
-    Attributes
-    ----------
-    timestep
-        Physics step [s].
-    hold
-        Physics steps of a control period.
-    period
-        Control period [s].
-    times
-        Ends of the steps [s], shape (N + 1,); the last step may be shorter.
-    asked
-        Physics step before it was made finer [s].
-    """
-
-    timestep: float
-    hold: int
-    period: float
+    timestep: float  # physics step [s]
+    hold: int  # physics steps of a control period
+    period: float  # control period [s]
+    # ends of the steps [s], shape (N + 1,); the last step may be shorter
     times: NDArray[np.float64]
-    asked: float
+    asked: float  # physics step before it was made finer [s]
 
     @property
     def last(self) -> float:
@@ -105,12 +81,8 @@ def ticks_of(
 ) -> Ticks:
     """Return how the control period of a scenario is cut into physics steps, or raise.
 
-    Parameters
-    ----------
-    timestep
-        Physics step [s]; None for the longest up to 1 ms that divides the control period.
-    control_period
-        Control period for a scenario that does not set it [s]; None for one step.
+    timestep: Physics step [s]; None for the longest up to 1 ms that divides the control period.
+    control_period: Control period for a scenario that does not set it [s]; None for one step.
     """
     own = scenario.imperfections.control_period
     period = control_period if own is None else own
@@ -136,15 +108,7 @@ def timing_of(
     timestep: float | None = None,
     control_period: float | None = None,
 ) -> Timing:
-    """Return the instants of a run, its step fine enough for the damping in the model.
-
-    Parameters
-    ----------
-    model
-        The model, with the passive physics of the scenario.
-    timestep, control_period
-        As in `ticks_of`.
-    """
+    """Return the instants of a run, its step fine enough for the damping in the model."""
     asked = ticks_of(scenario, timestep, control_period)
     ticks = fine_enough(asked, model.decay_rate(scenario.plants))
     return Timing(
@@ -159,10 +123,7 @@ def timing_of(
 def fine_enough(ticks: Ticks, rate: float) -> Ticks:
     """Return ticks whose physics steps are no longer than the fastest decay, or raise.
 
-    Parameters
-    ----------
-    rate
-        `CartPoleModel.decay_rate` [1/s].
+    rate: `CartPoleModel.decay_rate` [1/s].
     """
     finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
     step = ticks.timestep / finer
@@ -173,13 +134,7 @@ def fine_enough(ticks: Ticks, rate: float) -> Ticks:
 
 
 def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> PreparedRun:
-    """Sample all inputs of a scenario on the steps and ticks of a run.
-
-    Parameters
-    ----------
-    timing
-        The instants of the run, from `timing_of`.
-    """
+    """Sample all inputs of a scenario on the steps and ticks of a run."""
     s, r = scenario, scenario.imperfections
     times, hold, period = timing.times, timing.hold, timing.period
     count = len(times) - 1
@@ -223,10 +178,7 @@ def told_parameters(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return M [kg] and l [m] as a controller is told them at some times, late and with an error.
 
-    Parameters
-    ----------
-    times
-        Times of its control ticks [s].
+    times: Times of its control ticks [s].
     """
     late = scenario.imperfections.parameter_delay
     known_at = instants(np.maximum(times - late, -LONG_AGO))
@@ -237,10 +189,7 @@ def told_parameters(
 def input_profile(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[Any]:
     """Return what happens to the plant in each step of a grid.
 
-    Parameters
-    ----------
-    times
-        Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
+    times: Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
     """
     middles = 0.5 * (times[:-1] + times[1:])
     profile = np.empty(len(middles), loop.PROFILE)
@@ -266,20 +215,9 @@ def perform(
 ) -> tuple[Any, NDArray[np.float64]]:
     """Run the loop from start to end.
 
-    Parameters
-    ----------
-    model
-        The model, with the passive physics of the scenario; its state does not matter.
-    estimates
-        Takes the estimates of M [kg] and l [m] at each control tick, shape (T, 2).
-
-    Returns
-    -------
-    run
-        How the run ended and its figures, a record with the fields of `hardware.RUN`.
-    record
-        Columns of `RECORD`, shape (N + 1, 6), or (0, 6) if they are not kept; a run that ends
-        early fills only the first rows.
+    estimates: Takes the estimates of M [kg] and l [m] at each control tick, shape (T, 2).
+    Returns record: Columns of `RECORD`, shape (N + 1, 6), or (0, 6) if they are not kept; a run
+        that ends early fills only the first rows.
     """
     at, plan, actuator = model.addresses, prepared.plan, prepared.actuator
     run, pending = new_run(), no_commands(actuator)
@@ -315,13 +253,7 @@ def simulate_sampled(
     model: CartPoleModel | None = None,
     estimates: NDArray[np.float64] | None = None,
 ) -> Trajectory:
-    """Simulate a scenario with all its imperfections, as `simulate_mujoco` does in sampled mode.
-
-    Parameters
-    ----------
-    model
-        The model to use instead of a fresh one, with the same integrator.
-    """
+    """Simulate a scenario with all its imperfections, as `simulate_mujoco` does in sampled mode."""
     if model is None:
         model = CartPoleModel(
             scenario.parameters_at(0.0),
