@@ -164,7 +164,7 @@ def _draw(figures: Sequence[Figure], folder: Path, workers: int, progress: Progr
 
 
 def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]) -> str:
-    """Return a record as text, or raise if a number is not finite."""
+    """Return a record as text, a row a line, or raise if a number is not finite."""
     data = {
         "schema": record.study.schema,
         "study": record.study.name,
@@ -174,7 +174,14 @@ def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]
         "files": dict(files),
         **result,
     }
-    return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    rows = data.get("rows")
+    if isinstance(rows, list):
+        data["rows"] = mark = "\0rows"
+    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    if not isinstance(rows, list):
+        return text
+    lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) for row in rows)
+    return text.replace(json.dumps(mark), "[\n" + ",\n".join(lines) + "\n ]")
 
 
 def load_record(study: Study, folder: Path) -> Record:

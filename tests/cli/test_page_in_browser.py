@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.cli.page import write_page
-from afl_mujoco.report import films as document_films
+from afl_mujoco.report import page as page_module
 from tests import study_results
 from tests.verification_result import NASTY, film_entry, write_listing
 
@@ -69,7 +69,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study_results.write_records(folder)
     room = 4 * (films / names[0]).stat().st_size // 3 + 100
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(document_films.show_films, "__defaults__", (room,))
+        patch.setattr(page_module.show_films, "__defaults__", (room,))
         path = write_page(folder, films)
     (films / names[2]).unlink()
     return path
