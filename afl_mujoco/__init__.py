@@ -17,13 +17,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from afl_mujoco.control.afl import control_force, sliding_variable
-    from afl_mujoco.control.baselines.gain_grid import GainGrid
-    from afl_mujoco.control.baselines.state_feedback import StateFeedback
     from afl_mujoco.control.catalogue import CONTROLLERS, AFLController, find_controller
     from afl_mujoco.control.controller import Controller
-    from afl_mujoco.control.gain_function import GainFunction
-    from afl_mujoco.control.gains import FIXED_GAINS, Gains
+    from afl_mujoco.control.feedback import GainGrid, StateFeedback
+    from afl_mujoco.control.gains import FIXED_GAINS, GainFunction, Gains
+    from afl_mujoco.control.law import control_force, sliding_variable
     from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.plant.dynamics import acceleration, mass_matrix
     from afl_mujoco.plant.energy import linear_momentum, total_energy
@@ -54,12 +52,10 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOMES = {
-    "control.afl": ("control_force", "sliding_variable"),
-    "control.baselines.gain_grid": ("GainGrid",),
-    "control.baselines.state_feedback": ("StateFeedback",),
+    "control.law": ("control_force", "sliding_variable"),
+    "control.feedback": ("GainGrid", "StateFeedback"),
     "control.catalogue": ("CONTROLLERS", "AFLController", "find_controller"),
-    "control.gain_function": ("GainFunction",),
-    "control.gains": ("FIXED_GAINS", "Gains"),
+    "control.gains": ("FIXED_GAINS", "GainFunction", "Gains"),
     "control.controller": ("Controller",),
     "errors": ("AflMujocoError",),
     "plant.dynamics": ("acceleration", "mass_matrix"),

@@ -31,9 +31,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
 import afl_mujoco as afl
-from afl_mujoco.control import feedback_linearization as fl
-from afl_mujoco.control import sliding_mode
-from afl_mujoco.control.afl import sliding_and_drift
+from afl_mujoco.control import law as fl
+from afl_mujoco.control import law as sliding_mode
+from afl_mujoco.control.law import sliding_and_drift
 from afl_mujoco.plant import dynamics
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.simulation.scoring import objective

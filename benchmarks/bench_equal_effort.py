@@ -28,14 +28,14 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_are
 
-from afl_mujoco.control import angle
-from afl_mujoco.control.afl import afl_force
-from afl_mujoco.control.baselines import design
-from afl_mujoco.control.compiled_controller import LINEAR, compiled_force
-from afl_mujoco.control.gain_function import GAIN_NAMES
+from afl_mujoco.control import feedback as design
+from afl_mujoco.control import scheduled as angle
+from afl_mujoco.control.controller import LINEAR, compiled_force
+from afl_mujoco.control.gains import GAIN_NAMES
+from afl_mujoco.control.law import afl_force
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE, random_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE, random_scenario
 from afl_mujoco.scenario.sampling import steps
 from afl_mujoco.simulation.scoring import objective
 from afl_mujoco.studies.cube_search import Budget, minimise

@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 
 import afl_mujoco as afl
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.estimation.estimated_controller import EstimatedController
-from afl_mujoco.control.estimation.settings import EstimatorSettings
+from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.sampled.estimated import simulate_estimated
+from afl_mujoco.simulation.sampled.runs import simulate_estimated
 from afl_mujoco.studies.estimation.loops import CASES
 from afl_mujoco.studies.estimation.loops import NOISE as USUAL
 from research.gain_tuning import paper_scales

@@ -20,9 +20,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 import afl_mujoco as afl
-from afl_mujoco.control.estimation import estimator
-from afl_mujoco.control.estimation.prediction import moved
-from afl_mujoco.control.estimation.settings import EstimatorSettings
+from afl_mujoco.control import estimator
+from afl_mujoco.control.estimator import EstimatorSettings, moved
 from afl_mujoco.scenario.parameters import NOMINAL
 
 Array = NDArray[np.float64]

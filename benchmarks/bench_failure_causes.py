@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import afl_mujoco as afl
+from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.imperfections import IDEAL
-from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.studies.montecarlo import file_of
 from afl_mujoco.studies.record import load_record

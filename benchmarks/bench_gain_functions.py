@@ -28,9 +28,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController
-from afl_mujoco.control.gain_function import GAIN_NAMES, scheduled_gain, shipped_data
-from afl_mujoco.execution.executors import Executor, compute_all, open_executor
-from afl_mujoco.scenario.randomised import random_scenario
+from afl_mujoco.control.gains import GAIN_NAMES, scheduled_gain, shipped_data
+from afl_mujoco.pool import Executor, compute_all, open_executor
+from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import objective, with_objective
 from afl_mujoco.studies.cube_search import Budget, minimise

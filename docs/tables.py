@@ -11,9 +11,9 @@ from dataclasses import fields
 from itertools import groupby, pairwise
 from pathlib import Path
 
-from afl_mujoco.control.angle import ANGLES, slope_at
+from afl_mujoco.control.scheduled import ANGLES, slope_at
+from afl_mujoco.scenario.catalogue import LABORATORY, REASONS
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
-from afl_mujoco.scenario.laboratory import LABORATORY, REASONS
 from afl_mujoco.scenario.requirements import BANDS, SWITCHES, UNITS, Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.registry import studies

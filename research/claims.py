@@ -18,9 +18,9 @@ from scipy.stats import binomtest, spearmanr
 
 import afl_mujoco
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
-from afl_mujoco.control.gain_function import GAIN_NAMES, shipped_data
+from afl_mujoco.control.gains import GAIN_NAMES, shipped_data
 from afl_mujoco.files import write_json
-from afl_mujoco.scenario.randomised import random_scenario
+from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales, nominal_scales, objective
 from afl_mujoco.studies.record import versions
 from afl_mujoco.studies.verification.claims.claim import (

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.execution.interrupts import interrupts_noted, is_interrupt
+from afl_mujoco.pool import interrupts_noted, is_interrupt
 
 
 def run_command(command: Callable[[], None]) -> None:

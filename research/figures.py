@@ -13,7 +13,7 @@ from matplotlib.ticker import PercentFormatter
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction, scheduled_gain
+from afl_mujoco.control.gains import GAIN_NAMES, GainFunction, scheduled_gain
 from afl_mujoco.report.style import BLUE, GREY, VERMILION, new_figure, styled
 from research.gain_tuning import GainTable
 from research.optimisers import Result

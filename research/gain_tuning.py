@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from afl_mujoco.control.gain_function import GAIN_NAMES, scheduled_gain, shipped_file
-from afl_mujoco.control.gains import FIXED_GAINS, Gains
+from afl_mujoco.control.gains import FIXED_GAINS, GAIN_NAMES, Gains, scheduled_gain, shipped_file
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, reading
 from afl_mujoco.files import FloatArray, read_json, write_json, write_text
 from afl_mujoco.scenario.parameters import NOMINAL, require_positive

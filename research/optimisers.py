@@ -33,10 +33,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import binomtest, bootstrap, mannwhitneyu, qmc
 
-from afl_mujoco.control.gain_function import GAIN_NAMES
+from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, reading
-from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.files import FloatArray, output_folder, write_text
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.style import save_figure
 from research.batch import closed_loop_terms, penalised_objective
 from research.command import run_command

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
-from afl_mujoco.control.gain_function import GainFunction, scheduled_gain
-from afl_mujoco.scenario.randomised import CART_MASS_RANGE, HALF_LENGTH_RANGE
+from afl_mujoco.control.gains import GainFunction, scheduled_gain
+from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule, staircase, trapezoid
 from afl_mujoco.studies.verification.claims.performance import CASES, NEAR, TABLE_3

@@ -24,8 +24,8 @@ from scipy.optimize import nnls
 
 from afl_mujoco.cli.terminal import count_bar
 from afl_mujoco.errors import require_count
-from afl_mujoco.execution.executors import compute_all, open_executor, require_workers
 from afl_mujoco.files import output_folder, remove_file, write_json
+from afl_mujoco.pool import compute_all, open_executor, require_workers
 from afl_mujoco.scenario.files import save_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.cube_search import Budget, minimise

@@ -16,7 +16,7 @@ from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.gain_function import scheduled_gain
+from afl_mujoco.control.gains import scheduled_gain
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL, require_positive
 from afl_mujoco.simulation.trajectory import STATE_LIMIT

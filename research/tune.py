@@ -21,11 +21,10 @@ import numpy as np
 
 from afl_mujoco.cli.terminal import count_bar
 from afl_mujoco.control.catalogue import AFLController
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction
-from afl_mujoco.control.gains import Gains
+from afl_mujoco.control.gains import GAIN_NAMES, GainFunction, Gains
 from afl_mujoco.errors import FileError
-from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.files import output_folder, read_json, write_json
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.style import save_figure, styled
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL
 from afl_mujoco.scenario.scenario import Scenario

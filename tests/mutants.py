@@ -59,8 +59,8 @@ RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
 AREAS = {
     "equations": ("plant/*.py",),
-    "control": ("control/*.py", "control/own/*.py", "control/baselines/*.py"),
-    "estimator": ("control/estimation/*.py",),
+    "control": ("control/*.py",),
+    "estimator": ("control/estimator.py",),
     "scenario": ("scenario/*.py",),
     "MuJoCo model and loop, integration": ("simulation/*.py",),
     "sensors and actuators": ("simulation/sampled/*.py",),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.ranges import HARDWARE, SETTINGS, Range, Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace
 

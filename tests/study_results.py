@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 import afl_mujoco as afl
-from afl_mujoco.identification.prediction import Errors
-from afl_mujoco.identification.shipped import load_estimates
+from afl_mujoco.identification.prediction import Errors, load_estimates
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace

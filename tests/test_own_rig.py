@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.studies.robustness import Settings
 from afl_mujoco.studies.thresholds import Request
 from afl_mujoco.studies.thresholds import run as find_thresholds

@@ -14,7 +14,7 @@ from hypothesis import Phase, assume, example, given, note, settings
 from hypothesis import strategies as st
 
 import afl_mujoco as afl
-from afl_mujoco.control.afl import afl_force
+from afl_mujoco.control.law import afl_force
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verification.checks.closed_loop_checks import state_difference
 from afl_mujoco.studies.verification.criteria import CRITERIA

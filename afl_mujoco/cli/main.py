@@ -16,11 +16,7 @@ from typing import Any, Union, get_args, get_type_hints
 
 import tyro
 
-from afl_mujoco.cli.films import Render, View
-from afl_mujoco.cli.log import Log
-from afl_mujoco.cli.regression import Regression
-from afl_mujoco.cli.report import Report
-from afl_mujoco.cli.simulate import Simulate
+from afl_mujoco.cli.commands import Log, Regression, Render, Report, Simulate, View
 from afl_mujoco.cli.study import study_commands
 from afl_mujoco.cli.terminal import (
     BAD_INPUT,
@@ -41,7 +37,7 @@ from afl_mujoco.errors import (
     printable,
     warning_in_one_line,
 )
-from afl_mujoco.execution.interrupts import interrupts_noted, is_interrupt
+from afl_mujoco.pool import interrupts_noted, is_interrupt
 from afl_mujoco.studies.registry import listed
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
@@ -90,7 +86,7 @@ def _calls_limited_to(seconds: float | None) -> contextlib.AbstractContextManage
     """Return the block in which controllers have the limit of the command's option."""
     if seconds is None:
         return contextlib.nullcontext()
-    from afl_mujoco.control.own.python_controller import calls_limited_to
+    from afl_mujoco.control.own import calls_limited_to
 
     return calls_limited_to(seconds)
 

@@ -1,9 +1,11 @@
-"""The controllers by name: the paper's, with fixed or adaptive gains, and the baselines."""
+"""Every controller by its name, and digests of controllers and scenarios."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -11,31 +13,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control import angle
-from afl_mujoco.control.afl import saturation_ratio
-from afl_mujoco.control.baselines.design import DESIGNS
-from afl_mujoco.control.baselines.state_feedback import StateFeedback
-from afl_mujoco.control.compiled_controller import AFL, CompiledController
-from afl_mujoco.control.controller import Controller, assumed_as_data
-from afl_mujoco.control.estimation.estimated_controller import EstimatedController
-from afl_mujoco.control.gain_function import (
+from afl_mujoco.control import scheduled as angle
+from afl_mujoco.control.controller import AFL, CompiledController, Controller, assumed_as_data
+from afl_mujoco.control.estimator import EstimatedController
+from afl_mujoco.control.feedback import DESIGNS, StateFeedback
+from afl_mujoco.control.gains import (
+    FIXED_GAINS,
     GAIN_NAMES,
     GainFunction,
+    Gains,
     beyond_table,
     shipped_data,
 )
-from afl_mujoco.control.gains import FIXED_GAINS, Gains
-from afl_mujoco.control.held import HeldController
+from afl_mujoco.control.law import saturation_ratio
 from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED
-from afl_mujoco.control.own.loading import load_python_controller, rule_for_file
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController, load_python_controller, rule_for_file
+from afl_mujoco.control.scheduled import HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import (
     NOMINAL,
     CartPoleParameters,
     PlantRange,
     require_type,
 )
+from afl_mujoco.scenario.scenario import Scenario
 
 
 class GainError(InvalidValueError):
@@ -218,3 +220,16 @@ def find_controller(name: str) -> Controller:
         others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
     return CONTROLLERS[name]
+
+
+def digests(scenarios: Iterable[Scenario], controllers: Iterable[Controller]) -> dict[str, str]:
+    """Return a digest of each scenario and each controller, by ``scenario NAME`` and so on.
+
+    That of a controller in Python covers the file that defines it, not what it imports.
+    """
+    found = {f"scenario {one.name}": scenario_to_table(one) for one in scenarios}
+    found |= {f"controller {one.name}": one.describe() for one in controllers}
+    return {
+        name: hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()
+        for name, content in found.items()
+    }

@@ -25,8 +25,7 @@ from afl_mujoco.simulation.decor import (
     cart_size,
     show_mass,
 )
-from afl_mujoco.simulation.mujoco_description import POLE_RADIUS
-from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
+from afl_mujoco.simulation.mujoco_model import POLE_RADIUS, CartPoleModel, write_state
 
 LARGEST, SMALLEST = (1920, 1080), 128
 """Largest picture [px], the off-screen buffer of ``models/scene.xml``, and its smallest side."""

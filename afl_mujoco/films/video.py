@@ -12,16 +12,15 @@ from typing import Any
 import imageio_ffmpeg
 import mediapy
 
+from afl_mujoco.control.catalogue import digests
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.digests import digests
 from afl_mujoco.errors import FileError, GraphicsError, InvalidValueError
-from afl_mujoco.execution.executors import open_executor
-from afl_mujoco.execution.processes import interrupts_held
 from afl_mujoco.files import atomic_file, hidden_folder
 from afl_mujoco.films.listing import MARK, REMOVE, Entry, list_film, load_listing
 from afl_mujoco.films.picture import Picture, frames
 from afl_mujoco.films.replay import Deployment, frame_times, record
 from afl_mujoco.films.scene import require_size
+from afl_mujoco.pool import interrupts_held, open_executor
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
 

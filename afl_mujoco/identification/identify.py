@@ -21,8 +21,7 @@ from afl_mujoco.identification.least_squares import (
     half_widths,
     with_uncertainty_of,
 )
-from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.windows import LEAST, Windows, cut
+from afl_mujoco.identification.log import LEAST, Log, Windows, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]

@@ -1,18 +1,59 @@
-"""Predictions of recordings: a state fitted to past readings, and the errors some time later."""
+"""Predictions of an identified cart-pole, and what ships with the package."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from afl_mujoco.errors import FileError
+from afl_mujoco.files import read_json
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import fitted_starts
-from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.windows import Windows, cut, stride_of
+from afl_mujoco.identification.log import Log, Windows, cut, stride_of
+
+if TYPE_CHECKING:
+    from afl_mujoco.identification.identify import Identified
+
+FOLDER = Path(__file__).parent / "data" / "cartpole"
+"""Recordings, their origin and licence, their description, and the estimates."""
+
+FIT, CHOOSE = FOLDER / "fit", FOLDER / "validate"
+"""The recordings used for identification, and those used by default to judge the model."""
+
+DESCRIPTION, ESTIMATES = FOLDER / "description.toml", FOLDER / "estimates.json"
+
+
+def load_estimates(path: Path = ESTIMATES) -> Identified:
+    """Return the estimates in a file that `afl-mujoco identify` wrote."""
+    from afl_mujoco.identification import pole, rig
+    from afl_mujoco.identification.identify import Identified
+
+    wrong, again = "has no estimates of afl-mujoco identify", "run afl-mujoco identify"
+    found = read_json(path, Identified, wrong, again)
+    known = pole.parameters_of(found.description)
+    if found.drive is not None:
+        known += rig.parameters_of(found.description)
+    expected = [one.name for one in known]
+    for step in (found.pole, found.drive):
+        if step is not None and not step.is_sound:
+            rule = f"must be as that command writes them: {again}"
+            raise FileError(f"{path} {wrong}: correlations and scatter", rule)
+    for one in known:
+        value = found.values.get(one.name, one.low)
+        if not one.low <= value <= one.high:
+            bounds = f"must lie in {one.low:g} to {one.high:g}"
+            raise FileError(f"{path} {wrong}: {one.name}", bounds, value)
+    if list(found.values) != expected:
+        named = ", ".join({*expected} ^ {*found.values}) or "their order"
+        raise FileError(f"{path} {wrong}: {named}", f"must be as that command writes them: {again}")
+    return found
+
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.execution.threads import Task, share
 from afl_mujoco.identification import pole
-from afl_mujoco.identification.coulomb import coulomb_motion
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import Parameter
-from afl_mujoco.identification.windows import Windows
+from afl_mujoco.identification.log import Windows
+from afl_mujoco.identification.pole import coulomb_motion
+from afl_mujoco.pool import Task, share
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel

@@ -1,14 +1,21 @@
-"""The scenarios of the paper: nominal, and four schedule cases with and without the disturbance."""
+"""The paper's scenarios, its schedules drawn at random, and random laboratory hardware."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
 
 from afl_mujoco.scenario.disturbances import ForcePulse
+from afl_mujoco.scenario.imperfections import DRAWS, IDEAL
+from afl_mujoco.scenario.ranges import FIXED, Range, Ranges
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import staircase, trapezoid
+from afl_mujoco.scenario.schedules import Schedule, staircase, trapezoid
 
 # Decision D3: Fig. 6 is not in the paper's text, so values and times are ours.
 _CART_MASS = {
@@ -47,3 +54,104 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(_build())
 def is_published(scenario: Scenario) -> bool:
     """Return whether a scenario equals the paper's scenario of the same name."""
     return SCENARIOS.get(scenario.name) == scenario
+
+
+CART_MASS_RANGE, HALF_LENGTH_RANGE = (0.1, 2.0), (0.05, 1.0)
+"""The paper's box of M [kg] and l [m]."""
+
+LAST_CHANGE = 10.0
+"""Latest time at which the schedules change [s], half the horizon."""
+
+GRID = 2e-3
+"""The instants of change are multiples of this [s]."""
+
+
+def random_scenario(seed: int, index: int) -> Scenario:
+    """Return the scenario of a seed and an index: a random schedule of M and one of l.
+
+    Each is, with even odds, two steps between three levels or a trapezoid between two, as in
+    decision D3; levels are uniform in the box, instants uniform over `LAST_CHANGE`.
+    """
+    rng = np.random.default_rng((seed, index))
+    mass, length = _shape(rng, CART_MASS_RANGE), _shape(rng, HALF_LENGTH_RANGE)
+    return Scenario(name=f"random-{seed}-{index:05d}", cart_mass=mass, half_length=length)
+
+
+def _shape(rng: Generator, levels: tuple[float, float]) -> Schedule:
+    """Return a random step or trapezoid between levels of a range."""
+    is_step = rng.random() < 0.5
+    instants = 1 + rng.choice(round(LAST_CHANGE / GRID), 2 if is_step else 4, replace=False)
+    times = tuple((np.sort(instants) * GRID).tolist())
+    drawn = rng.uniform(*levels, 3 if is_step else 2).tolist()
+    if is_step:
+        return staircase(times, tuple(drawn))
+    return trapezoid(times, low=drawn[0], high=drawn[1])
+
+
+class Start(NamedTuple):
+    """The range of an initial value of random hardware, and the reason for it."""
+
+    range: Range
+    why: str
+
+
+START: Mapping[str, Start] = MappingProxyType(
+    {
+        "z": Start((-0.5, 0.5), "the cart is put down by hand"),
+        "phi": Start(
+            (-math.radians(75.0), math.radians(75.0)),
+            "75 degrees to either side; the paper starts at 60",
+        ),
+        "z_dot": Start((-0.5, 0.5), "the cart is pushed as it is let go"),
+        "phi_dot": Start((-1.0, 1.0), "and so is the pole"),
+    }
+)
+"""The initial state of random hardware."""
+
+HARDWARE_RANGES: Mapping[str, Range] = MappingProxyType(
+    {name: draw.range for name, draw in DRAWS.items()}
+)
+"""The imperfections of random hardware."""
+
+LABORATORY = Scenario(
+    name="laboratory",
+    ranges=Ranges(
+        varied={
+            **{name: start.range for name, start in START.items()},
+            "cart_mass": CART_MASS_RANGE,
+            "half_length": HALF_LENGTH_RANGE,
+            **HARDWARE_RANGES,
+        },
+        last_change=10.0,
+    ),
+)
+"""The paper's plant and horizon on random hardware; M and l change in the first half."""
+
+REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        **{name: start.why for name, start in START.items()},
+        "cart_mass": "the paper's box",
+        "half_length": "the paper's box",
+        "last_change": "M and l change in the first half of the run, as in the paper",
+        **{name: draw.why for name, draw in DRAWS.items()},
+        "duration": "the paper's horizon",
+    }
+)
+"""The reason for each number of `LABORATORY`."""
+
+
+def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
+    """Return a scenario with ranges: its own, else those of laboratory hardware.
+
+    Imperfections that are not ideal in the scenario stay as they are.
+    """
+    if scenario.ranges != FIXED:
+        return scenario
+    own = scenario.imperfections
+    free = {
+        name: bounds
+        for name, bounds in HARDWARE_RANGES.items()
+        if getattr(own, name) == getattr(IDEAL, name) and name not in own.without_effect
+    }
+    begin = {name: one.range for name, one in START.items()} if start else {}
+    return replace(scenario, ranges=Ranges(varied={**begin, **free}))

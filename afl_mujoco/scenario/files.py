@@ -19,10 +19,9 @@ import tomli_w
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json, write_text
 from afl_mujoco.scenario.belief import Belief
-from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.parameters import departures, require_type
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements

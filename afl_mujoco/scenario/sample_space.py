@@ -273,7 +273,7 @@ def sample_scenario(space: SampleSpace, index: int, seed: int) -> Scenario:
     return space.scenario_of(sample_point(space, index, seed), index, seed)
 
 
-DRAWS = 10
+NOISE_DRAWS = 10
 """Number of draws of noise and start by which a run with noise or encoders is judged."""
 
 
@@ -295,7 +295,7 @@ def draw_of(scenario: Scenario, index: int) -> Scenario:
 
 def draws_of(scenario: Scenario, count: int | None = None) -> list[Scenario]:
     """Return the draws of a scenario."""
-    wanted = (DRAWS if scenario.imperfections.drawn else 1) if count is None else count
+    wanted = (NOISE_DRAWS if scenario.imperfections.drawn else 1) if count is None else count
     return [draw_of(scenario, index) for index in range(wanted)]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.simulation.mujoco_description import CART_HALF_SIZE
+from afl_mujoco.simulation.mujoco_model import CART_HALF_SIZE
 
 ARROW_SCALE = 0.2
 """Length of an arrow [m] over the square root of its force [N]: 1 N is visible, 100 N fits."""

@@ -1,25 +1,24 @@
-"""The reference integrator: DOP853 from breakpoint to breakpoint.
+"""Integrators that know neither the equations nor MuJoCo: DOP853, and RK4 around Python.
 
-It depends neither on the analytic equations nor on MuJoCo: both pass their own right-hand side, so
-that their results differ by the right-hand side alone. The compiled method (`dop853`) integrates a
-compiled right-hand side; SciPy integrates any other right-hand side, and by any other method.
+Both sides pass their own right-hand side, so that their results differ by that alone. The compiled
+DOP853 integrates a compiled right-hand side; SciPy integrates any other, and by any other method.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numba.extending import register_jitable
-from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import DOP853, solve_ivp
 
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameter_change import ParameterChange
-from afl_mujoco.scenario.parameters import require_positive
+from afl_mujoco.scenario.parameters import ParameterChange, require_positive
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation import dop853
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,
@@ -29,7 +28,236 @@ from afl_mujoco.simulation.trajectory import (
     STATE_LIMIT,
     Outcome,
     ending_of,
+    within_limits,
 )
+
+STAGES, ROWS = 12, 16
+"""Stages of a step; rows with the stage at its end and three more for the dense output."""
+
+WORK = (ROWS + 9, 4)
+"""Shape of the work space of `solve`: compiled code that makes no arrays counts no references."""
+
+# Copies: compiled code needs contiguous constants.
+_NODES = np.concatenate([DOP853.C[:STAGES], [1.0], DOP853.C_EXTRA])
+_COUPLING = np.zeros((ROWS, ROWS))
+_COUPLING[:STAGES, :STAGES] = DOP853.A[:STAGES, :STAGES]
+_COUPLING[STAGES, :STAGES] = DOP853.B
+_COUPLING[STAGES + 1 :] = DOP853.A_EXTRA
+_ERROR_5, _ERROR_3 = DOP853.E5.copy(), DOP853.E3.copy()
+_DENSE = DOP853.D.copy()
+
+_SAFETY, _LEAST_FACTOR, _LARGEST_FACTOR, _EXPONENT = 0.9, 0.2, 10.0, -1.0 / 8.0
+
+REACHED, STOPPED, STUCK = range(3)
+"""How the integration of a segment ends: at its end, at a zero of the margin, for want of a step
+that is short enough."""
+
+
+@register_jitable
+def _copy(source, target):
+    """Copy four numbers; an assignment of arrays would count references."""
+    for i in range(4):
+        target[i] = source[i]
+
+
+@register_jitable
+def _stage(rates, arguments, time, state, step, slopes, row, point):
+    """Write the slopes of one stage, and into `point` the state at which they are taken."""
+    for i in range(4):
+        sum_ = 0.0
+        for j in range(row):
+            sum_ += _COUPLING[row, j] * slopes[j, i]
+        point[i] = state[i] + step * sum_
+    rates(arguments, time + _NODES[row] * step, point, slopes[row])
+
+
+@register_jitable
+def try_step(rates, arguments, time, state, step, slopes, after):
+    """Write the stages of a step and the state after it.
+
+    time, state, step: Start of the step [s], state there, and length of the step [s].
+    after: Takes the state, shape (4,).
+    """
+    for row in range(1, STAGES + 1):
+        _stage(rates, arguments, time, state, step, slopes, row, after)
+
+
+@register_jitable
+def error_of(step, slopes, state, after, rtol, atol):
+    """Return the error of a step, accepted below 1; NaN if a slope has no value."""
+    fifth, third = 0.0, 0.0
+    for i in range(4):
+        sum_5, sum_3 = 0.0, 0.0
+        for j in range(STAGES + 1):
+            sum_5 += _ERROR_5[j] * slopes[j, i]
+            sum_3 += _ERROR_3[j] * slopes[j, i]
+        scale = atol + rtol * max(abs(state[i]), abs(after[i]))
+        fifth += (sum_5 / scale) ** 2
+        third += (sum_3 / scale) ** 2
+    if fifth == 0.0 and third == 0.0:
+        return 0.0
+    return abs(step) * fifth / math.sqrt((fifth + 0.01 * third) * 4.0)
+
+
+@register_jitable
+def step_factor(error, rejected):
+    """Return the factor from a step with this error to the next step."""
+    if not error < 1.0:
+        factor = _SAFETY * error**_EXPONENT
+        return factor if factor > _LEAST_FACTOR else _LEAST_FACTOR  # for NaN too
+    factor = _LARGEST_FACTOR
+    if error > 0.0:
+        factor = min(factor, _SAFETY * error**_EXPONENT)
+    return min(factor, 1.0) if rejected else factor
+
+
+@register_jitable
+def first_step(rates, arguments, time, state, longest, slopes, point, rtol, atol):
+    """Return the first step [s] that `solve_ivp` chooses; row 0 of `slopes` holds the slopes."""
+    size, speed, bend = 0.0, 0.0, 0.0
+    for i in range(4):
+        scale = atol + abs(state[i]) * rtol
+        size += (state[i] / scale) ** 2
+        speed += (slopes[0, i] / scale) ** 2
+    size, speed = math.sqrt(size / 4.0), math.sqrt(speed / 4.0)
+    guess = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, longest)
+    for i in range(4):
+        point[i] = state[i] + guess * slopes[0, i]
+    rates(arguments, time + guess, point, slopes[1])
+    for i in range(4):
+        scale = atol + abs(state[i]) * rtol
+        bend += ((slopes[1, i] - slopes[0, i]) / scale) ** 2
+    bend = math.sqrt(bend / 4.0) / guess
+    if speed <= 1e-15 and bend <= 1e-15:
+        second = max(1e-6, guess * 1e-3)
+    else:
+        second = (0.01 / max(speed, bend)) ** (1.0 / 8.0)
+    return min(100.0 * guess, second, longest)
+
+
+@register_jitable
+def _fit(rates, arguments, time, state, after, step, slopes, fitted, point):
+    """Write the polynomials of the dense output over a step, shape (7, 4)."""
+    for row in range(STAGES + 1, ROWS):
+        _stage(rates, arguments, time, state, step, slopes, row, point)
+    for i in range(4):
+        delta = after[i] - state[i]
+        fitted[0, i] = delta
+        fitted[1, i] = step * slopes[0, i] - delta
+        fitted[2, i] = 2.0 * delta - step * (slopes[STAGES, i] + slopes[0, i])
+        for k in range(4):
+            sum_ = 0.0
+            for j in range(ROWS):
+                sum_ += _DENSE[k, j] * slopes[j, i]
+            fitted[3 + k, i] = step * sum_
+
+
+@register_jitable
+def _evaluate(fitted, state, share, found):
+    """Write the dense output at a share of its step."""
+    for i in range(4):
+        value = 0.0
+        for k in range(7):
+            value += fitted[6 - k, i]
+            value *= share if k % 2 == 0 else 1.0 - share
+        found[i] = state[i] + value
+
+
+@register_jitable
+def _crossing(margin, fitted, state, point):
+    """Return the share of a step at which the margin is zero; write the state into `point`."""
+    low, high = 0.0, 1.0
+    _evaluate(fitted, state, low, point)
+    sign = margin(point) >= 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        _evaluate(fitted, state, middle, point)
+        if (margin(point) >= 0.0) == sign:
+            low = middle
+        else:
+            high = middle
+    _evaluate(fitted, state, high, point)
+    return high
+
+
+@register_jitable
+def _take_step(rates, arguments, time, end, state, step, options, slopes, after):
+    """Take a step that is short enough; return its end [s] and the factor for the next step.
+
+    If no step is short enough, the end returned is the start.
+    """
+    rtol, atol, longest = options
+    least = 10.0 * abs(np.nextafter(time, np.inf) - time)
+    step, rejected = max(min(step, longest), least), False  # a segment may be shorter
+    while step >= least:
+        reached = min(time + step, end)
+        step = reached - time
+        try_step(rates, arguments, time, state, step, slopes, after)
+        error = error_of(step, slopes, state, after, rtol, atol)
+        factor = step_factor(error, rejected)
+        if error < 1.0:
+            return reached, factor
+        step, rejected = step * factor, True
+    return time, 1.0
+
+
+@register_jitable
+def _report(fitted, time, state, reached, after, last, times, count, found):
+    """Write the states at the times of a step up to `last`; return how many are written so far."""
+    while count < len(times) and times[count] <= last:
+        if times[count] == reached:
+            _copy(after, found[count])
+        else:
+            _evaluate(fitted, state, (times[count] - time) / (reached - time), found[count])
+        count += 1
+    return count
+
+
+@register_jitable
+def solve(rates, arguments, margin, start, end, state, times, options, work, found):
+    """Integrate over a segment; return the number of times reached, and when and how it ended.
+
+    start, end: The segment [s].
+    state: State at the start, shape (4,); overwritten by the state at the end.
+    times: Times at which to report the state [s], increasing, within the segment, shape (N,).
+    options: ``(rtol, atol, longest step [s])``.
+    found: Takes the states at the times, shape (N, 4).
+    Returns tuple: How many of the times were reached, the time of the end [s], and `REACHED`,
+        `STOPPED` or `STUCK`.
+    """
+    rtol, atol, longest = options
+    slopes, fitted, after, point = work[:ROWS], work[ROWS : ROWS + 7], work[ROWS + 7], work[-1]
+    count, time, total = 0, start, len(times)
+    rates(arguments, time, state, slopes[0])
+    while count < total and times[count] <= start:
+        _copy(state, found[count])
+        count += 1
+    for i in range(4):
+        if not abs(slopes[0, i]) < np.inf:
+            return count, time, STUCK
+    longest = min(longest, end - start)
+    step = first_step(rates, arguments, time, state, longest, slopes, point, rtol, atol)
+    while time < end:
+        reached, factor = _take_step(
+            rates, arguments, time, end, state, step, (rtol, atol, longest), slopes, after
+        )
+        if reached == time:
+            return count, time, STUCK
+        step = reached - time
+        last, crossed = reached, (margin(state) >= 0.0) != (margin(after) >= 0.0)
+        if crossed or (count < total and times[count] < reached):
+            _fit(rates, arguments, time, state, after, step, slopes, fitted, point)
+        if crossed:
+            last = time + _crossing(margin, fitted, state, point) * step
+        count = _report(fitted, time, state, reached, after, last, times, count, found)
+        if crossed:
+            _copy(point, state)
+            return count, last, STOPPED
+        _copy(after, state)
+        _copy(slopes[STAGES], slopes[0])
+        time, step = reached, step * factor
+    return count, time, REACHED
+
 
 Derivative = Callable[[float, NDArray[np.float64], Segment], Sequence[float]]
 """(time, state, segment) -> its rate of change; NaN where the controller has no value."""
@@ -190,7 +418,7 @@ def compiled_solver(
     longest: Longest step [s].
     """
     options = (rtol, atol, longest)
-    work = np.empty(dop853.WORK)
+    work = np.empty(WORK)
 
     def integrate_segment(
         segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
@@ -198,9 +426,9 @@ def compiled_solver(
         state, found = state.copy(), np.empty((len(times), 4))
         count, time, status = solve(segment, state, times, options, work, found)
         samples = found[:count]
-        if status == dop853.REACHED:
+        if status == REACHED:
             return samples, None
-        fell = status == dop853.STOPPED and abs(state[1]) > FALL_ANGLE - 1e-9
+        fell = status == STOPPED and abs(state[1]) > FALL_ANGLE - 1e-9
         return samples, Outcome(FELL if fell else _ending(state), float(time))
 
     return integrate_segment
@@ -270,3 +498,56 @@ def _premature_end(solution: Any, segment: Segment) -> Outcome:
 def _ending(state: NDArray[np.float64]) -> str:
     """Return how a run that cannot continue from `state` has ended."""
     return OUTCOMES[ending_of(state)]
+
+
+Array = NDArray[np.float64]
+Arrival = Callable[[int, Array], Array]
+"""(number of the step, state) -> the state after what happens at the step's start."""
+Slope = Callable[[int, int, Array, float], ArrayLike]
+"""(number of the step; 0, 1, 2 for its start, middle, end; state; force) -> rate of the state."""
+
+_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
+_STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
+
+
+def integrate_python_controller(
+    controller: Controller,
+    initial_state: Array,
+    times: Array,
+    assumed: Array,
+    arrive: Arrival,
+    slope: Slope,
+) -> tuple[Array, Array, int]:
+    """Integrate by textbook RK4, the controller evaluated in every stage, until the run ends.
+
+    times: Ends of the steps [s], shape (N + 1,).
+    assumed: Assumed (M, m, l, g) at the start, the middle and the end of each step, shape (N, 3,
+        4).
+    Returns tuple: States reached, shape (K, 4), the force from each of these instants on [N], shape
+        (K,), and the index of the outcome.
+    """
+    count, force = len(times) - 1, 0.0
+    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
+    states[0] = initial_state
+    for k in range(count + 1):
+        x = states[k]
+        forces[k] = force
+        if abs(x[1]) >= FALL_ANGLE:
+            return states[: k + 1], forces[: k + 1], _FELL
+        if k == count:
+            break
+        x[:] = arrive(k, x)
+        force = forces[k] = controller.command(times[k], x, assumed[k, 0])
+        dt, slopes = times[k + 1] - times[k], np.full((4, 4), np.nan)
+        for i, (stage, share) in enumerate(_STAGES):
+            state, acting = x + (share * dt) * slopes[i - 1] if i else x, force
+            if i:
+                acting = controller.command(times[k] + share * dt, state, assumed[k, stage])
+            if not abs(acting) < STATE_LIMIT:
+                return states[: k + 1], forces[: k + 1], ending_of(x)
+            slopes[i] = slope(k, stage, state, acting)
+        after = x + (dt / 6.0) * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
+        if not within_limits(after):
+            return states[: k + 1], forces[: k + 1], ending_of(x)
+        states[k + 1] = after
+    return states, forces, _COMPLETED

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.baselines.linear_model import upright_model
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.feedback import upright_model
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.requirements import UNITS, calm, recoveries

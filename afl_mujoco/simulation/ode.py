@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.compiled_controller import compiled_force
-from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.controller import Controller, compiled_force
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
     mass_matrix,
@@ -22,11 +21,15 @@ from afl_mujoco.plant.dynamics import (
 )
 from afl_mujoco.plant.stretching_rod import stretching_accelerations
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.parameter_change import QUASI_STATIC, VELOCITIES, ParameterChange
-from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.parameters import (
+    QUASI_STATIC,
+    VELOCITIES,
+    CartPoleParameters,
+    ParameterChange,
+)
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation import dop853
+from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,
     MAX_STEP,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.compiled_controller import force_from_inputs
+from afl_mujoco.control.controller import force_from_inputs
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.files import as_scenario
@@ -30,7 +30,7 @@ from afl_mujoco.scenario.sampling import (
     steps,
 )
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.python_controller_rk4 import integrate_python_controller
+from afl_mujoco.simulation.integrator import integrate_python_controller
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FALL_ANGLE,

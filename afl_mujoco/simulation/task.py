@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
+from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.laboratory import with_ranges
 from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite, require_positive
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario

@@ -10,7 +10,7 @@ import numpy as np
 
 from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.estimation.estimated_controller import require_no_estimator
+from afl_mujoco.control.estimator import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario

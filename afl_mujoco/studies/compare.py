@@ -266,7 +266,7 @@ def compare(
         If an argument breaks a rule, before the first run.
     """
     from afl_mujoco.control.catalogue import as_controller
-    from afl_mujoco.control.own.python_controller import calls_limited_to
+    from afl_mujoco.control.own import calls_limited_to
 
     several = isinstance(controllers, Sequence) and not isinstance(controllers, str)
     with calls_limited_to(call_limit):

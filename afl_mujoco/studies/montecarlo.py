@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import REFERENCE, SUBJECT, subject_of
 from afl_mujoco.errors import FileError, InvalidValueError, require_count
-from afl_mujoco.execution.executors import open_executor
 from afl_mujoco.files import hidden_folder
+from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import MISSING, fixed, interval, percent, short
+from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
-from afl_mujoco.scenario.laboratory import with_ranges
 from afl_mujoco.scenario.ranges import FIXED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario

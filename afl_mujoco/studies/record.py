@@ -16,8 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, reading
-from afl_mujoco.execution.executors import compute_all, open_executor
-from afl_mujoco.execution.interrupts import interrupts_put_off, is_interrupt
 from afl_mujoco.files import (
     array_names,
     atomic_file,
@@ -28,6 +26,7 @@ from afl_mujoco.files import (
     require_no_folder,
     write_text,
 )
+from afl_mujoco.pool import compute_all, interrupts_put_off, is_interrupt, open_executor
 from afl_mujoco.report.blocks import Figure, Report, Section, figures_of, without_figures
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure

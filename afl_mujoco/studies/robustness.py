@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
-from afl_mujoco.execution.executors import Executor, compute_all
+from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, ERRORS
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfection
 from afl_mujoco.scenario.parameters import require_distinct

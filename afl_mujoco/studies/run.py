@@ -145,7 +145,7 @@ def run_kept(
 ) -> list[tuple[Run, Trajectory | None]]:
     """Do the same, and keep the trajectories; a run whose controller fails has none."""
     from afl_mujoco.control.catalogue import GainError
-    from afl_mujoco.control.own.python_controller import ControllerError
+    from afl_mujoco.control.own import ControllerError
     from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.simulation.sampled.rollouts import roll_out  # not before MuJoCo may be imported
 

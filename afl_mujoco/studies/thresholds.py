@@ -12,7 +12,7 @@ import tyro
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import AFL, BASELINES, ESTIMATED, SUBJECT, subject_of
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report, Status
 from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario

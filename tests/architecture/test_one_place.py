@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 from docs.tables import tables
 from afl_mujoco.scenario.files import load_scenario
-from afl_mujoco.scenario.laboratory import LABORATORY
+from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.robustness import COMBINED, KNOWN, added, hardware_at
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from afl_mujoco.identification.shipped import DESCRIPTION, FIT
+from afl_mujoco.identification.prediction import DESCRIPTION, FIT
 from afl_mujoco.scenario.files import save_scenario
 from tests.synthetic_logs import RIG
 

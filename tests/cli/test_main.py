@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.cli.commands import Regression
 from afl_mujoco.cli.main import main
-from afl_mujoco.cli.regression import Regression
 from afl_mujoco.errors import GraphicsError
 from tests.program import interrupt, run
 

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from afl_mujoco.cli.page import require_page, write_page
-from afl_mujoco.cli.study import inputs_of
+from afl_mujoco.cli.study import inputs_of, require_page, write_page
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.record import PAGE, Record, save_record

@@ -20,7 +20,7 @@ import mediapy
 import numpy as np
 import pytest
 
-from afl_mujoco.cli.page import write_page
+from afl_mujoco.cli.study import write_page
 from afl_mujoco.report import page as page_module
 from tests import study_results
 from tests.verification_result import NASTY, film_entry, write_listing

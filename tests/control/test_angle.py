@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.afl import control_force
-from afl_mujoco.control.angle import BOX, SLOPES, force, slope_at
-from afl_mujoco.control.gain_function import GAIN_NAMES
-from afl_mujoco.control.gains import Gains
-from afl_mujoco.scenario.randomised import random_scenario
+from afl_mujoco.control.gains import GAIN_NAMES, Gains
+from afl_mujoco.control.law import control_force
+from afl_mujoco.control.scheduled import BOX, SLOPES, force, slope_at
+from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import with_objective
 from afl_mujoco.studies.cases import Settings, closed_loop_runs

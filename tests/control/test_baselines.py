@@ -12,16 +12,16 @@ from scipy.linalg import solve_continuous_lyapunov
 from scipy.signal import place_poles
 
 import afl_mujoco as afl
-from afl_mujoco.control.baselines import design
-from afl_mujoco.control.baselines.gain_grid import GainGrid
-from afl_mujoco.control.baselines.linear_model import (
+from afl_mujoco.control import feedback as design
+from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
+from afl_mujoco.control.controller import LINEAR, PARTIAL
+from afl_mujoco.control.feedback import (
+    GainGrid,
+    StateFeedback,
     partially_linear_model,
     pole_placing_gains,
     upright_model,
 )
-from afl_mujoco.control.baselines.state_feedback import StateFeedback
-from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
-from afl_mujoco.control.compiled_controller import LINEAR, PARTIAL
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import PlantRange
 from afl_mujoco.simulation.metrics import metrics

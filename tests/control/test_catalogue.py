@@ -16,7 +16,7 @@ from afl_mujoco import (
     find_controller,
 )
 from afl_mujoco.control import names
-from afl_mujoco.control.compiled_controller import scheduled_force
+from afl_mujoco.control.controller import scheduled_force
 from afl_mujoco.control.names import INFORMED, subject_of
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import PlantRange

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CONTROLLERS, acceleration, control_force
-from afl_mujoco.control.compiled_controller import (
+from afl_mujoco.control.controller import (
     AFL,
     LINEAR,
     PARTIAL,

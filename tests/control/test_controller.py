@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from afl_mujoco import Gains, control_force, sliding_variable
-from afl_mujoco.control import feedback_linearization as fl
-from afl_mujoco.control.afl import afl_force, force_kernel
-from afl_mujoco.control.compiled_controller import AFL, forces_along
-from afl_mujoco.control.sliding_mode import commanded_acceleration, saturation
+from afl_mujoco.control import law as fl
+from afl_mujoco.control.controller import AFL, forces_along
+from afl_mujoco.control.law import afl_force, commanded_acceleration, force_kernel, saturation
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 
 GAINS = Gains(switching=87.0, slope=1.7, boundary_layer=63.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.digests import digests
+from afl_mujoco.control.catalogue import digests
 
 LAW = "def mine(time, state, belief):\n    return {gain} * state[1]\n"
 

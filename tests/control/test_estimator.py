@@ -13,14 +13,14 @@ from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
 
 import afl_mujoco as afl
-from afl_mujoco.control.estimation import estimator
-from afl_mujoco.control.estimation.prediction import (
+from afl_mujoco.control import estimator
+from afl_mujoco.control.estimator import (
+    EstimatorSettings,
     accelerations,
     fill_transition,
     linearise,
     moved,
 )
-from afl_mujoco.control.estimation.settings import EstimatorSettings
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, PlantRange

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 from afl_mujoco import acceleration
-from afl_mujoco.control import feedback_linearization as fl
+from afl_mujoco.control import law as fl
 
 RELATIVE = 1e-12  # the limit of A9
 

@@ -10,8 +10,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController, find_controller
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.gain_function import GainFunction
-from afl_mujoco.control.held import DAMPING, HeldController
+from afl_mujoco.control.gains import GainFunction
+from afl_mujoco.control.scheduled import DAMPING, HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario

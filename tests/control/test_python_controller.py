@@ -22,8 +22,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
-from afl_mujoco.control.own.loading import load_python_controller
-from afl_mujoco.control.own.python_controller import ControllerError, PythonController
+from afl_mujoco.control.own import ControllerError, PythonController, load_python_controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.simulation import integrator
 from afl_mujoco.simulation.metrics import metrics

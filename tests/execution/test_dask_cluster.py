@@ -18,10 +18,10 @@ from typing import Any
 
 import pytest
 
+from afl_mujoco import pool as dask_cluster
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.execution import dask_cluster
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.pool import compute_all, open_executor
 from research.gain_tuning import pair_searches, search_pair
 from research.genetic import GeneticSettings
 from tests.execution.units import (

@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.execution.executors import compute_all, in_process, open_executor
-from afl_mujoco.execution.processes import MAX_DEATHS, kept_processes
+from afl_mujoco.pool import MAX_DEATHS, compute_all, in_process, kept_processes, open_executor
 from tests.execution.units import (
     COUNT,
     PATIENCE,
@@ -203,7 +202,7 @@ def test_without_dask_the_message_says_what_to_install(monkeypatch: pytest.Monke
 
 def test_importing_the_executors_imports_nothing_heavy() -> None:
     heavy = {"distributed", "dask", "mujoco", "multiprocessing", "numba", "pydantic", "scipy"}
-    program = "import sys, afl_mujoco.execution.executors; print(*sys.modules)"
+    program = "import sys, afl_mujoco.pool; print(*sys.modules)"
     run = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )

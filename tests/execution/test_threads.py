@@ -10,7 +10,7 @@ import time
 import pytest
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.execution.threads import Task, require_threads, share
+from afl_mujoco.pool import Task, require_threads, share
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

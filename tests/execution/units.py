@@ -28,7 +28,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.pool import compute_all, open_executor
 from tests.execution.units import slow
 
 if __name__ == "__main__":

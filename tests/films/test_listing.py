@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.digests import digests
+from afl_mujoco.control.catalogue import digests
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
 from afl_mujoco.films.replay import Deployment

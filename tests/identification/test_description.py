@@ -8,7 +8,7 @@ import tomli_w
 
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.identification.description import load_description, to_table
-from afl_mujoco.identification.shipped import DESCRIPTION
+from afl_mujoco.identification.prediction import DESCRIPTION
 
 GOOD = """
 name = "mine"

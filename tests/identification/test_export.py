@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.identification.export import TILT, draws, scenario_of
-from afl_mujoco.identification.shipped import load_estimates
+from afl_mujoco.identification.prediction import load_estimates
 from afl_mujoco.scenario.files import load_scenario, save_scenario
 
 

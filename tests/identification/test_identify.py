@@ -9,9 +9,8 @@ from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.files import read_json, write_json
 from afl_mujoco.identification.description import load_description
 from afl_mujoco.identification.identify import Identified, identify, identify_pole, require_radians
-from afl_mujoco.identification.log import log_of, read_logs
-from afl_mujoco.identification.shipped import DESCRIPTION, FIT, load_estimates
-from afl_mujoco.identification.windows import cut
+from afl_mujoco.identification.log import cut, log_of, read_logs
+from afl_mujoco.identification.prediction import DESCRIPTION, FIT, load_estimates
 from afl_mujoco.studies.identify.result import shown_of
 from tests.coulomb_rig import RIGS, description_of
 from tests.synthetic_logs import Truth, swing

@@ -10,7 +10,7 @@ from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.identification import log as logs
 from afl_mujoco.identification.description import AngleColumn, PositionColumn, load_description
 from afl_mujoco.identification.log import log_of, read_log, read_logs, write_log
-from afl_mujoco.identification.shipped import CHOOSE, DESCRIPTION, FIT
+from afl_mujoco.identification.prediction import CHOOSE, DESCRIPTION, FIT
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()

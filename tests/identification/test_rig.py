@@ -5,8 +5,7 @@ import pytest
 
 from afl_mujoco.identification import rig
 from afl_mujoco.identification.least_squares import fitted_starts
-from afl_mujoco.identification.log import log_of
-from afl_mujoco.identification.windows import cut
+from afl_mujoco.identification.log import cut, log_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()

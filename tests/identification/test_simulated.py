@@ -9,9 +9,9 @@ import pytest
 from afl_mujoco.control.catalogue import as_controller, find_controller
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.identification.description import load_description
+from afl_mujoco.identification.export import require_loggable, write_run
 from afl_mujoco.identification.identify import identify
 from afl_mujoco.identification.log import read_log
-from afl_mujoco.identification.simulated import require_loggable, write_run
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco

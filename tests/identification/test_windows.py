@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.identification.log import log_of
-from afl_mujoco.identification.windows import cut
+from afl_mujoco.identification.log import cut, log_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()

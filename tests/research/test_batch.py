@@ -10,7 +10,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController
-from afl_mujoco.control.gain_function import GainFunction
+from afl_mujoco.control.gains import GainFunction
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective
 from research.batch import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.randomised import random_scenario
+from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales
 from afl_mujoco.studies.verification.claims.claim import (
     EVERY,

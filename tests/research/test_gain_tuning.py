@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from afl_mujoco.control.catalogue import CONTROLLERS
-from afl_mujoco.control.gain_function import GAIN_NAMES
+from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
 from research.gain_tuning import (

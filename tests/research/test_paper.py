@@ -10,7 +10,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction
+from afl_mujoco.control.gains import GAIN_NAMES, GainFunction
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from research import paper

@@ -7,8 +7,8 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController
-from afl_mujoco.control.gain_function import GAIN_NAMES, GainFunction
-from afl_mujoco.scenario.randomised import random_scenario
+from afl_mujoco.control.gains import GAIN_NAMES, GainFunction
+from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from research.batch import closed_loop_terms

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from afl_mujoco.control.gain_function import shipped_file
+from afl_mujoco.control.gains import shipped_file
 from research import tune
 from research.command import run_command
 from research.figures import draw_gain_table, fits_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, spearmanr
 
-from afl_mujoco.scenario.randomised import (
+from afl_mujoco.scenario.catalogue import (
     CART_MASS_RANGE,
     HALF_LENGTH_RANGE,
     LAST_CHANGE,

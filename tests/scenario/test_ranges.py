@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY, START, with_ranges
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.laboratory import HARDWARE_RANGES, LABORATORY, START, with_ranges
 from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.schedules import Schedule, slew_limited, staircase

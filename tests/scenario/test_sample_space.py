@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY
 from afl_mujoco.scenario.files import load_scenario, save_scenario
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.laboratory import HARDWARE_RANGES, LABORATORY
 from afl_mujoco.scenario.sample_space import (
     SHAPES,
     SampleSpace,

@@ -17,8 +17,8 @@ from afl_mujoco import (
     simulate_ode_rk4,
     staircase,
 )
-from afl_mujoco.control.compiled_controller import LINEAR
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.controller import LINEAR
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.scenario.disturbances import Impulse

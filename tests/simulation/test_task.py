@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
+from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.laboratory import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.task import Balance, controller_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.files import save_scenario

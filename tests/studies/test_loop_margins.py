@@ -12,10 +12,9 @@ import pytest
 from scipy.linalg import expm
 
 import afl_mujoco as afl
-from afl_mujoco.control.baselines.design import lqr_gains
-from afl_mujoco.control.baselines.linear_model import upright_model
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.feedback import lqr_gains, upright_model
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.imperfections import Imperfections

@@ -14,8 +14,7 @@ import pytest
 from scipy.stats import beta, binom
 
 import afl_mujoco as afl
-from afl_mujoco.control.own.loading import load_python_controller
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController, load_python_controller
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.files import Replay, find_replay, load_scenario

@@ -20,7 +20,7 @@ import pytest
 
 from afl_mujoco import files
 from afl_mujoco.errors import FileError
-from afl_mujoco.execution.interrupts import interrupts_noted
+from afl_mujoco.pool import interrupts_noted
 from afl_mujoco.report import style
 from afl_mujoco.studies import record as record_module
 from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record

@@ -9,7 +9,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.execution.executors import in_process, open_executor
+from afl_mujoco.pool import in_process, open_executor
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.files import as_plain, parse_json
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement

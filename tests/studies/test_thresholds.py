@@ -11,7 +11,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import AflMujocoError, UnknownNameError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.belief import ERRORS

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel, load, store
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.execution.threads import require_threads
+from afl_mujoco.pool import require_threads
 from afl_mujoco.scenario.imperfections import require_on_rail
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (

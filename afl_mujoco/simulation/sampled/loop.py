@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from afl_mujoco.compiled import borrowing_kernel, load, store
-from afl_mujoco.control.compiled_controller import compiled_force, force_from_inputs
-from afl_mujoco.control.estimation.estimator import filtered_state
-from afl_mujoco.control.estimation.estimator import start as begin_estimate
-from afl_mujoco.control.estimation.estimator import update as update_estimate
+from afl_mujoco.control.controller import compiled_force, force_from_inputs
+from afl_mujoco.control.estimator import filtered_state
+from afl_mujoco.control.estimator import start as begin_estimate
+from afl_mujoco.control.estimator import update as update_estimate
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.simulation.mujoco_model import (
     impulse_jump,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.execution.threads import Task, require_threads, share
+from afl_mujoco.pool import Task, require_threads, share
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.requirements import NONE

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.estimation.estimated_controller import EstimatedController
+from afl_mujoco.control.estimator import EstimatedController
 from afl_mujoco.control.names import ESTIMATED as SUFFIX
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.scenario.catalogue import SCENARIOS
@@ -19,7 +19,7 @@ from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-from afl_mujoco.simulation.sampled.estimated import EstimatedRun, simulate_estimated
+from afl_mujoco.simulation.sampled.runs import EstimatedRun, simulate_estimated
 from afl_mujoco.simulation.scoring import ObjectiveScales, nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.estimation.tracking import Tracking, tracking

@@ -60,7 +60,7 @@ def check(configuration: Estimation) -> None:
 
 def run(configuration: Estimation, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Run every schedule; the result does not depend on the workers."""
-    from afl_mujoco.execution.executors import compute_all, open_executor
+    from afl_mujoco.pool import compute_all, open_executor
     from afl_mujoco.studies.estimation.result import result_of, study_case
 
     units = units_of(configuration)

@@ -62,7 +62,7 @@ def _asked(configuration: Hardware) -> tuple[list[Log], Identified, str]:
     from pathlib import Path
 
     from afl_mujoco.identification.log import read_logs
-    from afl_mujoco.identification.shipped import CHOOSE, ESTIMATES, load_estimates
+    from afl_mujoco.identification.prediction import CHOOSE, ESTIMATES, load_estimates
     from afl_mujoco.studies.hardware.protocol import load_protocol
 
     c = configuration

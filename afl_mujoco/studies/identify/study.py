@@ -57,7 +57,7 @@ def _asked(configuration: Identify) -> tuple[list[Log], Description]:
     """Return the logs and what they mean, or raise."""
     from afl_mujoco.identification.description import load_description
     from afl_mujoco.identification.log import read_logs
-    from afl_mujoco.identification.shipped import DESCRIPTION, FIT
+    from afl_mujoco.identification.prediction import DESCRIPTION, FIT
 
     c = configuration
     if c.logs and c.description is None:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters

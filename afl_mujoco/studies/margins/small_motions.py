@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.simulation.trajectory import DIVERGED
 from afl_mujoco.studies.bisection import LOWER, UPPER, find_threshold, scan_levels
 from afl_mujoco.studies.linearization import REST

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections

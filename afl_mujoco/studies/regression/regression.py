@@ -12,8 +12,8 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import FileError
-from afl_mujoco.execution.executors import compute_all, open_executor
 from afl_mujoco.files import output_folder, write_json
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory

@@ -9,7 +9,7 @@ from operator import call
 from typing import Any
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.execution.executors import compute_all, open_executor
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.catalogue import is_published
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective

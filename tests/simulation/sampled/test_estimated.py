@@ -7,19 +7,17 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS, CartPoleModel, simulate_mujoco, simulate_ode
-from afl_mujoco.control.compiled_controller import compiled_force
-from afl_mujoco.control.estimation import estimator
-from afl_mujoco.control.estimation.estimated_controller import EstimatedController
-from afl_mujoco.control.estimation.settings import EstimatorSettings
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control import estimator
+from afl_mujoco.control.controller import compiled_force
+from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.replay import Deployment, record
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.sampled import loop
-from afl_mujoco.simulation.sampled.estimated import simulate_estimated
 from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
 from afl_mujoco.simulation.sampled.rollouts import run_rollouts
-from afl_mujoco.simulation.sampled.runs import prepare, timing_of
+from afl_mujoco.simulation.sampled.runs import prepare, simulate_estimated, timing_of
 
 REAL = Imperfections(
     noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004,

@@ -12,11 +12,11 @@ from afl_mujoco.simulation.sampled.hardware import (
     actuator_of,
     new_run,
     no_commands,
+    normals,
     sense,
     sensors_of,
     within_reach,
 )
-from afl_mujoco.simulation.sampled.noise import normals
 
 H = 1e-3
 T = 4e-3  # control period

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from afl_mujoco.simulation.sampled.noise import normals, random_words
+from afl_mujoco.simulation.sampled.hardware import normals, random_words
 
 # The known answers of Random123 v1.14.0, tests/kat_vectors, philox4x32 with 10 rounds.
 ZEROS, ONES = "00000000 00000000", "ffffffff ffffffff"

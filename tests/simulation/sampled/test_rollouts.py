@@ -17,7 +17,7 @@ from afl_mujoco import (
     staircase,
 )
 from afl_mujoco.cli.main import main
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements

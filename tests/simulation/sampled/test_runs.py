@@ -18,7 +18,7 @@ from afl_mujoco import (
     simulate_mujoco,
     staircase,
 )
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections

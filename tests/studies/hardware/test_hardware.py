@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.identification.export import with_values
-from afl_mujoco.identification.shipped import CHOOSE, FIT, load_estimates
+from afl_mujoco.identification.prediction import CHOOSE, FIT, load_estimates
 from afl_mujoco.report.markdown import to_markdown
 from afl_mujoco.studies.hardware.outlook import changes, outlook
 from afl_mujoco.studies.hardware.protocol import load_protocol

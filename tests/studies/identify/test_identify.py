@@ -13,7 +13,7 @@ import tomli_w
 
 from afl_mujoco.identification.description import to_table
 from afl_mujoco.identification.log import write_log
-from afl_mujoco.identification.shipped import load_estimates
+from afl_mujoco.identification.prediction import load_estimates
 from afl_mujoco.report.markdown import to_markdown
 from afl_mujoco.scenario.files import load_scenario
 from afl_mujoco.studies.identify.sections import sections

@@ -11,7 +11,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS
-from afl_mujoco.control.own.python_controller import PythonController
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import afl_mujoco as afl
-from afl_mujoco.control.compiled_controller import LINEAR
+from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.studies.verification.checks.convergence import STEPS, difference, sampled_study
 
 NOTHING = afl.StateFeedback(

@@ -7,8 +7,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from afl_mujoco.control.afl import control_force
 from afl_mujoco.control.gains import FIXED_GAINS
+from afl_mujoco.control.law import control_force
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
     mass_matrix,
@@ -16,8 +16,8 @@ from afl_mujoco.plant.dynamics import (
     velocity_jump,
 )
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
-from afl_mujoco.simulation.mujoco_dynamics import momenta
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, impulse_jump
+from afl_mujoco.simulation.mujoco_rollout import momenta
 from afl_mujoco.studies.verification.check import Check
 from afl_mujoco.studies.verification.criteria import CRITERIA
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.scenario.parameter_change import MOMENTA, QUASI_STATIC, STRETCHING_ROD, VELOCITIES
+from afl_mujoco.scenario.parameters import MOMENTA, QUASI_STATIC, STRETCHING_ROD, VELOCITIES
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode

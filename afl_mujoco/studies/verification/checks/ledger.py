@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plant.energy import linear_momentum, total_energy
-from afl_mujoco.scenario.parameter_change import ParameterChange
-from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.parameters import CartPoleParameters, ParameterChange
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
-from afl_mujoco.simulation.mujoco_dynamics import closed_loop, momenta, transition
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, write_parameters
+from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, transition
 
 SAMPLE_PERIOD = 0.1
 """Spacing of the instants at which the ledger is closed [s]."""

@@ -6,7 +6,7 @@ from collections.abc import Container
 
 import numpy as np
 
-from afl_mujoco.control.feedback_linearization import linearizing_force
+from afl_mujoco.control.law import linearizing_force
 from afl_mujoco.plant.dynamics import acceleration
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import CartPoleParameters

@@ -1,7 +1,9 @@
-"""The control law with gains chosen from the gain table when a run starts, and kept."""
+"""The paper's controller with gains held from the start of a run, or with a slope by the angle."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, NoReturn
@@ -9,11 +11,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.afl import saturation_ratio
-from afl_mujoco.control.compiled_controller import AFL, CompiledController
-from afl_mujoco.control.controller import Controller, assumed_as_data
-from afl_mujoco.control.gain_function import beyond_table, shipped_data
-from afl_mujoco.control.gains import Gains
+from afl_mujoco.control.controller import AFL, CompiledController, Controller, assumed_as_data
+from afl_mujoco.control.gains import Gains, beyond_table, shipped_data
+from afl_mujoco.control.law import afl_force, saturation_ratio
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import (
     CART_MASSES,
@@ -147,3 +147,40 @@ def _table_slope() -> Any:
     order = np.lexsort((columns[1], columns[0]))
     slopes = columns[2][order].reshape(len(masses), len(lengths))
     return RegularGridInterpolator((masses, lengths), slopes)
+
+
+ANGLES = (math.radians(20.0), math.radians(60.0))
+"""abs(phi) between which ln(lambda) is linear [rad]."""
+
+SLOPES = (5.0, 3.0)
+"""lambda at those, for l = `LENGTH` [1/s]; tuned by `benchmarks/bench_equal_effort.py`."""
+
+EXPONENT, LENGTH = -0.25, 0.5
+"""lambda goes with (l / LENGTH)^EXPONENT; l in m."""
+
+BOX = (1.0, 5.0)
+"""Least and largest lambda [1/s] (decision D8)."""
+
+_FIXED = shipped_data("gain_functions.json")["fixed"]
+
+
+def slope_at(angle: float, half_length: float) -> float:
+    """Return lambda [1/s].
+
+    angle: phi [rad].
+    half_length: l [m], as assumed.
+    """
+    (near, far), (fast, slow) = ANGLES, SLOPES
+    share = min(max((abs(angle) - near) / (far - near), 0.0), 1.0)
+    slope: float = fast * (slow / fast) ** share * (half_length / LENGTH) ** EXPONENT
+    return min(max(slope, BOX[0]), BOX[1])
+
+
+def force(time: float, state: Sequence[float], belief: CartPoleParameters) -> float:
+    """Return the force [N] of (L1)-(L10), NaN where it has none, as a controller in Python."""
+    p, g = belief, _FIXED
+    inputs = (
+        *(p.cart_mass, p.pole_mass, p.half_length, p.gravity),
+        *(g["switching"], slope_at(state[1], p.half_length), g["boundary_layer"]),
+    )
+    return float(afl_force(tuple(state), inputs))

@@ -1,4 +1,4 @@
-"""The paper's control law (L1)-(L10): state and model in, force out."""
+"""The paper's law: approximate feedback linearization (L1 to L7), sliding mode (L8 to L10)."""
 
 from __future__ import annotations
 
@@ -7,18 +7,99 @@ from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control import feedback_linearization as fl
 from afl_mujoco.control.gains import Gains
-from afl_mujoco.control.sliding_mode import (
-    commanded_acceleration,
-    sliding_surface,
-    surface_drift,
-)
 from afl_mujoco.errors import ControllerDomainError
 from afl_mujoco.scenario.parameters import CartPoleParameters
 
-_xi1, _xi2, _xi3, _xi4 = fl.xi1, fl.xi2, fl.xi3, fl.xi4
-_alpha, _beta, _linearizing_force = fl.alpha, fl.beta, fl.linearizing_force
+# One-letter and Greek names are the paper's; every function is one numbered equation.
+
+
+@register_jitable
+def linearizing_force(u, phi, phi_dot, cart_mass, pole_mass, half_length, gravity):
+    """Return the force F [N] that makes z'' = u and phi'' = 3/(4l) (g sin + u cos), Eq. (L1)."""
+    sin, cos = np.sin(phi), np.cos(phi)
+    inertia = (cart_mass + pole_mass) - 0.75 * pole_mass * cos**2
+    centripetal = pole_mass * half_length * phi_dot**2 * sin
+    return inertia * u + centripetal - 0.75 * pole_mass * gravity * sin * cos
+
+
+@register_jitable
+def xi1(z, phi, half_length):
+    """Return the output coordinate xi1 [m], Eq. (L2), ln((1 + sin)/cos) written as arcsinh(tan).
+
+    The two are equal; the second is odd to the last bit and has no cancellation near -pi/2.
+    """
+    return z - 4.0 / 3.0 * half_length * np.arcsinh(np.sin(phi) / np.cos(phi))
+
+
+@register_jitable
+def xi2(z_dot, phi, phi_dot, half_length):
+    """Return xi2 = xi1' [m/s], Eq. (L3)."""
+    return z_dot - 4.0 / 3.0 * half_length * phi_dot / np.cos(phi)
+
+
+@register_jitable
+def xi3(phi, phi_dot, half_length, gravity):
+    """Return xi3 = xi2' [m/s^2], Eq. (L4)."""
+    sin, cos = np.sin(phi), np.cos(phi)
+    return -sin / cos * (gravity + 4.0 / 3.0 * half_length * phi_dot**2 / cos)
+
+
+@register_jitable
+def xi4(phi, phi_dot, half_length, gravity):
+    """Return xi4 [m/s^3], Eq. (L5): xi3' without its term -2 phi' tan(phi) u."""
+    cos = np.cos(phi)
+    square = cos * cos
+    cubic = 4.0 / 3.0 * half_length * (2.0 / square - 1.0) / cos
+    return -(cubic * phi_dot**2 + (3.0 / square - 2.0) * gravity) * phi_dot
+
+
+@register_jitable
+def alpha(phi, phi_dot, half_length, gravity):
+    """Return the drift alpha of xi4' [m/s^4], Eq. (L6)."""
+    sin, cos = np.sin(phi), np.cos(phi)
+    square = cos * cos
+    rate2 = phi_dot * phi_dot
+    quartic = 4.0 / 3.0 * half_length * sin / square * (6.0 / square - 1.0)
+    quadratic = 3.0 * gravity * sin / cos * (4.0 / square - 1.0)
+    constant = 0.75 * gravity**2 / half_length * sin * (2.0 - 3.0 / square)
+    return constant - (quartic * rate2 + quadratic) * rate2
+
+
+@register_jitable
+def beta(phi, phi_dot, half_length, gravity):
+    """Return the input gain beta of xi4' [1/s^2], Eq. (L7); negative near upright."""
+    cos = np.cos(phi)
+    rate_part = 3.0 * phi_dot**2 * (1.0 - 2.0 / (cos * cos))
+    return rate_part - 0.75 * gravity / half_length * (3.0 / cos - 2.0 * cos)
+
+
+@register_jitable
+def sliding_surface(xi_1, xi_2, xi_3, xi_4, slope):
+    """Return s = (d/dt + lambda)^3 xi1 [m/s^3], Eq. (L8)."""
+    return xi_4 + slope * (3.0 * xi_3 + slope * (3.0 * xi_2 + slope * xi_1))
+
+
+@register_jitable
+def surface_drift(alpha, xi_2, xi_3, xi_4, slope):
+    """Return a, the part of s' without the input [m/s^4], first half of Eq. (L9)."""
+    return alpha + slope * (3.0 * xi_4 + slope * (3.0 * xi_3 + slope * xi_2))
+
+
+@register_jitable
+def saturation(x):
+    """Return sat(x) = clip(x, -1, 1)."""
+    return np.minimum(np.maximum(x, -1.0), 1.0)
+
+
+@register_jitable
+def commanded_acceleration(surface, drift, input_gain, switching, boundary_layer):
+    """Return u = -a/b + K sat(s/Phi) [m/s^2], Eq. (L10), with b = beta of (L7)."""
+    return -drift / input_gain + switching * saturation(surface / boundary_layer)
+
+
+_xi1, _xi2, _xi3, _xi4 = xi1, xi2, xi3, xi4
+_alpha, _beta, _linearizing_force = alpha, beta, linearizing_force
 
 
 @register_jitable

@@ -1,32 +1,32 @@
-"""A controller written in Python, guarded: each of its errors is reported in one line."""
+"""Controllers of one's own, in Python: their memory, their calls, and how they are loaded."""
 
 from __future__ import annotations
 
 import contextlib
+import copy
+import dis
 import hashlib
+import importlib
 import inspect
 import math
+import os
 import signal
+import sys
 import threading
 import time as clock
-from collections.abc import Callable, Iterator
+import types
+from collections.abc import Callable, Collection, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.compiled_controller import CompiledController
-from afl_mujoco.control.controller import Controller, assumed_as_data
-from afl_mujoco.control.own.memory import (
-    ARGUMENTS,
-    fresh,
-    makes_controllers,
-    remembers,
-    why_it_remembers,
-)
+from afl_mujoco.control.controller import CompiledController, Controller, assumed_as_data
+from afl_mujoco.control.names import ESTIMATED
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.scenario.parameters import (
     CartPoleParameters,
@@ -34,6 +34,141 @@ from afl_mujoco.scenario.parameters import (
     require_positive,
     require_type,
 )
+
+ARGUMENTS = (0.0, np.zeros(4), None)
+"""As many arguments as a controller's function takes."""
+
+_WRITES = ("STORE_GLOBAL", "DELETE_GLOBAL", "STORE_DEREF", "DELETE_DEREF")
+"""Instructions that write a variable which outlives a call, or which an inner function shares."""
+
+_COUNTS = "an object counts as one with a memory unless it has stateless = True"
+
+
+def makes_controllers(function: Any) -> bool:
+    """Return whether something is a class, or a factory that is called without arguments."""
+    if inspect.isclass(function):
+        return True
+    return not _takes(function, ARGUMENTS) and _takes(function, ())
+
+
+def remembers(function: Any) -> bool:
+    """Return whether what a controller answers may depend on earlier calls.
+
+    A function is stateless unless it writes a variable that outlives the call; so is the partial
+    of one, and what has the attribute ``stateless = True``. All else may remember.
+    """
+    return makes_controllers(function) or bool(why_it_remembers(function))
+
+
+def why_it_remembers(function: Any) -> str:
+    """Return why something that makes no controllers may remember, and what helps; or nothing."""
+    if _declared(function):
+        return ""
+    if isinstance(function, partial):
+        return why_it_remembers(function.func)
+    if not _is_function(function):
+        return _COUNTS
+    if written := _written(function):
+        return f"it writes {written!r}, which outlives the call: make it a class"
+    return ""
+
+
+def fresh(name: str, function: Any) -> Any:
+    """Return the function for one run: made anew, copied, or itself if it is stateless."""
+    makes = makes_controllers(function)
+    try:
+        return function() if makes else _copied(function, {})
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        what = f"{type(error).__name__}: {told(error)}"
+        rule = f"cannot be started: {what}"
+        if not makes:
+            rule = f"must be copied for each run, but cannot be: {what}; give its class, or set "
+            rule += "stateless = True on it if it remembers nothing"
+        raise InvalidValueError(f"controller {name!r}", rule) from error
+
+
+def _copied(function: Any, memo: dict[int, Any]) -> Any:
+    """Return a deep copy, reset; a function is stateless and has none."""
+    if _declared(function):
+        return function
+    if isinstance(function, partial):
+        copied = _copied(function.func, memo)
+        arguments, named = copy.deepcopy((function.args, function.keywords), memo)
+        return partial(copied, *arguments, **named)
+    if _is_function(function):
+        return function
+    owner = _owner(function)
+    mine = copy.deepcopy(owner, memo)
+    if callable(reset := getattr(mine, "reset", None)):
+        reset()
+    if owner is function:
+        return mine
+    if inspect.ismethod(function):
+        return types.MethodType(function.__func__, mine)
+    return getattr(mine, function.__name__)  # of a class in C
+
+
+def _declared(function: Any) -> bool:
+    """Return whether something, or the object of a bound method, says that it is stateless."""
+    return any(getattr(x, "stateless", None) is True for x in (function, _owner(function)))
+
+
+def _owner(function: Any) -> Any:
+    """Return the object of a bound method, or what is none itself."""
+    if inspect.isfunction(function) or not inspect.isroutine(function):
+        return function
+    owner = getattr(function, "__self__", None)
+    is_object = owner is not None and not isinstance(owner, types.ModuleType | type)
+    return owner if is_object else function
+
+
+def _is_function(function: Any) -> bool:
+    """Return whether something is a function: of Python, builtin, or compiled by a library.
+
+    What a library compiles (numba, JAX, Cython) is an object that Python does not call by a method
+    written in Python; a user's own class is called by one.
+    """
+    if _owner(function) is not function or not inspect.isroutine(function):
+        return False
+    return not inspect.isfunction(type(function).__call__)
+
+
+def _written(function: Any) -> str:
+    """Return a variable that a function, or the one behind it, writes and that outlives a call."""
+    seen: list[Any] = []
+    while function is not None and not any(function is x for x in seen):
+        seen.append(function)
+        method = getattr(function, "__func__", function)
+        code = getattr(method, "__code__", None)
+        if isinstance(code, types.CodeType) and (found := _writes(code, code.co_freevars)):
+            return found
+        function = getattr(function, "__wrapped__", getattr(function, "py_func", None))
+    return ""
+
+
+def _writes(code: types.CodeType, outside: Collection[str]) -> str:
+    """Return a global, or a variable from outside, that code or a function within it writes."""
+    for step in dis.get_instructions(code):
+        if step.opname in _WRITES and ("GLOBAL" in step.opname or step.argval in outside):
+            return str(step.argval)
+    for inner in code.co_consts:
+        if isinstance(inner, types.CodeType):
+            shared = set(inner.co_freevars) & set(outside)
+            if found := _writes(inner, shared):
+                return found
+    return ""
+
+
+def _takes(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:
+    """Return whether a function takes these arguments; False if it has no signature."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except (TypeError, ValueError):
+        return False
+    return True
+
 
 Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
 """(time [s], state, assumed parameters of the plant) -> force [N]."""
@@ -278,8 +413,6 @@ def _restored(
 ) -> PythonController:
     """Return a controller from its pickled fields, its function loaded again by its name."""
     if spec is not None:
-        from afl_mujoco.control.own.loading import load_attribute
-
         function = load_attribute(spec)
     return PythonController(
         name=name,
@@ -351,3 +484,74 @@ def _source_hash(function: object) -> str | None:
         if file is not None:
             return hashlib.blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
     return None
+
+
+def load_python_controller(spec: str, belief: CartPoleParameters | None = None) -> PythonController:
+    """Return the controller that a module defines, under the name ``module.attribute``."""
+    name = spec.replace(":", ".")
+    return PythonController(name=name, function=load_attribute(spec), belief=belief, spec=spec)
+
+
+def load_attribute(spec: str) -> Any:
+    """Return the function, class, factory or instance that a module defines."""
+    thing = f"controller {spec!r}"
+    module_name, _, function_name = spec.partition(":")
+    parts = (*module_name.split("."), *function_name.split("."))
+    if module_name.endswith(".py") or not all(part.isidentifier() for part in parts):
+        rule = f"must be module:attribute{_hint(module_name, function_name)}"
+        raise InvalidValueError(thing, rule)
+    folder = os.getcwd()
+    if folder not in sys.path:
+        sys.path.append(folder)  # last, so that no user file hides an installed module
+    try:
+        found: Any = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name not in (module_name, module_name.split(".")[0]):
+            raise InvalidValueError(thing, f"needs a module: {error}") from None
+        rule = f"must be in a module that is installed or in {folder}: {error}"
+        raise InvalidValueError(thing, rule) from None
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        rule = f"cannot be imported: {type(error).__name__}: {told(error)}"
+        raise InvalidValueError(thing, rule) from error
+    for part in function_name.split("."):
+        if not hasattr(found, part):
+            file = getattr(found, "__file__", None) or module_name
+            hides = _hidden_by(file, module_name, folder)
+            raise InvalidValueError(
+                thing, f"must be defined in {file}, which has no {part!r}{hides}"
+            )
+        found = getattr(found, part)
+    return found
+
+
+def _hint(module_name: str, function_name: str) -> str:
+    """Say what may have been meant by names of which one is not an identifier."""
+    if function_name.endswith(ESTIMATED):
+        return f"; only a controller of the catalogue can be followed by {ESTIMATED}"
+    if (meant := _module_of(module_name)) in ("", module_name):
+        return ""
+    return f", with no slash or .py; did you mean {meant}:{function_name}?"
+
+
+def rule_for_file(name: str) -> str:
+    """Say how to name a controller of a file in the working directory, if the file is there."""
+    module = _module_of(name)
+    if not module or not os.path.isfile(file := f"{module.replace('.', os.sep)}.py"):
+        return ""
+    return f"must be given as {module}:NAME, where NAME is a function or a class of {file}"
+
+
+def _module_of(path: str) -> str:
+    """Return the module of a file below the working directory, or nothing if there can be none."""
+    module = os.path.normpath(path.removesuffix(".py")).replace(os.sep, ".")
+    return module if all(part.isidentifier() for part in module.split(".")) else ""
+
+
+def _hidden_by(file: str, module_name: str, folder: str) -> str:
+    """Say that an installed module hides a file of the same name in a folder, if it does."""
+    own = os.path.join(folder, f"{module_name}.py")
+    if not os.path.exists(own) or (os.path.exists(file) and os.path.samefile(own, file)):
+        return ""
+    return f" and hides {module_name}.py of this folder: give that file another name"

@@ -1,0 +1,428 @@
+"""The commands that are no study: simulate, log, render, view, report, regression."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from afl_mujoco.cli.terminal import (
+    CHECK_FAILED,
+    FILMS,
+    RESULTS,
+    SUCCESS,
+    CallLimit,
+    count_bar,
+    progress_bar,
+    say,
+    separated,
+    typed,
+)
+from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT
+from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
+from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
+
+if TYPE_CHECKING:
+    from afl_mujoco.control.controller import Controller
+    from afl_mujoco.films.replay import Deployment
+    from afl_mujoco.scenario.scenario import Scenario
+    from afl_mujoco.simulation.trajectory import Trajectory
+
+INDIFFERENT = ("out", "workers")
+"""Options that do not change the films."""
+
+FRAMES_A_SECOND = 60
+"""Frames of a view per second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Deployed:
+    """How a controller is deployed in the runs that are shown."""
+
+    timestep: float | None = None
+    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
+    period."""
+    control_period: float | None = None
+    """How long the force is held [s], a multiple of the timestep; by default that of the
+    scenario, else one step."""
+    integrator: str = "RK4"
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    call_limit: CallLimit = None
+
+    @property
+    def deployment(self) -> Deployment:
+        from afl_mujoco.films.replay import Deployment
+
+        return Deployment(
+            timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Render(_Deployed):
+    """Film runs in MuJoCo with the ideal equations as a ghost, without a display.
+
+    Example: afl-mujoco render step-step-impulse --controllers fixed,adaptive --size 1280x720
+
+    Writes one MP4 for each scenario and controller, and one of up to four controllers side by
+    side. Also writes films.json, from which `afl-mujoco report` takes them.
+    """
+
+    scenarios: ScenarioNames = ()
+    """Scenarios by name, or TOML files; all nine of the paper by default."""
+    controllers: ControllerNames = PAPER
+    size: str = "1280x720"
+    """Width x height in pixels, even, at most 1920x1080."""
+    fps: int = 30
+    """Frames per second."""
+    still: float | None = None
+    """Write the frame at this time [s] as a PNG, instead of each film."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Number of processes that share the films."""
+    out: Path = FILMS
+    """Folder for the films."""
+
+    def run(self) -> int:
+        """Make the films, or the stills."""
+        from afl_mujoco.control.catalogue import find_controller
+        from afl_mujoco.files import output_folder
+        from afl_mujoco.graphics import require_backend
+        from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.scenario.files import find_scenario
+
+        # What is quick to check comes before what is slow to import, the backend before MuJoCo.
+        scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
+        controllers = [find_controller(name) for name in separated(self.controllers)]
+        if not (found := re.fullmatch(r"(\d{1,6})x(\d{1,6})", self.size)):
+            raise InvalidValueError("size", "must be WIDTHxHEIGHT, such as 1280x720", self.size)
+        require_backend()
+
+        from afl_mujoco.films.video import make_films, plan, write_stills
+
+        films = plan(
+            scenarios,
+            controllers,
+            self.deployment,
+            size=(int(found[1]), int(found[2])),
+            fps=self.fps,
+            command=typed("render", self, INDIFFERENT),
+        )
+        folder = output_folder(self.out)
+        if self.still is not None:
+            files = write_stills(films, self.still, folder)
+        else:
+            with count_bar(len(films), "filming") as progress:
+                files = make_films(films, folder, workers=self.workers, progress=progress)
+        say(*(f"wrote {file}" for file in files))
+        return SUCCESS
+
+
+@dataclass(frozen=True, kw_only=True)
+class View(_Deployed):
+    """Show a run in MuJoCo's interactive viewer, in real time, until the window is closed.
+
+    Example: afl-mujoco view step-step-impulse --controller adaptive
+    """
+
+    scenario: Name = "step-step-impulse"
+    """Scenario by name, or a TOML file."""
+    controller: Annotated[str, tyro.conf.arg(help=f"Controller by name: {KNOWN}")] = SUBJECT
+    speed: float = 1.0
+    """Seconds of the run that are shown per second."""
+
+    def run(self) -> int:
+        """Run the simulation, then show it."""
+        from afl_mujoco.control.catalogue import find_controller
+        from afl_mujoco.graphics import require_display
+        from afl_mujoco.scenario.files import find_scenario
+
+        scenario, controller = find_scenario(self.scenario), find_controller(self.controller)
+        if not 0.0 < self.speed < float("inf"):
+            raise InvalidValueError("speed", "must be positive and finite", self.speed)
+        require_display()
+        os.environ["MUJOCO_GL"] = "glfw"
+
+        from afl_mujoco.films.replay import record
+        from afl_mujoco.films.scene import view
+
+        view(record(scenario, controller, self.deployment, FRAMES_A_SECOND), self.speed)
+        return SUCCESS
+
+
+Logs = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log:
+    """Plot logs of a measured cart-pole, and print a summary.
+
+    Example: afl-mujoco log logs/swing-up.csv --description my-rig.toml
+    """
+
+    logs: Logs = ()
+    """Logs, CSV files or folders of them; by default the first recording of the package."""
+    description: str | None = None
+    """TOML file that says what their columns mean; required for your own logs."""
+    out: Path = Path("renders/logs")
+    """Folder for the pictures."""
+
+    def run(self) -> int:
+        """Read the logs, draw them, print a table."""
+        from afl_mujoco.identification.description import load_description
+        from afl_mujoco.identification.log import read_logs
+        from afl_mujoco.identification.prediction import DESCRIPTION, FIT
+
+        if bool(self.logs) != (self.description is not None):
+            thing = "description" if self.logs else "logs"
+            raise InvalidValueError(thing, "must be given: logs need their description")
+        description = load_description(
+            DESCRIPTION if self.description is None else self.description
+        )
+        logs = read_logs(self.logs or sorted(FIT.glob("*.csv"))[:1], description)
+
+        import numpy as np
+
+        from afl_mujoco.files import output_folder
+        from afl_mujoco.report.blocks import Matrix
+        from afl_mujoco.report.numbers import percent, short
+        from afl_mujoco.report.style import save_figure, styled
+        from afl_mujoco.report.terminal import print_blocks
+        from afl_mujoco.studies.identified_parts import draw_log
+
+        folder = output_folder(self.out)
+        rows = []
+        for log in logs:
+            angle = np.where(log.valid, log.phi + 2.0 * np.pi * log.turns, np.nan)
+            with styled():
+                figure = draw_log(log.time, log.z, angle, log.command)
+            save_figure(figure, folder / f"{log.name}.png")
+            rows.append(
+                (
+                    log.name, str(len(log.time)), short(log.duration, 3),
+                    short(1e3 * log.period), short(1e3 * log.jitter, 2), str(log.missing),
+                    f"{short(float(log.z.min()), 2)} to {short(float(log.z.max()), 2)}",
+                    f"{short(float(np.nanmin(angle)), 3)} to {short(float(np.nanmax(angle)), 3)}",
+                    percent(1.0 - float(log.valid.mean()), 2),
+                )
+            )  # fmt: skip
+        table = Matrix(
+            caption=description.name,
+            columns=(
+                "Log", "Rows", "Duration [s]", "Period [ms]", "Jitter [ms]", "Missing", "z [m]",
+                "φ [rad]", "φ in the dead zone",
+            ),
+            rows=rows,
+        )  # fmt: skip
+        print_blocks([table])
+        say(f"wrote {', '.join(f'{folder / log.name}.png' for log in logs)}")
+        return SUCCESS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Regression:
+    """Compare every run of the paper's scenarios with its baseline.
+
+    Example: afl-mujoco regression --workers 2
+
+    Prints a line for each value that changed. The exit code is 0 if none did, and 1 otherwise.
+    """
+
+    baselines: Path = Path("tests/regression/baselines")
+    """Folder of the baselines."""
+    update: bool = False
+    """Make the current state the baselines, and print what changed."""
+    workers: int = min(2, os.cpu_count() or 1)
+    """Number of processes that share the work; the results do not depend on it."""
+
+    def run(self) -> int:
+        """Run everything; compare, or update the baselines."""
+        from afl_mujoco.control.catalogue import CONTROLLERS
+        from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.studies.regression.regression import (
+            REGRESSED,
+            compare,
+            load_baselines,
+            open_for_update,
+            record_all,
+            update_baselines,
+        )
+
+        read = open_for_update if self.update else load_baselines
+        baselines = read(self.baselines)  # what is quick to check comes first
+        scenarios = list(SCENARIOS.values())
+        controllers = [CONTROLLERS[name] for name in REGRESSED]
+        with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
+            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
+        if self.update:
+            say(*update_baselines(self.baselines, baselines, fresh))
+            return SUCCESS
+        comparison = compare(baselines, fresh)
+        say(*comparison.lines(self.baselines))
+        return SUCCESS if comparison.passed else CHECK_FAILED
+
+
+Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """Make report.html again from every result of a folder, for example after new films.
+
+    Example: afl-mujoco report renders/validation --films renders
+
+    Nothing is computed: the page is made from the results and figures in the folder.
+    """
+
+    folder: Folder = RESULTS
+    """Folder with the results of studies, such as `afl-mujoco validate`."""
+    films: Path = FILMS
+    """Folder with films.json, which `afl-mujoco render` writes."""
+
+    def run(self) -> int:
+        """Read the folder, write the page."""
+        from afl_mujoco.cli.study import write_page
+
+        page = write_page(self.folder, self.films)
+        say(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
+        return SUCCESS
+
+
+SIMULATORS = ("ode", "exact", "continuous", "sampled")
+
+_HELP = f"Controller by name: {KNOWN} By default that of the file's [replay], else {SUBJECT}."
+ControllerName = Annotated[str | None, tyro.conf.arg(help=_HELP)]
+Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulate:
+    """Simulate one scenario with one controller; print its metrics, write the run and a figure.
+
+    Example: afl-mujoco simulate step-step --controller adaptive --simulator sampled --compare
+    """
+
+    scenario: Name = "nominal"
+    """Scenario by name, or a TOML file."""
+    controller: ControllerName = None
+    simulator: str = "sampled"
+    """ode, or a mode of MuJoCo: exact, continuous, sampled."""
+    compare: bool = False
+    """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE.
+    The scenario must have no imperfections."""
+    timestep: float | None = None
+    """Physics step, and spacing of the reported instants [s]; by default the longest up to 0.001
+    that divides the control period."""
+    control_period: float | None = None
+    """How long sampled mode holds the force [s], a multiple of the timestep; by default
+    that of the scenario, else one step."""
+    integrator: str | None = None
+    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; by default that of
+    the file's [replay], else RK4."""
+    log: bool = False
+    """Write the run as a log that the hardware would write, for `afl-mujoco identify`."""
+    call_limit: CallLimit = None
+    page: bool = True
+    """Skip the figure; this command makes no report.html."""
+    out: Path = Path("renders/simulate")
+    """Folder for the files."""
+
+    def run(self) -> int:
+        """Simulate, write the files, print the metrics."""
+        from afl_mujoco.scenario.files import Replay, find_replay, find_scenario, save_scenario
+
+        scenario, replay = find_scenario(self.scenario), find_replay(self.scenario)
+        if self.simulator not in SIMULATORS:
+            raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
+
+        from afl_mujoco.control.catalogue import find_controller
+
+        name = _first(self.controller, replay.controller, SUBJECT)
+        integrator = _first(self.integrator, replay.integrator, "RK4")
+        timestep = replay.timestep if self.timestep is None else self.timestep
+        controller = find_controller(name)
+        if self.log:
+            from afl_mujoco.identification.export import require_loggable, write_run
+
+            require_loggable(scenario, controller, self.simulator)
+
+        from afl_mujoco.files import output_folder
+        from afl_mujoco.report.blocks import Block, Report
+        from afl_mujoco.report.style import save_figure
+        from afl_mujoco.report.terminal import print_report
+        from afl_mujoco.scenario.sample_space import NOISE_DRAWS
+        from afl_mujoco.scenario.sampling import LONGEST_STEP
+        from afl_mujoco.simulation.figures import draw_runs
+        from afl_mujoco.simulation.judgement import remarks_on
+        from afl_mujoco.simulation.metrics import UNITS, metrics
+        from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+        from afl_mujoco.studies.run import run_of
+        from afl_mujoco.studies.tables import how, metrics_matrix, requirements_matrix
+
+        other = "exact" if self.simulator == "ode" else "ode"
+        simulators = (self.simulator, other) if self.compare else (self.simulator,)
+        own = replace(self, timestep=timestep, integrator=integrator)
+        runs = [own._simulate(scenario, controller, kind) for kind in simulators]
+        resolved = self.out / f"{scenario.name}.toml"
+        given = Path(self.scenario)
+        if resolved.is_file() and given.is_file() and resolved.samefile(given):
+            rule = "is the input scenario and would be overwritten: choose another --out"
+            raise FileError(str(resolved), rule)
+        folder = output_folder(self.out)
+        stem = f"{scenario.name}-{controller.name}-{self.simulator}"
+        runs[0].save(folder / f"{stem}.npz")
+        as_run = (
+            None
+            if replay == Replay()
+            else Replay(controller=name, integrator=integrator, timestep=timestep)
+        )
+        save_scenario(scenario, resolved, replay=as_run)
+        others = [f"{scenario.name}.toml"]
+        if self.page:
+            others.insert(0, f"{stem}.png")
+            save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / others[0])
+        scales = nominal_scales(timestep or LONGEST_STEP)
+        figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
+        digits = 3 if scenario.imperfections.drawn else 6
+        run = run_of(scenario, controller, runs[0])
+        remarks = [f"- {remark}" for remark in remarks_on(runs[0], scenario, controller)]
+        if scenario.imperfections.drawn and self.simulator == "sampled":
+            remarks.append(f"- draw 1 of {NOISE_DRAWS}: afl-mujoco compare runs them all")
+        by_simulator = {one.simulator: [figure] for one, figure in zip(runs, figures, strict=True)}
+        blocks: list[Block] = [
+            metrics_matrix(by_simulator, [n for n in UNITS if n in figures[0]], digits=digits),
+            requirements_matrix(scenario, {controller.name: [run]}, {}),
+            *(["\n".join(remarks)] if remarks else []),
+        ]
+        if self.log:
+            others += [f.name for f in write_run(scenario, runs[0], folder, stem)]
+        say(f"wrote {folder / stem}.npz, {', '.join(others)}")
+        ending = run.ending if not run.failure else how(run.failure)
+        headline = f"{controller.name} on {scenario.name}: {ending}"
+        print_report(Report(headline=headline, blocks=blocks, passed=not run.missed))
+        return CHECK_FAILED if run.missed else SUCCESS
+
+    def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
+        """Run one simulator."""
+        from afl_mujoco.scenario.sampling import LONGEST_STEP
+        from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+        from afl_mujoco.simulation.ode import simulate_ode
+
+        if simulator == "ode":
+            return simulate_ode(scenario, controller, sample_period=self.timestep or LONGEST_STEP)
+        return simulate_mujoco(
+            scenario,
+            controller,
+            simulator,
+            timestep=self.timestep,
+            control_period=self.control_period,
+            integrator=self.integrator or "RK4",
+        )
+
+
+def _first(*choices: str | None) -> str:
+    """Return the first choice that was made."""
+    return next(choice for choice in choices if choice is not None)

@@ -1,1 +1,0 @@
-"""Baselines for the paper's controller: LQR, pole placement, partial linearisation."""

@@ -1,1 +1,0 @@
-"""M and l estimated online, from encoders and the force."""

@@ -1,0 +1,388 @@
+"""State feedback: LQR, pole placement and partial linearization, designed for any plant."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_continuous_are
+
+from afl_mujoco.control.controller import (
+    LINEAR,
+    PARTIAL,
+    CompiledController,
+    Controller,
+    assumed_as_data,
+    interpolated_gains,
+)
+from afl_mujoco.control.gains import FIXED_GAINS
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange, require_type
+
+GAIN_COUNT = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GainGrid:
+    """Gains of (z, phi, z_dot, phi_dot) at the nodes of a grid over M and l.
+
+    Attributes
+    ----------
+    masses, lengths
+        Nodes M [kg] and l [m], positive and increasing; a single node applies to every M or l.
+    table
+        Gains at the nodes, shape (len(masses), len(lengths), 4), read-only.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value breaks its rule.
+    """
+
+    masses: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    table: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Check the arrays and freeze them."""
+        for name in ("masses", "lengths", "table"):
+            try:
+                array = np.array(getattr(self, name), dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InvalidValueError(f"{name} of the gain grid", "must be numbers") from None
+            if not np.isfinite(array).all():
+                raise InvalidValueError(f"{name} of the gain grid", "must be finite")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        for name, nodes in (("masses", self.masses), ("lengths", self.lengths)):
+            if nodes.ndim != 1 or not len(nodes) or np.any(np.diff(nodes, prepend=0.0) <= 0.0):
+                rule = "must be positive and increasing"
+                raise InvalidValueError(f"{name} of the gain grid", rule, nodes.tolist())
+        shape = (len(self.masses), len(self.lengths), GAIN_COUNT)
+        if self.table.shape != shape:
+            raise InvalidValueError("table of gains", f"must have shape {shape}", self.table.shape)
+
+    @classmethod
+    def constant(cls, gains: ArrayLike) -> GainGrid:
+        """Return the grid that always gives the same gains.
+
+        Parameters
+        ----------
+        gains
+            Gains of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2,
+            m/(rad s^2), 1/s, m/(rad s)] for state feedback through (L1).
+        """
+        k = tuple(gains) if isinstance(gains, Iterable) else (gains,)
+        if len(k) != GAIN_COUNT:
+            raise InvalidValueError("gains", "must be four", len(k))
+        return cls(np.ones(1), np.ones(1), np.array([[k]]))
+
+    def over(self, plants: PlantRange) -> GainGrid:
+        """Return the grid itself, or raise InvalidValueError if plants lie beyond its nodes."""
+        axes = (("M", "kg", self.masses, plants.cart_mass), ("l", "m", self.lengths, plants[1]))
+        for name, unit, nodes, ends in axes:
+            least, largest = nodes[0] * (1.0 - SLACK), nodes[-1] * (1.0 + SLACK)
+            for value in ends:
+                if len(nodes) > 1 and not least <= value <= largest:
+                    rule = f"must lie within its nodes, {nodes[0]:g} to {nodes[-1]:g} {unit}"
+                    raise InvalidValueError(f"{name} for the gain grid", rule, f"{value:g} {unit}")
+        return self
+
+    def gains(self, cart_mass: float, half_length: float) -> NDArray[np.float64]:
+        """Return the gains for one plant, shape (4,), NaN beyond the nodes.
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            M [kg] and l [m].
+        """
+        arrays = (self.table.copy(), self.masses.copy(), self.lengths.copy())
+        return np.array(interpolated_gains(*arrays, float(cart_mass), float(half_length)))
+
+
+SLACK = 1e-10
+"""Relative amount by which round-off may pass an end node; `interpolated_gains` allows more."""
+
+
+class LinearModel(NamedTuple):
+    """A linear model ``x' = A x + B v`` of x = (z, phi, z_dot, phi_dot)."""
+
+    a: NDArray[np.float64]  # A, shape (4, 4)
+    b: NDArray[np.float64]  # B, shape (4,); v is the force [N], or the cart's acceleration [m/s^2]
+
+
+def accelerated_mass(parameters: CartPoleParameters) -> float:
+    """Return mu = M + m/4 [kg]: at upright, the force for a unit acceleration of the cart."""
+    return parameters.cart_mass + 0.25 * parameters.pole_mass
+
+
+def upright_model(parameters: CartPoleParameters) -> LinearModel:
+    """Return the model at upright, its input the force [N]."""
+    p, mu = parameters, accelerated_mass(parameters)
+    return _model(
+        cart=(0.75 * p.pole_mass * p.gravity / mu, 1.0 / mu),
+        pole=(
+            0.75 * (p.cart_mass + p.pole_mass) * p.gravity / (p.half_length * mu),
+            0.75 / (p.half_length * mu),
+        ),
+    )
+
+
+def partially_linear_model(half_length: float, gravity: float) -> LinearModel:
+    """Return the model at upright under the input map (L1), its input z'' [m/s^2].
+
+    half_length, gravity: l [m] and g [m/s^2].
+    """
+    share = 0.75 / half_length
+    return _model(cart=(0.0, 1.0), pole=(share * gravity, share))
+
+
+def _model(cart: tuple[float, float], pole: tuple[float, float]) -> LinearModel:
+    """Return the model in which z'' and phi'' have these factors of phi and of the input."""
+    a, b = np.zeros((4, 4)), np.zeros(4)
+    a[0, 2] = a[1, 3] = 1.0
+    a[2, 1], b[2] = cart
+    a[3, 1], b[3] = pole
+    return LinearModel(a, b)
+
+
+def pole_placing_gains(model: LinearModel, poles: Sequence[complex]) -> NDArray[np.float64]:
+    """Return the gains k with which ``v = -k x`` gives a model these poles.
+
+    With z'' = c phi + p v and phi'' = a phi + q v, the closed loop's polynomial is
+    ``s^4 + (p k3 + q k4) s^3 + (p k1 + q k2 - a) s^2 - (a p - c q) (k3 s + k1)``.
+
+    poles: Four, real or in conjugate pairs [1/s].
+    Returns ndarray: Gains of (z, phi, z_dot, phi_dot), shape (4,).
+    """
+    polynomial = np.poly(np.asarray(poles))
+    if len(polynomial) != 5 or np.iscomplexobj(polynomial):
+        raise InvalidValueError("poles", "must be four, real or in conjugate pairs", list(poles))
+    _, s3, s2, s1, s0 = polynomial.tolist()
+    c, p, a, q = model.a[2, 1], model.b[2], model.a[3, 1], model.b[3]
+    coupling = a * p - c * q
+    k1, k3 = -s0 / coupling, -s1 / coupling
+    return np.array([k1, (s2 + a - p * k1) / q, k3, (s3 - p * k3) / q])
+
+
+FORMULAS: Mapping[int, str] = MappingProxyType(
+    {LINEAR: "F = -k(M, l) x", PARTIAL: "F by (L1) of u = -k(M, l) x"}
+)
+"""What each kind of state feedback commands."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StateFeedback(Controller):
+    """A linear feedback of the state, with its gains and the parameters it assumes.
+
+    It has a force at every state, even where the paper's controller has none.
+
+    Attributes
+    ----------
+    name
+        Name for reports and files.
+    kind
+        1, feedback to the force, or 2, feedback to the cart's acceleration u, which the input map
+        (L1) of the assumed plant turns into a force.
+    gains
+        Gains by the assumed M and l: a table, valid within its nodes only, or a design, which has
+        gains for any plant.
+    belief
+        Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
+        (decision D7).
+    """
+
+    name: str
+    kind: int
+    gains: GainGrid | Design
+    belief: CartPoleParameters | None = None
+
+    def __post_init__(self) -> None:
+        """Validate every field."""
+        require_type("controller name", self.name, str)
+        require_type("gains", self.gains, GainGrid | Design)
+        require_type("belief", self.belief, CartPoleParameters | None)
+        if self.kind not in FORMULAS:
+            raise InvalidValueError(
+                "kind", f"must be LINEAR ({LINEAR}) or PARTIAL ({PARTIAL})", self.kind
+            )
+
+    def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the nodes between which the gains are interpolated, none for one assumed plant."""
+        if self.belief is not None:
+            return np.empty(0), np.empty(0)
+        grid = self.gains.over(plants)
+        return grid.masses, grid.lengths
+
+    def compiled_for(self, plants: PlantRange) -> CompiledController:
+        """Return the controller as compiled loops take it: copies, which they may write to."""
+        try:
+            grid = self.gains.over(plants if self.belief is None else PlantRange.of(self.belief))
+        except InvalidValueError as error:
+            raise error.within(f"controller {self.name!r}: ") from None
+        return CompiledController(
+            self.kind, grid.table.copy(), grid.masses.copy(), grid.lengths.copy()
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Return the controller as plain data, for provenance; a table as its hash."""
+        gains = self.gains
+        return {
+            "name": self.name,
+            "formula": FORMULAS[self.kind],
+            "gains": dict(gains.description)
+            if isinstance(gains, Design)
+            else {"table": hashlib.blake2b(gains.table.tobytes(), digest_size=8).hexdigest()},
+            "belief": assumed_as_data(self.belief),
+        }
+
+
+Method = Callable[[CartPoleParameters], NDArray[np.float64]]
+
+NODES_PER_OCTAVE = 4
+"""Nodes at which gains are computed: from one node to the next, M or l grows by 19 %. Between the
+nodes, gains are interpolated to two parts in ten thousand or better."""
+
+MARGIN = 2
+"""Nodes beyond the requested plants: with them, the gains interpolated at a plant do not depend on
+which other plants were requested."""
+
+LARGEST_STATE = (7.60, 1.05, 8.13, 2.84)
+"""Bryson's rule: each state is weighted by the inverse square of this [m, rad, m/s, rad/s]: its
+peak under the paper's controller with fixed gains on the nominal plant from -60 degrees."""
+
+LARGEST_ACCELERATION = 41.76
+"""The force is weighted by the inverse square of this times M + m/4 [m/s^2], chosen so that the LQR
+needs the same largest force on the nominal plant from -60 degrees as the paper's, 96.1 N."""
+
+
+def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
+    """Return the poles that the paper's controller with its fixed gains has at upright [1/s].
+
+    There its linearisation is exact: ``xi1`` obeys ``(d/dt + lambda)^3 xi1 = s`` and, within the
+    boundary layer, ``s' = -3 g K / (4 l Phi) s``. So pole placement with these poles is the paper's
+    controller without its nonlinear terms.
+
+    half_length, gravity: l [m] and g [m/s^2].
+    """
+    g = FIXED_GAINS
+    fast = 0.75 * gravity / half_length * g.switching / g.boundary_layer
+    return (-g.slope, -g.slope, -g.slope, -fast)
+
+
+def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
+    """Return the gains that minimise the quadratic cost of Bryson's rule, shape (4,).
+
+    The input is taken as the acceleration that the force gives, so that the numbers keep their
+    order of magnitude for any plant.
+    """
+    mass = accelerated_mass(parameters)
+    a, b = upright_model(parameters)
+    b = b * mass
+    states, weight = np.diag([x**-2 for x in LARGEST_STATE]), LARGEST_ACCELERATION**-2
+    cost = solve_continuous_are(a, b[:, None], states, np.array([[weight]]))
+    return np.asarray(mass * (b @ cost) / weight)
+
+
+def placed_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
+    """Return the gains that give the plant `paper_poles`, shape (4,)."""
+    p = parameters
+    return pole_placing_gains(upright_model(p), paper_poles(p.half_length, p.gravity))
+
+
+def outer_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
+    """Return the gains that give the plant `paper_poles` through the input map (L1), shape (4,)."""
+    p = parameters
+    model = partially_linear_model(p.half_length, p.gravity)
+    return pole_placing_gains(model, paper_poles(p.half_length, p.gravity))
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Gains for any plant: computed at nodes that are the same for every run, and interpolated."""
+
+    # function that returns the gains of a plant, shape (4,); defined at module level
+    method: Method = field(repr=False)
+    description: Mapping[str, Any]  # what it does, as plain data
+
+    def over(self, plants: PlantRange) -> GainGrid:
+        """Return the gains at the nodes around some plants, or raise InvalidValueError."""
+        (least_mass, largest_mass), (least, largest), pole_mass, gravity = plants
+        rows, columns = _nodes(least_mass, largest_mass), _nodes(least, largest)
+        return _grid(self.method, rows, columns, pole_mass, gravity)
+
+
+def _nodes(least: float, largest: float) -> tuple[int, int]:
+    """Return the first node and the one after the last."""
+    return (
+        math.floor(NODES_PER_OCTAVE * math.log2(least)) - MARGIN,
+        math.ceil(NODES_PER_OCTAVE * math.log2(largest)) + MARGIN + 1,
+    )
+
+
+@functools.lru_cache(maxsize=1024)
+def _grid(
+    method: Method, rows: tuple[int, int], columns: tuple[int, int], *constants: float
+) -> GainGrid:
+    """Return the gains at some nodes; the constants are m [kg] and g [m/s^2]."""
+    masses, lengths = (
+        [2.0 ** (node / NODES_PER_OCTAVE) for node in range(*ends)] for ends in (rows, columns)
+    )
+    table = [[_gains(method, mass, length, *constants) for length in lengths] for mass in masses]
+    return GainGrid(np.array(masses), np.array(lengths), np.array(table))
+
+
+@functools.lru_cache(maxsize=65536)
+def _gains(
+    method: Method, cart_mass: float, half_length: float, pole_mass: float, gravity: float
+) -> NDArray[np.float64]:
+    """Return the gains of a plant, or raise."""
+    plant = CartPoleParameters(
+        cart_mass=cart_mass, pole_mass=pole_mass, half_length=half_length, gravity=gravity
+    )
+    try:
+        return method(plant)
+    except (ArithmeticError, LinAlgError, ValueError) as error:
+        rule = f"must be one that the gains can be computed for: {error}"
+        raise InvalidValueError("the plant", rule, plant) from None
+
+
+_POLES = (
+    "-lambda three times, -3 g K / (4 l Phi): those of the paper's controller with its fixed gains"
+)
+
+DESIGNS: Mapping[str, tuple[int, Design]] = MappingProxyType(
+    {
+        "lqr": (
+            LINEAR,
+            Design(
+                lqr_gains,
+                {
+                    "method": "LQR by Bryson's rule",
+                    "largest_state": list(LARGEST_STATE),
+                    "largest_force": f"{LARGEST_ACCELERATION} (M + m/4)",
+                },
+            ),
+        ),
+        "pole-placement": (
+            LINEAR,
+            Design(placed_gains, {"method": "pole placement", "poles": _POLES}),
+        ),
+        "partial-linearization": (
+            PARTIAL,
+            Design(
+                outer_gains,
+                {"method": "pole placement behind the input map (L1)", "poles": _POLES},
+            ),
+        ),
+    }
+)
+"""The baselines by name: kind of controller, and its gains."""

@@ -1,1 +1,0 @@
-"""Your own controller: a Python function of time, state and belief, loaded by name and guarded."""
