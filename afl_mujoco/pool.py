@@ -6,23 +6,22 @@ import asyncio
 import gc
 import io
 import logging
-import multiprocessing
 import os
 import signal
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib.metadata import version
-from multiprocessing.resource_tracker import ensure_running
 from queue import SimpleQueue
 from types import FrameType
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, require_count, warning_in_one_line
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 _came: list[int] = []
 """The Ctrl-C's since the outermost `interrupts_noted` began."""
@@ -170,6 +169,8 @@ def open_processes(workers: int) -> Iterator[Executor]:
 
     Within `kept_processes` a block that does not raise leaves them to the next.
     """
+    from concurrent.futures.process import BrokenProcessPool
+
     pool = (_idle or {}).pop(workers, None) or _new_pool(workers)
 
     def compute(function: Callable[[Any], Any], units: Sequence[Any]) -> Iterator[tuple[int, Any]]:
@@ -202,6 +203,9 @@ def open_processes(workers: int) -> Iterator[Executor]:
 
 def _new_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool that has no process yet."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
     spawn = multiprocessing.get_context("spawn")
     in_one_line = warnings.formatwarning is warning_in_one_line
     arguments = in_one_line, gc.get_threshold()
@@ -213,6 +217,8 @@ def _computed(
     function: Callable[[Any], Any], units: dict[int, Any], pool: ProcessPoolExecutor
 ) -> Iterator[tuple[int, Any]]:
     """Yield index and result of each unit as it is done."""
+    from concurrent.futures import as_completed
+
     with interrupts_held():  # processes are started here
         futures = {pool.submit(function, unit): index for index, unit in units.items()}
     for future in as_completed(futures):
@@ -244,6 +250,8 @@ def interrupts_held() -> Iterator[None]:
     not. In this process the mask alone is not enough: a thread of a numerical library may take the
     signal.
     """
+    from multiprocessing.resource_tracker import ensure_running
+
     with _safe_path():
         ensure_running()  # started within the block, it would let the signal through again
     with _safe_path(), interrupts_put_off():
@@ -267,6 +275,8 @@ def _prepare(in_one_line: bool, collected_after: tuple[int, int, int]) -> None:
 
 def _exit_after_parent() -> None:
     """Exit once the process that started this one has ended."""
+    import multiprocessing
+
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
         os._exit(1)
@@ -299,6 +309,8 @@ def share(
     calling thread with the number of items just done. An error or a Ctrl-C stops the work once
     every thread has done its current part; of several errors, that of the first item is raised.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     parts = [range(first, min(first + part, count)) for first in range(0, count, part)]
     if len(tasks) == 1:
         for items in parts:
@@ -344,6 +356,8 @@ def open_cluster(address: str) -> Iterator[Executor]:
 
     Dask itself passes the units of a worker that dies to another worker.
     """
+    from concurrent.futures import CancelledError, ThreadPoolExecutor
+
     require_address(address)
     try:
         import distributed

@@ -19,9 +19,7 @@ def file_of(module: str) -> Path:
     return PACKAGE.joinpath(*module.split(".")).with_suffix(".py")
 
 
-@pytest.mark.parametrize(
-    "module", [LOOP, "simulation.ode_fixed_step", "control.compiled_controller"]
-)
+@pytest.mark.parametrize("module", [LOOP, "simulation.ode_fixed_step", "control.controller"])
 def test_the_stamp_covers_every_file_that_python_itself_imports(module):
     program = (
         "import sys\n"
@@ -57,7 +55,7 @@ def test_an_edit_far_away_leaves_compiled_code_as_it_is_and_one_of_an_equation_d
 
     untouched = stamp("no-such-file.py")
     assert stamp("cli/main.py") == untouched
-    assert stamp("control/feedback_linearization.py") != untouched
+    assert stamp("control/law.py") != untouched
 
 
 def test_code_that_names_a_module_that_is_gone_is_compiled_anew(monkeypatch, tmp_path):

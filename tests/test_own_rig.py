@@ -72,7 +72,7 @@ def test_states_forces_and_times_are_those_of_the_integration_from_scratch(name:
     limited = np.mean(np.abs(mine.command) >= RIG.limit)
     assert found["limited_share"] == pytest.approx(limited, abs=0.01)
     assert (limited > 0.0) == (name == "greedy")
-    (row,) = afl.compare(SCENARIO, law, draws=1).runs
+    (row,) = afl.compare(SCENARIO, law, draws=1).rows
     judged = {one.requirement: one.value for one in row.requirements}
     for key, (begin, end) in (
         ("settling_time", (0.0, RIG.push[1])),

@@ -9,7 +9,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import mujoco as mujoco
 import numpy as np
 from llvmlite import binding
 from numba import types
@@ -21,6 +20,9 @@ from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange, require_positive
+
+choose_backend()
+import mujoco as mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
 """Half-size of the cart's box [m]; its inertia is that of a uniform box, but it never rotates."""
@@ -118,8 +120,6 @@ def passive_arrays(
         arrays["jnt_solref"][slider.id] = STOP_SOLREF
     return arrays
 
-
-choose_backend()
 
 INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,

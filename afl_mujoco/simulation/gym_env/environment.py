@@ -8,10 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 from dm_env import TimeStep
-from gymnasium import wrappers
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
@@ -27,6 +25,8 @@ from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 
 require_gymnasium()
+import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)
+from gymnasium import wrappers  # noqa: E402
 
 Change = Callable[[Any], Any]
 
@@ -96,8 +96,6 @@ def _in_turn(changes: list[Change]) -> Change:
 
     return change
 
-
-require_gymnasium()
 
 FORCE_LIMIT = 128.0
 """Force [N] of an action of 1: above the 98 N that the paper's controller needs, and a power of
