@@ -68,6 +68,7 @@ def _print(found: Sequence[Block], console: Console) -> None:
                 console.print(_text(block.caption, "italic"))
             for part in _tables(block, console.width):
                 console.print(part)
+            console.print()
 
 
 def _text(text: str, style: str = "") -> Text:
