@@ -18,6 +18,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
 from numpy.typing import NDArray
 
@@ -133,7 +134,8 @@ def new_figure(width: float, height: float) -> Figure:
 
     width, height: Its size [in].
     """
-    figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
+    layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06)  # [in]: vectors are wider than pixels
+    figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
