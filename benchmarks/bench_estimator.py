@@ -24,8 +24,8 @@ from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.runs import simulate_estimated
-from afl_mujoco.studies.estimation.loops import CASES
-from afl_mujoco.studies.estimation.loops import NOISE as USUAL
+from afl_mujoco.studies.estimation import CASES
+from afl_mujoco.studies.estimation import NOISE as USUAL
 from research.gain_tuning import paper_scales
 
 Array = NDArray[np.float64]

@@ -45,9 +45,9 @@ BRIEF = (
 TESTS = (
     *("tests/control", "tests/plant", "tests/scenario", "tests/simulation"),
     "tests/studies/test_bisection.py",
-    *("tests/studies/thresholds/test_sweep.py", "tests/studies/thresholds/test_imperfections.py"),
-    "tests/studies/monte_carlo",
-    "tests/studies/margins/test_measured_delay.py",
+    *("tests/studies/test_robustness.py", "tests/studies/test_thresholds.py"),
+    "tests/studies/test_montecarlo.py",
+    "tests/studies/test_margins.py",
 )
 WITHOUT = ("tests/studies/monte_carlo/test_study.py",)  # a whole command: minutes
 TIME_LIMIT = 900  # [s] for one command

@@ -16,16 +16,14 @@ from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies import attraction as attraction_study
 from afl_mujoco.studies import compare as compare_study
+from afl_mujoco.studies import estimation as estimation_study
+from afl_mujoco.studies import hardware as hardware_study
+from afl_mujoco.studies import identify as identify_study
+from afl_mujoco.studies import margins as margins_study
 from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies import thresholds as thresholds_study
 from afl_mujoco.studies.cube_search import Budget
-from afl_mujoco.studies.estimation import result as estimation_result
-from afl_mujoco.studies.estimation.loops import ESTIMATED, TRUE, Loop
-from afl_mujoco.studies.estimation.tracking import Ramp, Step, Tracking
-from afl_mujoco.studies.hardware import result as hardware_result
-from afl_mujoco.studies.identify import result as identify_result
-from afl_mujoco.studies.margins import result as margins_result
-from afl_mujoco.studies.margins.measured_delay import DelayComparison
+from afl_mujoco.studies.identified_parts import Shown
 from afl_mujoco.studies.record import Record, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.robustness import Settings
@@ -76,10 +74,10 @@ def compare() -> compare_study.Result:
     return compare_study.compare(replace(SHORT, name=NASTY, requirements=asked), ["lqr", broken])
 
 
-def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
+def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
     """Return margins of two masses and three lengths; one plant is not stable where held."""
     table = ((0.4, 0.5, 0.6), (0.4, 0.5, None))
-    held = margins_result.LoopGrid(
+    held = margins_study.LoopGrid(
         stable=((True, True, True), (True, True, False)),
         **dict.fromkeys(("gain_decrease", "phase", "crossover", "disk", "disk_gain"), table),
         disk_phase=table,
@@ -87,11 +85,11 @@ def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
         delay=((0.012, 0.03, 0.1), (0.013, 0.03, None)),
     )
     full = ((0.4, 0.5, 0.6), (0.4, 0.5, 0.6))
-    continuous = margins_result.LoopGrid(
-        stable=((True,) * 3,) * 2, **dict.fromkeys(margins_result.METRICS, full)
+    continuous = margins_study.LoopGrid(
+        stable=((True,) * 3,) * 2, **dict.fromkeys(margins_study.METRICS, full)
     )
-    both = margins_result.ControllerMargins(continuous=continuous, sampled=held)
-    return margins_result.Result(
+    both = margins_study.ControllerMargins(continuous=continuous, sampled=held)
+    return margins_study.Result(
         imperfections="none",
         control_period=1e-3,
         cart_masses=(0.1, 2.0),
@@ -101,7 +99,7 @@ def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
         linearisation_step=1e-5,
         margins=dict.fromkeys(CONTROLLERS, both),
         measured=tuple(
-            DelayComparison(
+            margins_study.DelayComparison(
                 controller="adaptive", cart_mass=0.1, half_length=length, margin=margin,
                 measured=measured,
             )
@@ -110,38 +108,40 @@ def margins(gain_increase: float | None = 16.6) -> margins_result.Result:
     )  # fmt: skip
 
 
-def estimation() -> estimation_result.Result:
+def estimation() -> estimation_study.Result:
     """Return one schedule."""
     time = np.linspace(0.0, 12.0, 50)
-    mass = Tracking(
+    mass = estimation_study.Tracking(
         rms={"0.05-1 s": 0.01, "1-6 s": 0.02, "6 s to the end": None},
-        steps=(Step(at=1.0, reached_after=0.25, found_after=0.3),),
+        steps=(estimation_study.Step(at=1.0, reached_after=0.25, found_after=0.3),),
         ramps=(),
     )
-    length = Tracking(rms=mass.rms, steps=(), ramps=(Ramp(start=2.0, end=3.0, lag=0.1),))
+    length = estimation_study.Tracking(
+        rms=mass.rms, steps=(), ramps=(estimation_study.Ramp(start=2.0, end=3.0, lag=0.1),)
+    )
     loops = tuple(
-        Loop(
+        estimation_study.Loop(
             parameters=parameters, noise=noise, runs=2, completed=completed,
             metrics={"objective": 2.0, "iae_z": 9.0, "iae_phi": phi, "max_force": 59.0},
             largest_force=61.0,
         )
         for parameters, noise, completed, phi in (
-            (TRUE, False, 2, 1.0), (TRUE, True, 2, 1.01), (ESTIMATED, True, 1, 1.2),
+            ("true", False, 2, 1.0), ("true", True, 2, 1.01), ("estimated", True, 1, 1.2),
         )
     )  # fmt: skip
-    return estimation_result.Result(
+    return estimation_study.Result(
         controller="adaptive",
         windows=("0.05-1 s", "1-6 s", "6 s to the end"),
         found_within=0.1,
         noise_z=1e-4,
         noise_phi=5e-4,
         cases=(
-            estimation_result.Case(
+            estimation_study.Case(
                 scenario="step-step",
                 cart_mass=(mass,),
                 half_length=(length,),
                 loops=loops,
-                curves=estimation_result.Curves(
+                curves=estimation_study.Curves(
                     **dict.fromkeys(
                         (
                             "time", "cart_mass", "half_length", "true_cart_mass",
@@ -156,20 +156,20 @@ def estimation() -> estimation_result.Result:
     )  # fmt: skip
 
 
-def identified() -> identify_result.Result:
+def identified() -> identify_study.Result:
     """Return the shipped estimates beside a made-up log."""
     time = np.linspace(0.0, 2.0, 100)
     z, phi = 0.1 * np.sin(3.0 * time), np.cos(4.0 * time)
     phi[40:44] = np.nan
     part = np.arange(20).reshape(2, 10)
-    shown = identify_result.Shown(
+    shown = Shown(
         name=NASTY, time=time, z=z, phi=phi, command=np.sign(z),
         simulated_time=time[part], simulated_z=z[part] + 1e-3, simulated_phi=phi[part],
     )  # fmt: skip
-    return identify_result.Result(identified=load_estimates(), shown=shown)
+    return identify_study.Result(identified=load_estimates(), shown=shown)
 
 
-def hardware() -> hardware_result.Result:
+def hardware() -> hardware_study.Result:
     """Return a validation in which one statement does not hold."""
     errors = tuple(
         Errors(
@@ -184,14 +184,14 @@ def hardware() -> hardware_result.Result:
     )
     made = identified().shown
     assert made is not None
-    term = hardware_result.Term(
+    term = hardware_study.Term(
         value=37.4, low=37.3, high=37.5, expected=37.25, unit="1/s²", title="gravity term w2"
     )
-    judged = hardware_result.Judged(
+    judged = hardware_study.Judged(
         id="rig-0.5-z", statement="The position is predicted.", measure="share of variance",
         limit=0.9, reason="as for the angle", value=0.49, at_least=True, suspected="the drive",
     )  # fmt: skip
-    return hardware_result.Result(
+    return hardware_study.Result(
         source="logs",
         logs=(NASTY, "two"),
         fitted=("two",),
@@ -206,16 +206,12 @@ def hardware() -> hardware_result.Result:
         reach=0.2,
         turned=7.0,
         band=np.array([[0.0, 0.5], [0.001, 0.01], [0.001, 0.1]]),
-        recorded=hardware_result.Recorded(
-            name=made.name, time=made.time, z=made.z, phi=made.phi, command=made.command,
-            starts=made.simulated_time[:, 0], predicted_time=made.simulated_time,
-            predicted_z=made.simulated_z, predicted_phi=made.simulated_phi,
-        ),
+        recorded=made,
         survival=(
-            hardware_result.Survival(
+            hardware_study.Survival(
                 controller="lqr", angles={"as it is": 0.0, "rail x4": 0.5}, runs=20, survived=3
             ),
-            hardware_result.Survival(
+            hardware_study.Survival(
                 controller="adaptive", angles={"as it is": 0.2, "rail x4": 0.2}, runs=20,
                 survived=20,
             ),

@@ -242,7 +242,7 @@ class Regression:
         """Run everything; compare, or update the baselines."""
         from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.scenario.catalogue import SCENARIOS
-        from afl_mujoco.studies.regression.regression import (
+        from afl_mujoco.studies.regression import (
             REGRESSED,
             compare,
             load_baselines,

@@ -3,42 +3,91 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure as Drawing
 from numpy.typing import NDArray
 
-from afl_mujoco.identification.identify import Estimate, Identified, Step
-from afl_mujoco.identification.pole import linearity
-from afl_mujoco.report.numbers import listed, short
-from afl_mujoco.report.old import Column, Table
-from afl_mujoco.report.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
+from afl_mujoco.identification.identify import Estimate, Identified
+from afl_mujoco.identification.log import Log
+from afl_mujoco.identification.prediction import Starts
+from afl_mujoco.report.blocks import Matrix
+from afl_mujoco.report.numbers import short
+from afl_mujoco.studies.arrays import Array
 
-Array = NDArray[np.float64]
+Values = NDArray[np.float64]
 
-MOST_PAIRS = 4
-"""Largest number of pairs of correlated estimates that are named."""
+AHEAD = 0.5
+"""How long each simulation that is shown runs from its fitted state [s]."""
 
 
-def estimates_table(caption: str, estimates: Sequence[Estimate]) -> Table:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shown:
+    """A log, and the model started from a state that was fitted to readings, again and again."""
+
+    name: str
+    time: Array  # [s], shape (N,), as are the three below
+    z: Array  # [m]
+    phi: Array  # [rad], NaN in the dead zone
+    command: Array
+    simulated_time: Array  # [s], a row for each start, shape (S, n), as are the two below
+    simulated_z: Array  # [m]
+    simulated_phi: Array  # [rad]
+
+
+def shown_of(
+    log: Log, starts: Starts, read: Values, values: dict[str, float], number: int = 0
+) -> Shown:
+    """Return a log, by its number among the logs, beside its predictions, one after the other."""
+    w, first = starts.windows, starts.past - 1
+    scale, offset = values.get("angle_scale", 1.0), values["angle_offset"]
+    turn = 2.0 * np.pi
+    chosen, free_from = [], -np.inf
+    for b in np.flatnonzero(w.log == number).tolist():
+        if w.time[b, first] >= free_from - 1e-9:
+            chosen.append(b)
+            free_from = w.time[b, first] + AHEAD
+    part = np.array(chosen, dtype=np.int64)
+    rows = slice(first, first + round(AHEAD / w.spacing) + 1)
+    return Shown(
+        name=log.name,
+        time=log.time,
+        z=log.z,
+        phi=np.where(log.valid, scale * log.phi + offset + turn * log.turns, np.nan),
+        command=log.command,
+        simulated_time=w.time[part, rows],
+        simulated_z=read[part, 0, rows],
+        simulated_phi=scale * read[part, 1, rows] + offset + turn * w.turns[part, rows],
+    )
+
+
+def estimates_matrix(caption: str, estimates: Sequence[Estimate]) -> Matrix:
     """Return estimates with their intervals; the harmonics of the linearity are left out."""
-    return Table(
+    return Matrix(
         caption=caption,
-        columns=(
-            Column("Parameter"),
-            Column("Unit"),
-            Column("Estimate", number=True),
-            Column("95 % interval", number=True),
-        ),
+        columns=["Parameter", "Unit", "Estimate", "95 % interval"],
         rows=[
-            (
-                one.title,
-                one.unit,
-                short(one.value),
-                _interval(one),
-            )
+            [one.title, one.unit, short(one.value), _interval(one)]
             for one in estimates
             if not one.name.startswith(("sin_", "cos_"))
+        ],
+    )
+
+
+def physical_matrix(identified: Identified) -> Matrix:
+    """Return masses, forces and frictions beside the values that the owners give."""
+    n = identified.description.nominal
+    given = {
+        "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,
+        "rail_damping": n.rail_damping, "hinge_damping": n.hinge_damping,
+    }  # fmt: skip
+    return Matrix(
+        caption=f"For a pole of {short(n.pole_mass)} kg; motion alone does not determine it",
+        columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
+        rows=[
+            [one.title, one.unit, short(given.get(one.name)), short(one.value), _interval(one)]
+            for one in identified.physical
         ],
     )
 
@@ -50,118 +99,29 @@ def _interval(estimate: Estimate) -> str:
     return f"{short(estimate.low)} to {short(estimate.high)}"
 
 
-def nominal_table(identified: Identified) -> Table:
-    """Return masses, forces and frictions beside the values that the owners give."""
-    n = identified.description.nominal
-    given = {
-        "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,
-        "rail_damping": n.rail_damping, "hinge_damping": n.hinge_damping,
-    }  # fmt: skip
-    return Table(
-        caption=f"For a pole of {short(n.pole_mass)} kg; motion alone does not determine it",
-        columns=(
-            Column("Quantity"),
-            Column("Unit"),
-            Column("Given", number=True),
-            Column("Identified", number=True),
-            Column("95 % interval", number=True),
-        ),
-        rows=[
-            (
-                one.title,
-                one.unit,
-                short(given.get(one.name)),
-                short(one.value),
-                _interval(one),
-            )
-            for one in identified.physical
-        ],
-    )
-
-
-def indistinct(identified: Identified) -> list[str]:
-    """Say what the logs cannot tell apart, a sentence each."""
-    steps: list[Step] = [identified.pole, *([identified.drive] if identified.drive else [])]
-    told = [
-        "Motion alone determines only ratios of masses and forces: all of them scale with the "
-        "given mass of the pole.",
-        "The back-EMF of a motor and the viscous friction of the rail act alike and are "
-        "estimated as one; so are the mass of the cart and the inertia of its drive.",
-        "A short lag of the drive acts like a delay: it is estimated only if the logs resolve it.",
-        "A wrong scale of the position and a wrong coupling look the same: k is 1 for any rigid "
-        "pole, so the deviation of k from 1 is the error of the position scale.",
-    ]
-    titles = {one.name: one.title for step in steps for one in step.estimates}
-    pairs = [pair for step in steps for pair in step.alike if not _is_linearity(pair)]
-    if pairs:
-        strongest = sorted(pairs, key=lambda pair: -abs(pair[2]))[:MOST_PAIRS]
-        named = [f"{titles[a]} and {titles[b]} ({r:.2f})" for a, b, r in strongest]
-        named += [f"{len(pairs) - MOST_PAIRS} more pairs"] if len(pairs) > MOST_PAIRS else []
-        told.append(
-            "Highly correlated, so known better in combination than individually: "
-            f"{listed(named, 'and')}."
-        )
-    bound = [
-        f"{one.title} ({short(one.value)}{'' if one.unit == '1' else f' {one.unit}'})"
-        for step in steps
-        for one in step.estimates
-        if one.on_bound
-    ]
-    if bound:
-        told.append(
-            f"On the bound of the allowed range, without an interval: {listed(bound, 'and')}."
-        )
-    if identified.drive is None:
-        told.append("The command is constant in every log: cart and drive cannot be identified.")
-    return told
-
-
-def linearity_text(identified: Identified) -> str:
-    """Say how far the angle sensor deviates from a line; empty if it is taken as linear."""
-    values = identified.values
-    if "sin_1" not in values:
-        return ""
-    off = linearity(values, np.linspace(-np.pi, np.pi, 1000))
-    off = off - off.mean()
-    count = identified.description.angle_count
-    size = f"{short(1e3 * float(np.abs(off).max()), 2)} mrad"
-    counts = f", {short(float(np.abs(off).max()) / count, 2)} counts" if count else ""
-    return f"The angle readings deviate from a straight line by up to {size}{counts}."
-
-
-def _is_linearity(pair: tuple[str, str, float]) -> bool:
-    """Return whether a pair involves the sensor's linearity, where correlation is expected."""
-    return any(name.startswith(("sin_", "cos_")) for name in pair[:2])
-
-
 def draw_log(
-    time: Array,
-    z: Array,
-    phi: Array,
-    command: Array,
-    simulated: Sequence[tuple[Array, Array, Array]] = (),
-    bands: tuple[Array, Array, Array] | None = None,
-) -> Drawing:
-    """Draw a log, and simulations that start from its readings.
+    time: Values,
+    z: Values,
+    phi: Values,
+    command: Values,
+    simulated: Sequence[tuple[Values, Values, Values]] = (),
+    bands: Values | None = None,
+) -> Any:
+    """Draw a log, and simulations that start from its readings: time, position and angle of each.
 
-    Parameters
-    ----------
-    time, z, phi, command
-        The log, shape (N,) [s, m, rad].
-    simulated
-        Time, position and angle of each simulation.
-    bands
-        Time since a start [s], and the half-widths of a band about position and angle.
+    Bands are times since a start [s] and half-widths about position and angle, shape (3, H).
     """
+    from afl_mujoco.report.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
+
     figure = new_figure(9.0, 7.0)
     axes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1.4))
     labels = ("cart position z [m]", "pole angle φ [rad]")
     for axis, values, label in zip(axes, (z, phi), labels, strict=False):
         axis.plot(time, values, ".", color=BLACK, markersize=3.0, label="measured")
         axis.set_ylabel(label)
-    for i, (when, position, angle) in enumerate(simulated):
+    for i, (when, *predicted) in enumerate(simulated):
         name = "simulated from a fitted state" if i == 0 else None
-        for k, (axis, values) in enumerate(zip(axes, (position, angle), strict=False)):
+        for k, (axis, values) in enumerate(zip(axes, predicted, strict=False)):
             colour = (VERMILION, BLUE)[i % 2]
             axis.plot(when, values, color=colour, linewidth=1.2, label=name)
             if bands is not None:
@@ -175,3 +135,10 @@ def draw_log(
     axes[2].set_xlim(float(time[0]), float(time[-1]))
     axes[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
+
+
+def draw_shown(shown: Shown, bands: Values | None = None) -> Any:
+    """Draw a log beside the model."""
+    s = shown
+    simulated = list(zip(s.simulated_time, s.simulated_z, s.simulated_phi, strict=True))
+    return draw_log(s.time, s.z, s.phi, s.command, simulated, bands)

@@ -17,6 +17,7 @@ import pytest
 from afl_mujoco.cli.study import inputs_of, require_page, write_page
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import FileError
+from afl_mujoco.studies.estimation import CASES
 from afl_mujoco.studies.record import PAGE, Record, save_record
 from afl_mujoco.studies.registry import find_study
 from afl_mujoco.studies.verification.result import Result
@@ -118,7 +119,7 @@ def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
         ("validate", {"scenarios": ("nominal",)}, (["nominal"], PAPER)),
         ("compare", {}, (["step-step"], ["adaptive", "lqr"])),
         ("margins", {"scenario": "laboratory", "controllers": ("lqr",)}, (["laboratory"], ["lqr"])),
-        ("estimation", {"controller": "adaptive-retuned"}, ([], ["adaptive-retuned"])),
+        ("estimation", {"controller": "adaptive-retuned"}, (CASES, ["adaptive-retuned"])),
         ("montecarlo", {}, (["laboratory"], ["adaptive", "lqr"])),
     ):
         scenarios, controllers = said

@@ -11,7 +11,7 @@ from afl_mujoco.identification.description import load_description
 from afl_mujoco.identification.identify import Identified, identify, identify_pole, require_radians
 from afl_mujoco.identification.log import cut, log_of, read_logs
 from afl_mujoco.identification.prediction import DESCRIPTION, FIT, load_estimates
-from afl_mujoco.studies.identify.result import shown_of
+from afl_mujoco.studies.identify import beside
 from tests.coulomb_rig import RIGS, description_of
 from tests.synthetic_logs import Truth, swing
 
@@ -149,7 +149,7 @@ def test_a_log_of_five_hundred_rows_a_second() -> None:
         assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
     for name in ("skew", "delay"):
         assert found.find(name).value == pytest.approx(TRUTH.expected[name], abs=5e-4), name
-    shown = shown_of(found, logs[0])
+    shown = beside(found, logs[0])
     assert shown is not None and shown.simulated_time.shape[1] == 51
 
 

@@ -19,9 +19,8 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.studies.linearization import Loop, linearize
-from afl_mujoco.studies.loop_margins import held_plant, loop_margins
-from afl_mujoco.studies.margins.measured_delay import Deployment, compare_delay
+from afl_mujoco.studies.loop_margins import Loop, held_plant, linearize, loop_margins
+from afl_mujoco.studies.margins import Deployment, measure
 
 NAMES = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
 NOMINAL = afl.CartPoleParameters()
@@ -326,6 +325,7 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
 )
 def test_margins_and_measurement_agree_on_imperfect_hardware(hardware: Imperfections) -> None:
     belief = Belief.of({"half_length": {"error": 0.1}})
-    found = compare_delay((afl.CONTROLLERS["lqr"], NOMINAL, Deployment(0.005, hardware, belief)))
+    deployed = Deployment(0.005, hardware, belief)
+    found = measure((afl.CONTROLLERS["lqr"], NOMINAL, deployed, True))
     assert found.margin is not None and 0.0 < found.margin < 0.1
     assert found.difference == pytest.approx(0.0, abs=0.01)

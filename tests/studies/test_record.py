@@ -80,11 +80,11 @@ def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path: 
     record = study_results.record("margins")
     first = save_record(record, tmp_path)
     assert names(tmp_path) == users | {path.name for path in first}
-    assert {"margins-measured.svg", "margins.md"} < names(tmp_path)
-    unmeasured = replace(record, result=replace(record.result, measured=()))
-    second = save_record(unmeasured, tmp_path)
+    assert {"margins-delay.svg", "margins.md"} < names(tmp_path)
+    empty = replace(record, result=replace(record.result, margins={}))
+    second = save_record(empty, tmp_path)
     assert names(tmp_path) == users | {path.name for path in second}
-    assert "margins-measured.svg" not in names(tmp_path)
+    assert "margins-delay.svg" not in names(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The command on a few of the shipped recordings, and what its sections say."""
+"""The command on a few of the shipped recordings, and what it shows."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ import pytest
 from afl_mujoco.identification.export import with_values
 from afl_mujoco.identification.prediction import CHOOSE, FIT, load_estimates
 from afl_mujoco.report.markdown import to_markdown
-from afl_mujoco.studies.hardware.outlook import changes, outlook
-from afl_mujoco.studies.hardware.protocol import load_protocol
-from afl_mujoco.studies.hardware.sections import sections, verdict
+from afl_mujoco.studies.hardware import changes, outlook, protocol, report
 from tests.study_results import hardware
 
 
@@ -42,7 +40,7 @@ def test_the_command_judges_recordings_in_a_folder(tmp_path: Path, command_line)
     for name, errors in data["baselines"].items():  # each knows less
         assert errors[1]["rms_phi"] > 3.0 * by_horizon[0.2]["rms_phi"], name
     held = {one["id"]: one["value"] for one in data["statements"]}
-    assert set(held) == {one.id for one in load_protocol().statements}
+    assert set(held) == {one["id"] for one in protocol()["statements"]}
     assert code == (0 if "PASS" in said else 1)
     assert "on 3 recordings" in said
     assert data["fitted"] == []
@@ -54,9 +52,7 @@ def test_recordings_that_were_fitted_are_named(tmp_path: Path, command_line) -> 
     _, output, _ = command_line(
         "hardware", "--logs", "logs", "--draws", "0", "--out", "out", "--no-page"
     )
-    assert "1 recording of these has the name of recordings that the estimates were fitted to" in (
-        " ".join(output.split())
-    )
+    assert "have names of recordings that the estimates were fitted to" in " ".join(output.split())
 
 
 def test_a_model_of_another_pole_does_not_hold(tmp_path: Path, command_line) -> None:
@@ -76,7 +72,7 @@ def test_a_model_of_another_pole_does_not_hold(tmp_path: Path, command_line) -> 
     assert code == 1
     assert "rig-0.5-z" in output.splitlines()[-1] and "FAIL" in output
     judged = json.loads((tmp_path / "out" / "hardware.json").read_text())["statements"]
-    asked = {one.id: one.limit for one in load_protocol().statements}
+    asked = {one["id"]: one["limit"] for one in protocol()["statements"]}
     assert {one["id"]: one["limit"] for one in judged} == {**asked, "gravity": 0.25}
 
 
@@ -92,25 +88,23 @@ def test_a_limit_of_no_statement_is_refused(tmp_path: Path, command_line) -> Non
 
 def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
     result = hardware()
-    judged = verdict(result)
-    assert not judged.passed
-    assert "1 of 2 statements of the protocol does not hold: rig-0.5-z" in judged.text
-    text = to_markdown(sections(result))
-    assert "the drive" in text and "not validated" in text
-    assert "1 recording of these has the name" in text
-    whole = replace(result, statements=result.statements[1:])
-    assert verdict(whole).passed
+    shown = report(result)
+    assert (shown.passed, shown.headline) == (
+        False, "1 of 2 statements hold on 2 recordings · not: rig-0.5-z",
+    )  # fmt: skip
+    text = to_markdown(shown.blocks)
+    assert "the drive" in text and "✗ fails" in text
+    assert "No proof, if they are the same recordings: two have names" in text
+    assert report(replace(result, statements=result.statements[1:])).passed
 
 
 def test_the_outlook_says_who_survives_and_what_would_help() -> None:
-    text = to_markdown(sections(hardware()))
-    assert (
-        "`lqr` fails even from 1° (29° with the change “rail x4”) and "
-        "`adaptive` balances from up to 11°"
-    ) in text
-    assert "`lqr` survives 3 of 20" in text
-    assert "What controllers would do" not in to_markdown(
-        sections(replace(hardware(), survival=()))
+    text = to_markdown(report(hardware()).blocks)
+    assert "| Cart-pole | lqr | adaptive |" in text
+    assert "| as it is | 0° | 11° |\n| rail x4 | 29° | 11° |" in text
+    assert "5.7° | 3 of 20 | 20 of 20 |" in text
+    assert "Largest starting angle" not in to_markdown(
+        report(replace(hardware(), survival=())).blocks
     )
 
 
@@ -136,17 +130,16 @@ def test_what_recordings_cannot_tell_neither_fails_nor_holds() -> None:
     result = hardware()
     missed, held = result.statements
     unknown = replace(missed, value=None, suspected="these recordings cannot tell")
-    found = verdict(replace(result, statements=(unknown, held)))
+    found = report(replace(result, statements=(unknown, held)))
     assert found.passed
-    assert (
-        f"1 of 2 statements of the protocol holds; 1 of 2 is not decided: {unknown.id}"
-        in found.text
+    assert found.headline.startswith(
+        f"1 of 2 statements hold on 2 recordings · not decided: {unknown.id}"
     )
-    both = verdict(replace(result, statements=(unknown, missed)))
-    assert not both.passed and f"does not hold: {missed.id}; 1 of 2 is not" in both.text
-    nothing = replace(result, statements=(unknown,))
-    assert not verdict(nothing).passed  # it would validate a model by nothing
-    assert "these recordings cannot tell" in to_markdown(sections(nothing))
+    both = report(replace(result, statements=(unknown, missed)))
+    assert not both.passed and f"not: {missed.id} · not decided" in both.headline
+    nothing = report(replace(result, statements=(unknown,)))
+    assert not nothing.passed  # it would validate a model by nothing
+    assert "these recordings cannot tell" in to_markdown(nothing.blocks)
 
 
 def test_estimates_that_were_changed_by_hand_are_refused(tmp_path: Path, command_line) -> None:

@@ -1,0 +1,521 @@
+"""Find how well M and l are estimated online, and what this costs the closed loop."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.names import ESTIMATED as SUFFIX
+from afl_mujoco.control.names import SUBJECT
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.pool import compute_all, open_executor
+from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
+from afl_mujoco.report.numbers import fixed, short
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.parameters import require_distinct
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import Schedule
+from afl_mujoco.simulation.metrics import Metrics, metrics
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.studies.arrays import Array
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, counted, silent
+from afl_mujoco.studies.run import Deployed, run_kept
+
+CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
+"""The paper's four schedules."""
+
+NOISE = Imperfections(noise_z=1e-4, noise_phi=5e-4)
+"""The usual noise: 0.1 mm and 0.5 mrad, as from encoders of 0.35 mm and 3600 counts per turn."""
+
+SEEDS, QUICK_SEEDS, MOST_SEEDS = 8, 2, 1000
+
+TRUE, NOMINAL, ESTIMATED = "true", "nominal", "estimated"
+"""Kinds of M and l that a controller assumes."""
+
+METRICS = ("objective", "iae_z", "iae_phi", "max_force")
+"""Metrics that are reported for a loop."""
+
+UNTIL, EVERY = 12.0, 4
+"""End of the curves that are kept [s], after which nothing happens; every so many instants."""
+
+DRAWN = ("step-step", "trapezoid-trapezoid")
+"""Schedules that are drawn if they were studied."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Find how well M and l are estimated online, and what this costs the closed loop.
+
+    Example: afl-mujoco estimation step-step --seeds 2
+
+    The controller takes M, l and the state from an extended Kalman filter, which uses the measured
+    z and phi and the commanded force. Writes estimation.json, an npz of curves and figures.
+    """
+
+    scenarios: ScenarioNames = ()
+    """Scenarios of the paper by name; its four schedules by default."""
+    controller: str = SUBJECT
+    """Controller by name, without -estimated."""
+    seeds: int | None = None
+    """Number of runs with noise, each with its own seed; 8 by default."""
+    timestep: float | None = None
+    """Physics step of MuJoCo, and control period [s]; 0.001 by default."""
+    quick: bool = False
+    """2 seeds, unless a number is given."""
+
+
+class Request(NamedTuple):
+    """What is run."""
+
+    scenarios: Sequence[Scenario]
+    controller: Controller  # the estimator is put before it
+    seeds: int = SEEDS
+    timestep: float | None = None  # [s]
+
+
+def prepare(options: Options) -> Request:
+    """Return what the options ask for, or raise if a rule is broken."""
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.simulation.sampled.runs import ticks_of
+
+    o = options
+    seeds = (QUICK_SEEDS if o.quick else SEEDS) if o.seeds is None else o.seeds
+    require_count("seeds", seeds, 1, MOST_SEEDS)
+    controller = find_controller(o.controller)
+    if controller.estimates or controller.interpreted or controller.belief is not None:
+        rule = "must be a compiled controller that takes M and l: the study estimates them"
+        raise InvalidValueError(f"controller {o.controller!r}", rule)
+    names = o.scenarios or CASES
+    for name in names:
+        if name not in SCENARIOS:
+            raise UnknownNameError.among("scenario", name, SCENARIOS)
+    require_distinct("scenario", names)
+    scenarios = [SCENARIOS[name] for name in names]
+    for scenario in scenarios:
+        ticks_of(scenario, o.timestep)
+    return Request(scenarios, controller, seeds, o.timestep)
+
+
+# --- what is found ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """A jump of the truth; the estimate is found within `FOUND` of it before its next change."""
+
+    at: float  # [s]
+    reached_after: float | None  # time until it is first found [s]; None if it never is
+    found_after: float | None  # time until it stays found [s]; None if it does not
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ramp:
+    """A stretch of time in which the truth changes at a constant rate."""
+
+    start: float  # [s]
+    end: float  # [s]
+    lag: float | None  # mean of (truth - estimate) / rate after `SETTLING` [s]; None if shorter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracking:
+    """How one estimate follows the truth."""
+
+    rms: dict[str, float | None]  # of ln(estimate / truth) in each window; None without an instant
+    steps: tuple[Step, ...]
+    ramps: tuple[Ramp, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loop:
+    """The cost of one loop over its runs."""
+
+    parameters: str  # that the controller assumes: `TRUE`, `NOMINAL` or `ESTIMATED`
+    noise: bool  # of the sensors
+    runs: int
+    completed: int
+    metrics: Metrics  # medians of `METRICS`; None if a run did not complete
+    largest_force: float | None  # of any run [N]; None if a run did not complete
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curves:
+    """Curves of one schedule up to `UNTIL`: instants [s], M [kg], l [m] and pole angles [rad].
+
+    Estimates and their angle are of the first seed, the true angle of the loop without noise.
+    """
+
+    time: Array
+    cart_mass: Array
+    half_length: Array
+    true_cart_mass: Array
+    true_half_length: Array
+    estimated_time: Array
+    estimated_angle: Array
+    true_time: Array
+    true_angle: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """What was found on one schedule."""
+
+    scenario: str
+    cart_mass: tuple[Tracking, ...]  # one for each seed
+    half_length: tuple[Tracking, ...]
+    loops: tuple[Loop, ...]
+    curves: Curves
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """How well M and l are tracked, and what estimation costs the closed loop.
+
+    Attributes
+    ----------
+    controller
+        Name that the controller has with the true parameters.
+    windows
+        Names of the time windows over which errors are judged.
+    found_within
+        Relative error within which a step counts as found [1].
+    noise_z, noise_phi
+        Noise of the sensors in the noisy runs [m, rad].
+    cases
+        The schedules.
+    """
+
+    controller: str
+    windows: tuple[str, ...]
+    found_within: float
+    noise_z: float
+    noise_phi: float
+    cases: tuple[Case, ...]
+
+
+# --- the runs -----------------------------------------------------------------------------------
+
+
+def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
+    """Run every schedule; the result does not depend on the workers."""
+    units = [request._replace(scenarios=[scenario]) for scenario in request.scenarios]
+    progress("estimating", 0, len(units))
+    advance = counted(progress, "estimating", len(units))
+    with open_executor(min(workers, len(units))) as executor:
+        cases = compute_all(run_case, units, executor, advance)
+    return Result(
+        controller=request.controller.name,
+        windows=tuple(WINDOWS),
+        found_within=FOUND,
+        noise_z=NOISE.noise_z,
+        noise_phi=NOISE.noise_phi,
+        cases=tuple(cases),
+    )
+
+
+def run_case(unit: Request) -> Case:
+    """Run the only schedule of a request, the force held over each physics step."""
+    from afl_mujoco.control.catalogue import CONTROLLERS
+    from afl_mujoco.control.estimator import EstimatedController
+    from afl_mujoco.simulation.sampled.runs import simulate_estimated
+
+    (scenario,), controller, seeds, step = unit
+    estimating = EstimatedController(name=f"{controller.name}{SUFFIX}", controller=controller)
+    noisy = [
+        replace(scenario, imperfections=replace(NOISE, seed=NOISE.seed + seed))
+        for seed in range(seeds)
+    ]
+    followed = [simulate_estimated(one, estimating, timestep=step) for one in noisy]
+
+    def kept(one: Controller, scenarios: Sequence[Scenario]) -> list[Trajectory | None]:
+        return [run for _, run in run_kept(one, scenarios, Deployed(timestep=step))]
+
+    true = kept(controller, [scenario])
+    loops = [
+        _loop(TRUE, scenario, controller, true),
+        _loop(TRUE, noisy[0], controller, kept(controller, noisy)),
+        _loop(ESTIMATED, scenario, estimating, kept(estimating, [scenario])),
+        _loop(ESTIMATED, noisy[0], estimating, [found.run for found in followed]),
+    ]
+    if (nominal := CONTROLLERS.get(f"{controller.name}-nominal")) is not None:
+        loops.append(_loop(NOMINAL, scenario, nominal, kept(nominal, [scenario])))
+    found, first, oracle = followed[0], followed[0].run, true[0] or followed[0].run
+    part, mine, its = (
+        (time <= UNTIL).nonzero()[0][::EVERY] for time in (found.time, first.time, oracle.time)
+    )
+    time = found.time[part]
+    return Case(
+        scenario=scenario.name,
+        cart_mass=tuple(tracking(scenario.cart_mass, x.time, x.cart_mass) for x in followed),
+        half_length=tuple(tracking(scenario.half_length, x.time, x.half_length) for x in followed),
+        loops=tuple(loops),
+        curves=Curves(
+            time=time,
+            cart_mass=found.cart_mass[part],
+            half_length=found.half_length[part],
+            true_cart_mass=scenario.cart_mass(time),
+            true_half_length=scenario.half_length(time),
+            estimated_time=first.time[mine],
+            estimated_angle=first.state[mine, 1],
+            true_time=oracle.time[its],
+            true_angle=oracle.state[its, 1],
+        ),
+    )
+
+
+@cache
+def _scales() -> Any:
+    """Return the scales of the objective (O1)."""
+    from afl_mujoco.simulation.scoring import nominal_scales
+
+    return nominal_scales(1e-3)
+
+
+def _loop(
+    parameters: str, scenario: Scenario, controller: Controller, runs: Sequence[Trajectory | None]
+) -> Loop:
+    """Return the cost of one loop over its runs."""
+    from afl_mujoco.simulation.scoring import with_objective
+
+    there = [run for run in runs if run is not None]
+    each = [with_objective(metrics(scenario, controller, run), _scales()) for run in there]
+    known = {name: [x for one in each if (x := one[name]) is not None] for name in METRICS}
+    whole = all(len(values) == len(runs) for values in known.values())
+    return Loop(
+        parameters=parameters,
+        noise=scenario.imperfections != IDEAL,
+        runs=len(runs),
+        completed=sum(run.outcome.kind == COMPLETED for run in there),
+        metrics={n: statistics.median(x) if whole else None for n, x in known.items()},
+        largest_force=max(known["max_force"]) if whole else None,
+    )
+
+
+# --- how an estimate follows the truth ----------------------------------------------------------
+
+Values = NDArray[np.float64]
+
+WINDOWS = {"0.05-1 s": (0.05, 1.0), "1-6 s": (1.0, 6.0), "6 s to the end": (6.0, math.inf)}
+"""Time windows over which the error is judged [s]: after the start, while the paper's plants
+change by steps, and after that."""
+
+FOUND = 0.1
+"""Relative error within which an estimate counts as found."""
+
+SETTLING = 0.2
+"""Time at the beginning of a ramp that is left out of its lag [s]."""
+
+_BESIDE = 1e-9
+
+
+def tracking(truth: Schedule, time: Values, estimate: Values) -> Tracking:
+    """Return how an estimate of M [kg] or l [m] follows the truth, from 0 on, shapes (T,)."""
+    error = np.log(estimate / truth(time))
+    end = float(time[-1])
+    edges = sorted({0.0, *(t for t in truth.breakpoints if 0.0 < t < end), end})
+    spans = list(itertools.pairwise(edges))
+    rms = {name: error[_within(time, *span)] for name, span in WINDOWS.items()}
+    return Tracking(
+        rms={n: float(np.sqrt(np.mean(x**2))) if len(x) else None for n, x in rms.items()},
+        steps=tuple(
+            _step(time, error, start, stop)
+            for start, stop in spans
+            if start > 0.0 and _differ(truth.before(start), truth.at(start))
+        ),
+        ramps=tuple(
+            Ramp(start=start, end=stop, lag=_lag(truth, time, estimate, start, stop))
+            for start, stop in spans
+            if _rate(truth, start, stop)
+        ),
+    )
+
+
+def _within(time: Values, start: float, end: float) -> NDArray[np.bool_]:
+    """Return which instants lie in a stretch of time, excluding its end."""
+    return np.asarray((time >= start - _BESIDE) & (time < end - _BESIDE))
+
+
+def _differ(one: float, other: float) -> bool:
+    """Return whether two values differ by more than rounding."""
+    return not math.isclose(one, other, rel_tol=1e-6)
+
+
+def _rate(truth: Schedule, start: float, end: float) -> float:
+    """Return how fast the truth changes between two breakpoints; 0 if only by rounding."""
+    first, last = truth.at(start), truth.before(end)
+    return (last - first) / (end - start) if _differ(first, last) else 0.0
+
+
+def _step(time: Values, error: Values, start: float, end: float) -> Step:
+    """Return how an estimate follows a step of the truth, up to `end`."""
+    part = _within(time, start, end)
+    near = np.abs(error[part]) <= math.log1p(FOUND)
+    late = [float(t) for t in time[part] - start] + [None]
+    outside = np.flatnonzero(~near)
+    return Step(
+        at=start,
+        reached_after=late[int(near.argmax())] if near.any() else None,
+        found_after=late[int(outside[-1]) + 1] if len(outside) else 0.0,
+    )
+
+
+def _lag(truth: Schedule, time: Values, estimate: Values, start: float, end: float) -> float | None:
+    """Return how late the estimate is on a ramp."""
+    part = _within(time, start + SETTLING, end)
+    if not part.any():
+        return None
+    late = (truth(time[part]) - estimate[part]) / _rate(truth, start, end)
+    return float(np.mean(late))
+
+
+# --- what is shown ------------------------------------------------------------------------------
+
+
+def report(result: Result) -> Report:
+    """Return what is shown of estimation."""
+    cases = result.cases
+    noisy = [_find(case, ESTIMATED, noise=True) for case in cases]
+    exact = [_find(case, TRUE, noise=False).metrics["iae_phi"] for case in cases]
+    ratios = [
+        mine / true
+        for loop, true in zip(noisy, exact, strict=True)
+        if (mine := loop.metrics["iae_phi"]) is not None and true is not None
+    ]
+    headline = (
+        f"{result.controller} with estimated M and l completes "
+        f"{sum(loop.completed for loop in noisy)} of {sum(loop.runs for loop in noisy)} noisy runs"
+    )
+    if ratios:
+        headline += f" · ∫|φ| dt at most {short(max(ratios), 3)} times that with the true M and l"
+    drawn = [case for case in cases if case.scenario in DRAWN] or cases[:1]
+    blocks: list[Block] = [
+        Figure(
+            name="estimation" if number == 0 else f"estimation-{number + 1}",
+            title=f"M and l estimated on {case.scenario}",
+            caption=f"{result.controller} with {1e3 * result.noise_z:g} mm and "
+            f"{1e3 * result.noise_phi:g} mrad of noise on z and φ; beside it, the same controller "
+            "with the true M and l and without noise.",
+            draw=partial(_draw, case.curves),
+        )
+        for number, case in enumerate(drawn)
+    ]
+    return Report(headline=headline, blocks=[*blocks, _loops(result), _tracking(result)])
+
+
+def _find(case: Case, parameters: str, *, noise: bool) -> Loop:
+    """Return one of the loops of a schedule."""
+    wanted = parameters, noise
+    return next(loop for loop in case.loops if (loop.parameters, loop.noise) == wanted)
+
+
+def _loops(result: Result) -> Matrix:
+    """Return the cost of each loop."""
+    return Matrix(
+        caption="Cost of the loop by the M and l that are assumed: medians, and the largest force "
+        "of all runs",
+        columns=[
+            "Scenario", "M and l", "Completed", "∫|z| dt [m s]", "∫|φ| dt [rad s]", "Force [N]",
+            "Largest [N]",
+        ],
+        rows=[
+            [
+                case.scenario,
+                loop.parameters + (", noise" if loop.noise else ""),
+                Cell(
+                    f"{loop.completed} of {loop.runs}",
+                    "bad" if loop.completed < loop.runs else "",
+                ),
+                fixed(loop.metrics["iae_z"], 2),
+                fixed(loop.metrics["iae_phi"], 3),
+                fixed(loop.metrics["max_force"], 1),
+                fixed(loop.largest_force, 1),
+            ]
+            for case in result.cases
+            for loop in case.loops
+        ],
+    )  # fmt: skip
+
+
+def _tracking(result: Result) -> Matrix:
+    """Return the largest errors over the seeds by window of time, and when steps were found."""
+
+    def largest(found: Sequence[Tracking], window: str) -> str:
+        return fixed(max((x for one in found if (x := one.rms[window]) is not None),
+                         default=None), 4)  # fmt: skip
+
+    def medians(found: Sequence[Tracking], name: str) -> str:
+        steps = zip(*(one.steps for one in found), strict=True)
+        late = [
+            [math.inf if (x := getattr(one, name)) is None else x for one in step] for step in steps
+        ]
+        return ", ".join("never" if (x := statistics.median(one)) == math.inf else fixed(x, 2)
+                         for one in late)  # fmt: skip
+
+    return Matrix(
+        folded="Errors of the estimates",
+        caption="Root mean square of ln(estimate / truth), the largest over the seeds, by window; "
+        f"medians of the time after each step to {100.0 * result.found_within:g} % [s]",
+        columns=["Scenario", "Of", *result.windows, "Found first", "Found for good"],
+        rows=[
+            [
+                case.scenario,
+                symbol,
+                *(largest(found, window) for window in result.windows),
+                *(medians(found, name) for name in ("reached_after", "found_after")),
+            ]
+            for case in result.cases
+            for symbol, found in (("M", case.cart_mass), ("l", case.half_length))
+        ],
+    )
+
+
+def _draw(made: Curves) -> Any:
+    """Draw M, l and the pole angle, true and estimated."""
+    from afl_mujoco.report.figures import Panel, curves
+
+    panels = [
+        Panel(
+            label="cart mass M [kg]",
+            curves={
+                "true": (made.time, made.true_cart_mass),
+                "estimated": (made.time, made.cart_mass),
+            },
+        ),
+        Panel(
+            label="half-length l [m]",
+            curves={
+                "true": (made.time, made.true_half_length),
+                "estimated": (made.time, made.half_length),
+            },
+        ),
+        Panel(
+            label="pole angle φ [rad]",
+            curves={
+                "true": (made.true_time, made.true_angle),
+                "estimated": (made.estimated_time, made.estimated_angle),
+            },
+        ),
+    ]
+    ends = [float(time[-1]) for time in (made.time, made.true_time, made.estimated_time)]
+    return curves(panels, 0.999 * max(ends))  # a cross is only where a run ended early
+
+
+STUDY = Study(
+    name="estimation",
+    title="M and l estimated online",
+    order=50,
+    schema=3,
+    configuration=Options,
+    prepare=prepare,
+    run=run,
+)

@@ -1,0 +1,707 @@
+"""Judge the identified model on recordings of a real cart-pole that it was not fitted to.
+
+`hardware_protocol.toml` beside this file says how; it was fixed before any of them was predicted.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.identification.export import TILT, certain
+from afl_mujoco.identification.identify import Identified
+from afl_mujoco.identification.log import Log
+from afl_mujoco.identification.prediction import AWAY, Errors, Starts
+from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
+from afl_mujoco.report.markdown import plain
+from afl_mujoco.report.numbers import MISSING, listed, percent, short
+from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.studies.arrays import Array
+from afl_mujoco.studies.contract import Progress, Study, silent
+from afl_mujoco.studies.identified_parts import Shown, draw_shown, physical_matrix, shown_of
+from afl_mujoco.studies.run import run_all
+
+MOST_DRAWS = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Judge the identified model on recordings of a real cart-pole that it was not fitted to.
+
+    Example: afl-mujoco hardware --logs my-logs --estimates renders/my-rig/estimates.json
+
+    Reports the errors by horizon, each term of the equations, verdicts by a protocol that was fixed
+    beforehand, and what controllers would do on that cart-pole. The exit code is 1 if one
+    statement does not hold, or the recordings can decide none, else 0.
+    """
+
+    logs: str | None = None
+    """Folder of recordings; by default those that come with the package and were not fitted."""
+    estimates: str | None = None
+    """Estimates that `afl-mujoco identify` wrote; by default those that come with the package."""
+    draws: int = 200
+    """Cart-poles drawn from the distribution of the estimates, on which controllers run."""
+    seed: int = 1
+    """Seed of the draws."""
+
+
+class Request(NamedTuple):
+    """What is judged, and on what."""
+
+    logs: Sequence[Log]
+    identified: Identified
+    source: str  # where the recordings are
+    draws: int
+    seed: int
+
+
+@cache
+def protocol() -> dict[str, Any]:
+    """Return how recordings are predicted, and the statements that are judged."""
+    path = Path(__file__).with_name("hardware_protocol.toml")
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def prepare(options: Options) -> Request:
+    """Return what the options ask for, or raise if a rule is broken."""
+    from afl_mujoco.identification.log import read_logs
+    from afl_mujoco.identification.prediction import CHOOSE, ESTIMATES, load_estimates
+
+    o = options
+    require_count("draws", o.draws, 0, MOST_DRAWS)
+    if not 0 <= o.seed < 2**63:
+        raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", o.seed)
+    identified = load_estimates(ESTIMATES if o.estimates is None else Path(o.estimates))
+    if o.estimates is not None and o.logs is None:
+        raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
+    if identified.drive is None:
+        raise InvalidValueError("estimates", "must include cart and drive: vary the command")
+    known = [one["id"] for one in protocol()["statements"]]
+    for name in identified.description.limits:
+        if name not in known:
+            raise UnknownNameError.among("limits", name, known)
+    folder = CHOOSE if o.logs is None else Path(o.logs)
+    logs = read_logs([folder], identified.description)
+    source = f"{folder.name}/, which comes with the package" if o.logs is None else o.logs
+    return Request(logs, identified, source, o.draws, o.seed)
+
+
+# --- what is found ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Term:
+    """A term of the equations, from the judged recordings alone, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    expected: float | None  # what the equations demand; None where they leave it open
+    unit: str
+    title: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """A statement of the protocol, judged."""
+
+    id: str
+    statement: str
+    measure: str
+    limit: float
+    reason: str  # for the limit
+    value: float | None  # None if these recordings cannot decide it
+    at_least: bool  # whether the value must reach the limit; else it must not exceed it
+    suspected: str = ""  # cause of a statement that does not hold, or why it is not decided
+
+    @property
+    def holds(self) -> bool:
+        """Whether the statement holds; one that is not decided neither holds nor fails."""
+        if self.value is None:
+            return False
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+    @property
+    def fails(self) -> bool:
+        """Whether the recordings show that the statement does not hold."""
+        return self.value is not None and not self.holds
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Survival:
+    """A controller on the identified cart-pole, and on some drawn from the estimates."""
+
+    controller: str
+    angles: dict[str, float]  # by a change, the largest start that it survives [rad]; 0 if none
+    runs: int
+    survived: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Result:
+    """What recordings say about the identified model.
+
+    Attributes
+    ----------
+    source
+        Where the recordings are.
+    logs
+        Names of the recordings.
+    fitted
+        Names of those that the estimates were fitted to: they prove nothing.
+    identified
+        The estimates.
+    terms
+        Terms of the pole's equation, by name: gravity, coupling and friction.
+    held_out
+        Errors of the whole cart-pole in MuJoCo, given the command, by horizon.
+    whole
+        The same for starts around which no row is missing; the command of a missing row is unknown.
+    pole
+        Errors of the pole alone, given the motion of the cart.
+    baselines
+        Errors of other models, given the command, by name.
+    statements
+        The statements of the protocol, judged.
+    speeds
+        Largest abs(z') [m/s] and abs(phi') [rad/s], of any reading.
+    reach, turned
+        Largest abs(z) [m], and the largest range of the angle in a recording [rad].
+    band
+        Horizons [s], and the rms errors of position [m] and angle [rad] after them, shape (3, H).
+    recorded
+        A recording beside its predictions.
+    survival
+        What controllers would do on that cart-pole; empty if nothing was drawn, or the estimates
+        are too uncertain to draw from.
+    """
+
+    source: str
+    logs: tuple[str, ...]
+    fitted: tuple[str, ...]
+    identified: Identified
+    terms: dict[str, Term]
+    held_out: tuple[Errors, ...]
+    whole: tuple[Errors, ...]
+    pole: tuple[Errors, ...]
+    baselines: dict[str, tuple[Errors, ...]]
+    statements: tuple[Judged, ...]
+    speeds: tuple[float, float]
+    reach: float
+    turned: float
+    band: Array
+    recorded: Shown
+    survival: tuple[Survival, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether every statement that could be decided holds, and one could be."""
+        found = self.statements
+        return any(one.holds for one in found) and not any(one.fails for one in found)
+
+    def __repr__(self) -> str:
+        """Summarise the outcome in one line."""
+        return f"<{report(self).headline}>"
+
+
+# --- the recordings and the model ---------------------------------------------------------------
+
+Values = NDArray[np.float64]
+
+BAND = 26
+"""Number of horizons up to half a second at which the band of a prediction is measured."""
+
+NO_REACTION = 1e-6
+"""Mass ratio at which the cart does not feel the pole."""
+
+
+def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
+    """Judge the model on the recordings; the result does not depend on the workers."""
+    from afl_mujoco.identification.identify import require_radians
+    from afl_mujoco.identification.prediction import (
+        errors_of,
+        predicted_by_pole,
+        predicted_by_rig,
+        starts_of,
+    )
+
+    logs, identified, source, draws, seed = request
+    d, values, p = identified.description, identified.values, protocol()["prediction"]
+    horizons = p["horizons"]
+    require_radians(logs, d)
+    progress("judging", 0, 5)
+    terms = _terms(logs, identified)
+    progress("judging", 1, 5)
+    starts = starts_of(logs, p["past"], max(horizons), p["every"])
+    angle = predicted_by_pole(starts, values, d)
+    by_pole = np.stack([np.zeros_like(angle), angle], axis=1)
+    pole = errors_of(starts, by_pole, horizons, values, d, position=False)
+    progress("judging", 2, 5)
+    drive = identified.drive
+    if drive is None or drive.scatter_z is None:
+        raise InvalidValueError("estimates", "must include cart and drive")
+    scatter = (drive.scatter_z, drive.scatter_phi)
+    read, states = predicted_by_rig(starts, values, d, scatter, workers=workers)
+    held_out = errors_of(starts, read, horizons, values, d)
+    progress("judging", 3, 5)
+    baselines = _baselines(starts, identified, scatter, states, horizons, workers)
+    progress("judging", 4, 5)
+    steps = np.linspace(0.0, 0.5, BAND)
+    spread = errors_of(starts, read, steps.tolist(), values, d)
+    most = int(np.bincount(starts.windows.log).argmax())
+    survival = outlook(identified, draws, seed, workers) if draws and certain(identified) else ()
+    progress("judging", 5, 5)
+    return Result(
+        source=source,
+        logs=tuple(log.name for log in logs),
+        fitted=tuple(log.name for log in logs if log.name in identified.logs),
+        identified=identified,
+        terms=terms,
+        held_out=held_out,
+        whole=errors_of(starts, read, horizons, values, d, whole=True),
+        pole=pole,
+        baselines=baselines,
+        statements=_judge(identified, terms, pole, held_out),
+        speeds=(
+            max(float(np.abs(np.gradient(log.z, log.time)).max()) for log in logs),
+            max(float(np.abs(np.gradient(log.angle, log.time)).max()) for log in logs),
+        ),
+        reach=max(float(np.abs(log.z).max()) for log in logs),
+        turned=max(float(np.ptp(log.angle)) for log in logs),
+        band=np.array([steps, [e.rms_z or 0.0 for e in spread], [e.rms_phi for e in spread]]),
+        recorded=shown_of(logs[most], starts, read, values, most),
+        survival=survival,
+    )
+
+
+def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
+    """Return the terms of the pole's equation, estimated again from the recordings alone."""
+    from afl_mujoco.identification.identify import identify_pole, windows_of
+
+    found, _ = identify_pole(windows_of(logs), identified.description)
+    expected = {"gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0}
+    return {
+        "gravity" if one.name == "gravity_term" else one.name: Term(
+            value=float(value), low=float(value - half), high=float(value + half),
+            expected=expected.get(one.name), unit=one.unit, title=one.title,
+        )
+        for one, value, half in zip(found.parameters, found.values, found.half_widths, strict=True)
+        if one.name in ("gravity_term", "coupling", "damping", "friction")
+    }  # fmt: skip
+
+
+def nominal_values(identified: Identified) -> dict[str, float]:
+    """Return the parameters of pole and rig as the owners give them, with ideal sensors."""
+    from afl_mujoco.identification import pole, rig
+
+    d = identified.description
+    n = d.nominal
+    whole, inertia = n.cart_mass + n.pole_mass, 4.0 / 3.0 * n.pole_mass * n.half_length**2
+    names = [one.name for one in (*pole.parameters_of(d), *rig.parameters_of(d))]
+    return {
+        **dict.fromkeys(names, 0.0),
+        "angle_scale": 1.0,
+        "gravity_term": n.gravity_term,
+        "coupling": 1.0,
+        "damping": n.hinge_damping / inertia,
+        "mass_ratio": n.pole_mass / whole,
+        "gain": n.force / whole,
+        "decay": n.rail_damping / whole,
+    }
+
+
+def _baselines(
+    starts: Starts,
+    identified: Identified,
+    scatter: tuple[float, float],
+    states: Values,
+    horizons: Sequence[float],
+    workers: int,
+) -> dict[str, tuple[Errors, ...]]:
+    """Return the errors of the baselines of the protocol."""
+    from afl_mujoco.identification.prediction import (
+        errors_of,
+        predicted_by_pole,
+        predicted_by_rig,
+        straight_on,
+    )
+
+    d, values = identified.description, identified.values
+    nominal = nominal_values(identified)
+    owners, _ = predicted_by_rig(starts, nominal, d, scatter, workers=workers)
+    alone = {**values, "mass_ratio": NO_REACTION}
+    cart, _ = predicted_by_rig(starts, alone, d, scatter, workers=workers)
+    angle = predicted_by_pole(starts, {**values, "coupling": 0.0}, d)
+    found: dict[str, tuple[Values, Mapping[str, float]]] = {
+        "nominal": (owners, nominal),
+        "uncoupled": (np.stack([cart[:, 0], angle], axis=1), values),
+        "constant_velocity": (straight_on(starts, states, values), values),
+    }
+    return {name: errors_of(starts, read, horizons, of, d) for name, (read, of) in found.items()}
+
+
+def _judge(
+    identified: Identified,
+    terms: Mapping[str, Term],
+    pole: Sequence[Errors],
+    held_out: Sequence[Errors],
+) -> tuple[Judged, ...]:
+    """Judge every statement of the protocol."""
+    (driven,) = (one for one in pole if one.horizon == 0.2)
+    (whole,) = (one for one in held_out if one.horizon == 0.5)
+    why = ""
+    if identified.description.phi.dead_zone is not None and driven.clear_phi is not None:
+        why = (
+            "readings missing before the start, across the dead zone: without such starts it is "
+            f"{short(driven.clear_phi, 3)}"
+        )
+    late = "commands that arrive late, or a drive that is not linear"
+    off = {name: _off(terms[name]) for name in ("gravity", "coupling")}
+    measured: dict[str, tuple[float | None, float, bool, str]] = {
+        "gravity": (*off["gravity"], False, "the given length, or the hinge"),
+        "coupling": (*off["coupling"], False, "the scale of the position"),
+        "pole-0.2": (driven.away_phi, 0.0, False, why),
+        "rig-0.5-phi": (whole.explained_phi, 0.0, True, late),
+        "rig-0.5-z": (whole.explained_z, 0.0, True, late),
+    }
+    judged = []
+    for one in protocol()["statements"]:
+        if one["id"] in (own := identified.description.limits):
+            reason = "as the description of the cart-pole says"
+            one = {**one, "limit": own[one["id"]], "reason": reason}
+        value, width, at_least, suspected = measured[one["id"]]
+        if value is None:
+            suspected = "not decided: these recordings never get there, or have no known resolution"
+        elif width > one["limit"]:
+            value, suspected = None, "not decided: the interval is wider than the limit"
+        found = Judged(**one, value=value, at_least=at_least)
+        judged.append(found if found.holds else replace(found, suspected=suspected))
+    return tuple(judged)
+
+
+def _off(term: Term) -> tuple[float | None, float]:
+    """Return how far a term is from its expected value, and half its interval, relative to it."""
+    width = 0.5 * (term.high - term.low) / abs(term.expected or 1.0)
+    return None if term.expected is None else abs(term.value / term.expected - 1.0), width
+
+
+# --- what controllers would do on it ------------------------------------------------------------
+
+CONTROLLERS = ("adaptive", "adaptive-retuned", "lqr")
+"""The paper's controller, the same with gains found here, and a baseline."""
+
+ANGLES = (1, 2, 3, 5, 7, *range(10, 85, 5))
+"""Starting angles that are tried, to either side [deg]."""
+
+AS_IT_IS = "as it is"
+
+STEP = 1e-3
+"""Control period of a cart-pole that has none [s]."""
+
+
+def changes(scenario: Scenario) -> dict[str, Scenario]:
+    """Return a cart-pole as it is, and with its limits relaxed, by the name of the change."""
+    r = scenario.imperfections
+    longer = {} if r.rail_half_length is None else {"rail_half_length": 4.0 * r.rail_half_length}
+    stronger = {} if r.force_limit is None else {"force_limit": 4.0 * r.force_limit}
+    exact = {"encoder_step_z": 0.0, "encoder_step_phi": 0.0, "differentiated": False}
+    undamped = {"rail_damping": 0.0}
+    found: dict[str, dict[str, Any]] = {
+        AS_IT_IS: {},
+        "rail x4": longer,
+        "force x4": stronger,
+        "rail and force x4": {**longer, **stronger},
+        "ten times the control rate, no delay": {
+            "control_period": 0.1 * (r.control_period or STEP), "delay": 0.0,
+        },
+        "exact sensors": exact,
+        "drive makes up for rail damping": undamped,
+        "drive makes up for rail damping, rail and force x4": {**undamped, **longer, **stronger},
+    }  # fmt: skip
+    return {
+        name: replace(scenario, imperfections=replace(r, **changed), requirements=NONE)
+        for name, changed in found.items()
+        if name == AS_IT_IS or changed
+    }
+
+
+def outlook(
+    identified: Identified, count: int, seed: int, workers: int = 1
+) -> tuple[Survival, ...]:
+    """Return what each controller survives, also on cart-poles drawn from the estimates."""
+    from afl_mujoco.control.catalogue import find_controller
+    from afl_mujoco.identification.export import draws, with_values
+
+    base = changes(with_values(identified, identified.values))
+    drawn = draws(identified, count, seed)
+    found = []
+    for controller in map(find_controller, CONTROLLERS):
+
+        def passes(scenarios: Sequence[Scenario], one: Any = controller) -> list[bool]:
+            return [not run.failure for run in run_all(one, scenarios, threads=workers)]
+
+        angles = {}
+        for name, changed in base.items():
+            starts = [
+                replace(changed, initial_state=(0.0, sign * math.radians(angle), 0.0, 0.0))
+                for angle in ANGLES
+                for sign in (-1.0, 1.0)
+            ]
+            held = np.array(passes(starts)).reshape(-1, 2).all(axis=1)
+            smaller = int(np.argmin(np.append(held, False)))  # that are survived, one and all
+            angles[name] = math.radians(ANGLES[smaller - 1]) if smaller else 0.0
+        found.append(
+            Survival(
+                controller=controller.name, angles=angles, runs=count, survived=sum(passes(drawn))
+            )
+        )
+    return tuple(found)
+
+
+# --- what is shown ------------------------------------------------------------------------------
+
+NAMES = {
+    "": "identified, in MuJoCo",
+    "pole": "pole alone, given the cart",
+    "nominal": "as its owners give it",
+    "uncoupled": "without coupling",
+    "constant_velocity": "constant velocity",
+}
+"""The models in words."""
+
+
+def report(result: Result) -> Report:
+    """Return what is shown of a validation."""
+    missed = [one.id for one in result.statements if one.fails]
+    undecided = [one.id for one in result.statements if one.value is None]
+    held = sum(one.holds for one in result.statements)
+    recordings = f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
+    headline = f"{held} of {len(result.statements)} statements hold on {recordings}"
+    headline += f" · not: {', '.join(missed)}" if missed else ""
+    headline += f" · not decided: {', '.join(undecided)}" if undecided else ""
+    blocks: list[Block] = _statements(result)
+    if result.fitted:
+        blocks.append(
+            plain(
+                f"No proof, if they are the same recordings: {listed(result.fitted, 'and')} have "
+                "names of recordings that the estimates were fitted to."
+            )
+        )
+    blocks += [
+        Figure(
+            name="hardware-recording",
+            title=f"{result.recorded.name}, measured and predicted",
+            caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
+            "recorded command, for half a second from each fitted state. Bands: twice the rms "
+            "error of all recordings after that time.",
+            draw=partial(_draw, result),
+        ),
+        _errors("Whole cart-pole in MuJoCo, from the command alone", result.held_out),
+        _models(result),
+        _terms_matrix(result),
+        *_outlook(result),
+        _errors(
+            "Starts around which no row, and so no command, is missing",
+            result.whole,
+            "Errors without missing rows",
+        ),
+        _pole(result),
+        replace(physical_matrix(result.identified), folded="The cart-pole in MuJoCo"),
+        _range(result),
+    ]
+    return Report(headline=headline, passed=result.passed, blocks=blocks)
+
+
+def _draw(result: Result) -> Any:
+    """Draw a recording beside its predictions, with bands of twice their error."""
+    horizons, z, phi = result.band
+    return draw_shown(result.recorded, np.array([horizons, 2.0 * z, 2.0 * phi]))
+
+
+def _statements(result: Result) -> list[Block]:
+    """Return the statements with their verdicts, why one does not hold, and how it is measured."""
+
+    def shown(one: Judged, value: float | None) -> str:
+        share = "share" in one.measure or "relative" in one.measure
+        return percent(value, 3) if share else short(value, 3)
+
+    def verdict(one: Judged) -> Cell:
+        if one.value is None:
+            return Cell("not decided", "open")
+        return Cell("holds", "good") if one.holds else Cell("fails", "bad")
+
+    said = [f"- {plain(f'{one.id}: {one.suspected}')}" for one in result.statements
+            if one.suspected]  # fmt: skip
+    return [
+        Matrix(
+            caption="Statements of the protocol",
+            columns=["Statement", "Measured", "Limit", "Verdict", "What it says"],
+            rows=[
+                [
+                    one.id,
+                    shown(one, one.value),
+                    f"{'≥' if one.at_least else '≤'} {shown(one, one.limit)}",
+                    verdict(one),
+                    one.statement,
+                ]
+                for one in result.statements
+            ],
+        ),
+        *(["\n".join(said)] if said else []),
+        Matrix(
+            caption="What is measured, and the reason for each limit",
+            folded="Measures and limits",
+            columns=["Statement", "Measure", "Reason for the limit"],
+            rows=[[one.id, one.measure, one.reason] for one in result.statements],
+        ),
+    ]
+
+
+def _errors(caption: str, errors: Sequence[Errors], folded: str = "") -> Matrix:
+    """Return errors by horizon."""
+    return Matrix(
+        caption=caption,
+        folded=folded,
+        columns=[
+            "Horizon [s]", "φ [mrad]", "counts", "explained [%]", "z [mm]", "z counts",
+            "z explained [%]", "Starts",
+        ],
+        rows=[
+            [
+                short(one.horizon),
+                short(1e3 * one.rms_phi, 3),
+                short(one.counts_phi, 3),
+                _share(one.explained_phi),
+                short(one.rms_z and 1e3 * one.rms_z, 3),
+                short(one.counts_z, 3),
+                _share(one.explained_z),
+                str(one.starts),
+            ]
+            for one in errors
+        ],
+    )  # fmt: skip
+
+
+def _share(value: float | None) -> str:
+    """Return a share of variance in percent; one below zero explains nothing."""
+    return MISSING if value is None else "< 0" if value < 0.0 else short(100.0 * value, 4)
+
+
+def _models(result: Result) -> Matrix:
+    """Return the errors of the model, and of those that know less."""
+    found = {"": result.held_out, "pole": result.pole, **result.baselines}
+    return Matrix(
+        caption="rms error of φ [mrad], z [mm], after a time",
+        columns=["Model", *(f"{short(one.horizon)} s" for one in result.held_out)],
+        rows=[
+            [
+                NAMES[key],
+                *(
+                    f"{short(1e3 * one.rms_phi, 3)}, {short(one.rms_z and 1e3 * one.rms_z, 3)}"
+                    for one in errors
+                ),
+            ]
+            for key, errors in found.items()
+        ],
+    )
+
+
+def _pole(result: Result) -> Matrix:
+    """Return the errors of the pole alone."""
+    return Matrix(
+        caption="The pole alone, given the motion of the cart",
+        folded="The pole alone",
+        columns=[
+            "Horizon [s]", "φ [mrad]", "counts", f"counts beyond {short(AWAY)} rad from upright",
+            "explained [%]", "Starts",
+        ],
+        rows=[
+            [
+                short(one.horizon),
+                short(1e3 * one.rms_phi, 3),
+                short(one.counts_phi, 3),
+                short(one.away_phi, 3),
+                _share(one.explained_phi),
+                str(one.starts),
+            ]
+            for one in result.pole
+        ],
+    )  # fmt: skip
+
+
+def _terms_matrix(result: Result) -> Matrix:
+    """Return the terms of the pole's equation."""
+    return Matrix(
+        caption="Term by term, estimated again from these recordings alone",
+        columns=["Term", "Unit", "Estimate", "95 % interval", "Expected", "Off [%]"],
+        rows=[
+            [
+                one.title,
+                one.unit,
+                short(one.value),
+                f"{short(one.low)} to {short(one.high)}",
+                short(one.expected),
+                short(one.expected and 100.0 * (one.value / one.expected - 1), 2),
+            ]
+            for one in result.terms.values()
+        ],
+    )
+
+
+def _outlook(result: Result) -> list[Block]:
+    """Return what controllers would do on that cart-pole."""
+    found = result.survival
+    if not found:
+        known = certain(result.identified)
+        return [] if known else ["The estimates are too uncertain to try controllers on it."]
+    rows = [
+        [what, *(f"{math.degrees(one.angles[what]):.0f}°" for one in found)]
+        for what in found[0].angles
+    ]
+    drawn = f"drawn from the estimates, from within {math.degrees(TILT):.1f}°"
+    rows.append([drawn, *(f"{one.survived} of {one.runs}" for one in found)])
+    return [
+        Matrix(
+            caption="Largest starting angle from which a controller, as deployed on this "
+            "cart-pole, ends upright and never reaches the end of its rail",
+            columns=["Cart-pole", *(one.controller for one in found)],
+            rows=rows,
+        )
+    ]
+
+
+def _range(result: Result) -> Matrix:
+    """Return what the recordings cover: beyond it, and for another cart-pole, nothing is shown."""
+    v, w = result.speeds
+    return Matrix(
+        caption=f"Recordings of {result.source}, of {result.identified.description.name}",
+        folded="What the recordings cover",
+        columns=["Quantity", "Largest"],
+        rows=[
+            ["|z| [m]", short(result.reach, 2)],
+            ["|z′| [m/s]", short(v, 2)],
+            ["|φ′| [rad/s]", short(w, 2)],
+            ["range of φ [°]", short(math.degrees(result.turned), 3)],
+        ],
+    )
+
+
+STUDY = Study(
+    name="hardware",
+    title="Measured hardware",
+    order=81,
+    schema=2,
+    configuration=Options,
+    prepare=prepare,
+    run=run,
+)

@@ -1,1 +1,0 @@
-"""A measured cart-pole: how well the identified model predicts it, and what controllers do."""

@@ -1,1 +1,0 @@
-"""Identification of a cart-pole from its logs."""

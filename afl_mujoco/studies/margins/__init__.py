@@ -1,1 +1,0 @@
-"""Stability margins of the linearised loop over the plants, and the delay measured in MuJoCo."""

@@ -1,0 +1,324 @@
+"""The physics regression: every run of the paper's scenarios against its baseline, a JSON file."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import FileError
+from afl_mujoco.files import output_folder, read_json, write_json
+from afl_mujoco.pool import compute_all, open_executor
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.metrics import STATES
+from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.cases import (
+    Case,
+    Settings,
+    case_name,
+    closed_loop_runs,
+    reported_runs,
+    require_runnable,
+)
+
+REGRESSED = ("fixed", "adaptive")
+"""The controllers that have baselines."""
+
+UPDATE = "make baselines"
+"""The command that makes the current state the baseline."""
+
+WRONG = "is not a baseline"
+
+PERIOD = 0.5
+"""Spacing of the instants in a baseline [s]."""
+
+SETTINGS = Settings()
+"""The step sizes of every baseline."""
+
+RELATIVE_LIMIT = 1e-6
+"""Largest relative change of a metric: no control engineer would notice less. Round-off is far
+below it: 0 between Python 3.11 and 3.12, 1e-14 against code for a processor without FMA and AVX."""
+
+ABSOLUTE_LIMIT = 1e-9
+"""Largest change of a metric that is zero or nearly so, SI units: round-off is below 1e-12, and
+the smallest metric that is not zero is 0.4."""
+
+STATE_LIMIT = 1e-8
+"""Largest change of a state at any kept instant, SI units: ten times the limit between the two
+simulators (B1); round-off is 2e-14, as the closed loop contracts it."""
+
+FORCE_LIMIT = 1e-6
+"""Largest change of the force at any kept instant [N]: a controller's gain on a state is about
+100 N; round-off is 2e-13."""
+
+SLACK = 1e-6
+"""Share of a sample that round-off may add to a metric quantised by the samples."""
+
+Number = float | None
+Row = tuple[Number, Number, Number, Number, Number, Number]
+COLUMNS = ("t", *STATES, "force")
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The record of one run."""
+
+    settings: Mapping[str, Any]  # of the simulator
+    outcome: str  # without the time
+    metrics: Mapping[str, Number]
+    trajectory: tuple[Row, ...]  # rows of `COLUMNS`, one every `PERIOD`
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """The record of one scenario with one controller: the content of one file."""
+
+    schema: Literal[1] = field(default=1, kw_only=True)
+    columns: tuple[str, ...] = field(default=COLUMNS, kw_only=True)
+    scenario: str
+    controller: str
+    versions: Mapping[str, str]  # of the packages with which it was made
+    runs: Mapping[str, Recording]  # by simulator
+
+    @property
+    def file_name(self) -> str:
+        """Name of its file."""
+        return f"{self.scenario}.{self.controller}.json"
+
+
+# --- what is recorded ---------------------------------------------------------------------------
+
+
+def record(case: Case) -> Baseline:
+    """Simulate one scenario with one controller and return the baseline of the runs."""
+    scenario, controller, settings = case
+    runs = closed_loop_runs(scenario, controller, settings)
+    recordings = {
+        run.simulator: Recording(
+            settings=runs[run.simulator].provenance["settings"],
+            outcome=runs[run.simulator].outcome.kind,
+            metrics=run.metrics,
+            trajectory=_decimated(runs[run.simulator]),
+        )
+        for run in reported_runs(scenario, controller, runs)
+    }
+    versions = {"python": platform.python_version(), **runs["ode"].provenance["versions"]}
+    return Baseline(scenario.name, controller.name, versions, recordings)
+
+
+def record_all(
+    scenarios: Sequence[Scenario],
+    controllers: Sequence[Controller],
+    *,
+    workers: int = 1,
+    progress: Callable[[str], None] = lambda done: None,
+) -> dict[str, Baseline]:
+    """Record every scenario with every controller, by the name of its file."""
+    require_runnable(scenarios, controllers, SETTINGS)
+    cases = [(s, c, SETTINGS) for s in scenarios for c in controllers]
+    scales = nominal_scales(SETTINGS.timestep)
+    with open_executor(min(workers, len(cases))) as executor:
+        recorded = compute_all(record, cases, executor, lambda i: progress(case_name(cases[i])))
+    fresh = {}
+    for made in recorded:
+        runs = {
+            name: replace(run, metrics=with_objective(dict(run.metrics), scales))
+            for name, run in made.runs.items()
+        }
+        fresh[made.file_name] = replace(made, runs=runs)
+    return fresh
+
+
+def _decimated(run: Trajectory) -> tuple[Row, ...]:
+    """Return the rows of a run that a baseline keeps."""
+    wanted = PERIOD * np.arange(int(run.time[-1] / PERIOD + SLACK) + 1)
+    index = np.searchsorted(run.time, wanted - SLACK * SETTINGS.timestep)
+    rows = np.column_stack([wanted, run.state[index], run.force[index]])
+    known = ([x if np.isfinite(x) else None for x in row] for row in rows.tolist())
+    return tuple(cast(Row, tuple(row)) for row in known)
+
+
+# --- what has changed ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A value that has changed, and how much it may; None if not at all."""
+
+    run: str
+    figure: str
+    old: object
+    new: object
+    limit: float | None = None
+
+    def __str__(self) -> str:
+        """Return the change as one line."""
+        said = f"{self.run}: {self.figure} {_said(self.old)} -> {_said(self.new)}"
+        if self.limit is None or not isinstance(self.old, float) or not isinstance(self.new, float):
+            return said
+        by = self.new - self.old
+        relative = f", relative {by / abs(self.old):+.2e}" if self.old else ""
+        return f"{said} (by {by:+.2e}{relative}; it may move by {self.limit:.2e})"
+
+
+def _said(value: object) -> str:
+    """Return a value as a line shows it."""
+    return "none" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+def changes(old: Baseline, new: Baseline) -> list[Change]:
+    """Return every value that changed by more than its limit, in order."""
+    found: list[Change] = []
+    for simulator in dict.fromkeys((*old.runs, *new.runs)):
+        name = f"{new.scenario} / {new.controller} / {simulator}"
+        if simulator not in old.runs or simulator not in new.runs:
+            there = [simulator in b.runs for b in (old, new)]
+            found.append(Change(name, "recorded", *there))
+            continue
+        found += _changes_of_run(name, old.runs[simulator], new.runs[simulator])
+    return found
+
+
+def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Change]:
+    """Yield the values of one run that changed by more than their limits."""
+    if old.outcome != new.outcome:
+        yield Change(name, "outcome", old.outcome, new.outcome)
+    for figure in dict.fromkeys((*old.metrics, *new.metrics)):
+        if (figure in old.metrics) != (figure in new.metrics):
+            yield Change(name, f"has {figure}", figure in old.metrics, figure in new.metrics)
+            continue
+        before, after = old.metrics[figure], new.metrics[figure]
+        if _moved(before, after, limit := _limit(figure, old)):
+            yield Change(name, figure, before, after, limit)
+    if [row[0] for row in old.trajectory] != [row[0] for row in new.trajectory]:
+        yield Change(name, "number of instants", len(old.trajectory), len(new.trajectory))
+        return
+    for column, figure in enumerate(COLUMNS[1:], start=1):
+        limit = FORCE_LIMIT if figure == "force" else STATE_LIMIT
+        pairs = zip(old.trajectory, new.trajectory, strict=True)
+        moved = [(a, b) for a, b in pairs if _moved(a[column], b[column], limit)]
+        if moved:
+            (time, *_), _ = moved[0]
+            place = f"{figure} at {len(moved)} instants, first at t = {time:g} s,"
+            yield Change(name, place, moved[0][0][column], moved[0][1][column], limit)
+
+
+def _limit(figure: str, old: Recording) -> float:
+    """Return how much a metric may change."""
+    sample = (1.0 + SLACK) * SETTINGS.timestep
+    if figure.startswith("settling_"):
+        return sample
+    if figure == "saturated_share":  # samples that are saturated, as a share of the run
+        return sample / (old.metrics.get("end_time") or 1.0)
+    return max(RELATIVE_LIMIT * abs(old.metrics[figure] or 0.0), ABSOLUTE_LIMIT)
+
+
+def _moved(old: Number, new: Number, limit: float) -> bool:
+    """Return whether a value changed by more than `limit`."""
+    if old is None or new is None:
+        return old is not new
+    return not abs(new - old) <= limit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """What differs between fresh runs and a folder of baselines."""
+
+    runs: int
+    changes: Mapping[str, Sequence[Change]]  # by the file of their baseline
+    missing: tuple[str, ...]  # files that should be there
+    orphaned: tuple[str, ...]  # files for which there is no such run
+    versions: tuple[tuple[str, str, str], ...]  # that differ where something changed: old, new
+
+    @property
+    def passed(self) -> bool:
+        """Whether every run has its baseline, every baseline its run, and nothing moved."""
+        return self.runs > 0 and not (self.changes or self.missing or self.orphaned)
+
+    def lines(self, folder: Path) -> list[str]:
+        """Return the report, a line for each deviation, the verdict last."""
+        moved = [change for found in self.changes.values() for change in found]
+        said = [f"moved     {change}" for change in moved]
+        said += [f"missing   {folder / name}; {UPDATE} writes it" for name in self.missing]
+        said += [
+            f"orphaned  {folder / name} has no run; {UPDATE} removes it" for name in self.orphaned
+        ]
+        said += [f"note      {name} was {old}, is {new}" for name, old, new in self.versions]
+        if self.passed:
+            return [*said, f"PASS: {self.runs} runs match their baselines"]
+        counts = {
+            "figures moved": len(moved),
+            "baselines missing": len(self.missing),
+            "orphaned": len(self.orphaned),
+        }
+        summary = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        return [*said, f"FAIL: {summary or 'no runs'}; {UPDATE} accepts intended changes"]
+
+
+def compare(baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) -> Comparison:
+    """Compare fresh runs with baselines."""
+    both = [name for name in fresh if name in baselines]
+    moved = {name: found for name in both if (found := changes(baselines[name], fresh[name]))}
+    versions = {
+        (package, old, fresh[name].versions.get(package, "none"))
+        for name in moved
+        for package, old in baselines[name].versions.items()
+    }
+    return Comparison(
+        runs=sum(len(baseline.runs) for baseline in fresh.values()),
+        changes=moved,
+        missing=tuple(name for name in fresh if name not in baselines),
+        orphaned=tuple(name for name in baselines if name not in fresh),
+        versions=tuple(sorted(v for v in versions if v[1] != v[2])),
+    )
+
+
+# --- the folder ---------------------------------------------------------------------------------
+
+
+def load_baseline(path: Path) -> Baseline:
+    """Read a baseline from its file."""
+    baseline = read_json(path, Baseline, WRONG)
+    if baseline.file_name != path.name:
+        raise FileError(str(path), f"{WRONG}: its file must be named {baseline.file_name}")
+    return baseline
+
+
+def load_baselines(folder: Path) -> dict[str, Baseline]:
+    """Read every baseline of a folder, by the name of its file."""
+    if not folder.is_dir():
+        raise FileError(f"baseline folder {folder}", f"must exist; {UPDATE} makes it")
+    return {path.name: load_baseline(path) for path in sorted(folder.glob("*.json"))}
+
+
+def open_for_update(folder: Path) -> dict[str, Baseline]:
+    """Make the folder if it is missing, and read its baselines as `load_baselines` does."""
+    return load_baselines(output_folder(folder))
+
+
+def update_baselines(
+    folder: Path, baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]
+) -> list[str]:
+    """Make fresh runs the baselines and return what changed, a line each.
+
+    A file in which no value changed by more than its limit keeps its bytes, so that the last digits
+    of another host do not rewrite all files.
+    """
+    comparison = compare(baselines, fresh)
+    for name in (*comparison.missing, *comparison.changes):
+        write_json(folder / name, fresh[name])
+    for name in comparison.orphaned:
+        try:
+            (folder / name).unlink()
+        except OSError as error:
+            raise FileError.cannot_be("removed", folder / name, error) from None
+    said = [f"moved    {change}" for found in comparison.changes.values() for change in found]
+    said += [f"new      {folder / name}" for name in comparison.missing]
+    said += [f"removed  {folder / name}" for name in comparison.orphaned]
+    return said or ["nothing moved"]

@@ -1,1 +1,0 @@
-"""Regression: every run of the paper's scenarios against its baseline."""
