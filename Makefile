@@ -75,7 +75,7 @@ baselines: $(READY) ## make the current state the baselines, and print what chan
 
 pinocchio: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
 	@$(PIP_INSTALL) --no-deps --requirement requirements-pinocchio.lock
-	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/studies/verification/test_second_engine.py $(ARGS)
+	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/studies/verify/test_second_engine.py $(ARGS)
 
 cluster: $(READY) ## test a Dask cluster that shares work among its workers, one of which dies
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock

@@ -21,6 +21,7 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.verify.criteria import ANY
 
 STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
 """Steps of the closed-loop studies [s]."""
@@ -34,15 +35,7 @@ AFTERMATH = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Errors at ever smaller steps.
-
-    Attributes
-    ----------
-    steps
-        The steps [s], decreasing.
-    errors
-        The largest error of any state at each step.
-    """
+    """The largest error of any state at ever smaller steps [s]."""
 
     steps: tuple[float, ...]
     errors: tuple[float, ...]
@@ -63,30 +56,14 @@ class Study:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refinement:
-    """A study for the report, with what was studied.
+    """A study for the report, with what was studied."""
 
-    Attributes
-    ----------
-    scenario, controller
-        What was simulated; ``"any"`` if it does not depend on them.
-    study
-        What was refined.
-    steps
-        The steps [s], decreasing.
-    errors
-        The largest error of any state at each step; ``None`` if it is not finite.
-    order
-        The observed order; ``None`` if the errors have no slope.
-    expected
-        The order they should show.
-    """
-
-    scenario: str = "any"
-    controller: str = "any"
+    scenario: str = ANY
+    controller: str = ANY
     study: str
     steps: tuple[float, ...]
-    errors: tuple[float | None, ...]
-    order: float | None
+    errors: tuple[float | None, ...]  # None where it is not finite
+    order: float | None  # None if the errors have no slope
     expected: float
 
     @property
@@ -125,13 +102,7 @@ def difference(run: Trajectory, reference: Trajectory) -> float:
 
 
 def continuous_study(scenario: Scenario, controller: Controller, reference: Trajectory) -> Study:
-    """Return the error of continuous mode against the ODE, over `STEPS`.
-
-    Parameters
-    ----------
-    reference
-        The ODE's run, reported every ``STEPS[0]``.
-    """
+    """Return the error of continuous mode, over `STEPS`, from the ODE reported every STEPS[0]."""
     runs = (simulate_mujoco(scenario, controller, "continuous", timestep=h) for h in STEPS)
     return Study(STEPS, tuple(difference(run, reference) for run in runs))
 
@@ -142,11 +113,6 @@ def sampled_study(
     """Return the error of sampled mode against the ODE, over `STEPS`, and Richardson's residue.
 
     The residue is the error of the extrapolation from the two smallest steps.
-
-    Parameters
-    ----------
-    reference
-        The ODE's run, reported every ``STEPS[0]``.
     """
     on_grid = np.isin(np.round(reference.time / STEPS[0], 6) % 1.0, (0.0, 1.0))
     wanted = reference.time[on_grid]
@@ -181,13 +147,7 @@ def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
 
 
 def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
-    """Return the error of `mj_step` without force, from -60 degrees, against the plant's equations.
-
-    Parameters
-    ----------
-    steps
-        The steps [s], which divide 1 s.
-    """
+    """Return the error of `mj_step` without force, from -60 degrees, against (P3), (P4)."""
     p = CartPoleParameters(cart_mass=0.7, pole_mass=0.2, half_length=0.4, gravity=9.7)
     start = np.array([0.1, -np.pi / 3, 0.2, 0.3])
     truth = _free_swing(start, p, 1.0)
@@ -217,12 +177,6 @@ def last_state(
     start: NDArray[np.float64],
     duration: float,
 ) -> NDArray[np.float64]:
-    """Return the state at the end of a smooth problem, by DOP853 to near round-off.
-
-    Parameters
-    ----------
-    duration
-        When to stop [s].
-    """
+    """Return the state at the end of a smooth problem, by DOP853 to near round-off."""
     solution = solve_ivp(rate, (0.0, duration), start, method="DOP853", rtol=1e-13, atol=1e-14)
     return np.asarray(solution.y[:, -1])

@@ -11,24 +11,24 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.simulation.metrics import STATES, metrics
 from afl_mujoco.simulation.scoring import ObjectiveScales, with_objective
-from afl_mujoco.studies.verification.claims import ledger
-from afl_mujoco.studies.verification.claims.claim import (
+from afl_mujoco.studies.verify import claims as ledger
+from afl_mujoco.studies.verify.claims import (
     EVERY,
     FITTED,
     IN_PART,
     NONE,
     NOT_REPRODUCED,
+    PUBLISHED_IMPROVEMENT,
     RANDOM,
     REPRODUCED,
     Claim,
+    Readings,
+    decidable,
+    judge_claims,
+    performance_claims,
+    shipped,
     verdict,
 )
-from afl_mujoco.studies.verification.claims.ledger import decidable, judge_claims
-from afl_mujoco.studies.verification.claims.performance import (
-    PUBLISHED_IMPROVEMENT,
-    performance_claims,
-)
-from afl_mujoco.studies.verification.claims.shipped import Readings, shipped
 
 PUBLISHED = {case: {"one": x} for case, x in PUBLISHED_IMPROVEMENT.items()}
 TRIED = Readings(drawn=4, near=dict.fromkeys(PUBLISHED, 4), fitted=PUBLISHED)

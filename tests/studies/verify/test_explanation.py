@@ -6,13 +6,21 @@ import dataclasses
 import math
 
 import pytest
+from afl_mujoco.control.compiled_controller import LINEAR
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
-from afl_mujoco.studies.verification.checks import error_budget, explanation, ledger
-from afl_mujoco.studies.verification.checks.convergence import Refinement, Study, studied
-from afl_mujoco.studies.verification.criteria import CRITERIA
+from afl_mujoco.studies.verify import explanation
+from afl_mujoco.studies.verify.convergence import (
+    STEPS,
+    Refinement,
+    Study,
+    difference,
+    sampled_study,
+    studied,
+)
+from afl_mujoco.studies.verify.criteria import CRITERIA
 
 SHORT = dataclasses.replace(
     afl.SCENARIOS["step-trapezoid"],
@@ -34,8 +42,7 @@ def runs():
 
 @pytest.fixture(scope="module")
 def explained(runs):
-    parts = error_budget.budget_curves(SHORT, ADAPTIVE, runs)
-    return explanation.explain(SHORT, ADAPTIVE, runs, parts, full=True)
+    return explanation.explain(SHORT, ADAPTIVE, runs, full=True)
 
 
 def test_everything_holds_on_a_scenario_with_jump_ramp_pulse_and_impulse(explained):
@@ -68,14 +75,6 @@ def test_a_study_that_did_not_finish_has_no_order():
         assert math.isnan(row.deviation)
 
 
-def test_the_ledger_s_curves_are_what_it_closes(explained):
-    energy, book = explained.energy, explained.ledger
-    assert abs(energy["residual"]).max() == book.energy_residual
-    assert energy["work"][-1] == book.work
-    booked = energy["work"] + energy["ramps"] + energy["jumps"]
-    assert abs(energy["gained"] - booked - energy["residual"]).max() < 1e-14
-
-
 def test_the_budget_names_the_held_control_as_the_largest_source(explained):
     budget = explained.budget
     parts = (budget.model_form, budget.integrator, budget.schedule_sampling)
@@ -88,20 +87,28 @@ def test_what_the_paper_leaves_out_is_not_small(explained):
     assert explained.omission.momenta_kept > 0.1
 
 
+def test_at_its_worst_the_parts_of_the_difference_add_up_to_it(explained):
+    worst = dataclasses.asdict(explained.budget.at_worst)
+    assert (worst.pop("state"), 0.0 < worst.pop("time") < SHORT.duration) == ("phi_dot", True)
+    total = worst.pop("total")
+    assert abs(total) == explained.budget.total
+    assert sum(worst.values()) == pytest.approx(total, rel=1e-12)
+
+
 def test_the_budget_stays_open_if_a_source_is_forgotten(runs, monkeypatch):
     monkeypatch.setattr(
-        error_budget, "Holds", lambda control_period=None, **held: original(None, **held)
+        explanation, "Holds", lambda control_period=None, **held: original(None, **held)
     )
     original = Holds
-    parts = error_budget.budget_curves(SHORT, ADAPTIVE, runs)
+    parts = explanation.budget_curves(SHORT, ADAPTIVE, runs)
     times = runs["mujoco sampled"].time
-    budget = error_budget.error_budget(SHORT, ADAPTIVE, times, parts)
+    budget = explanation.error_budget(SHORT, ADAPTIVE, times, parts)
     assert not CRITERIA["B5"].judge(budget.residual_share).passed
 
 
 def test_the_ledger_stays_open_if_the_ramps_are_not_booked(monkeypatch):
-    monkeypatch.setattr(ledger, "_ramp_power", lambda *_: (0.0, 0.0))
-    book, _ = ledger.ledger(SHORT, ADAPTIVE)
+    monkeypatch.setattr(explanation, "_ramp_power", lambda *_: (0.0, 0.0))
+    book = explanation.ledger(SHORT, ADAPTIVE)
     assert not CRITERIA["A6e"].judge(book.energy_residual).passed
     assert not CRITERIA["A6p"].judge(book.momentum_residual).passed
 
@@ -109,7 +116,7 @@ def test_the_ledger_stays_open_if_the_ramps_are_not_booked(monkeypatch):
 def test_the_ledger_closes_where_a_jump_and_an_impulse_coincide():
     hit = afl.Impulse(momentum=0.3, time=0.3)
     struck = dataclasses.replace(SHORT, duration=0.5, disturbances=(hit,))
-    book, _ = ledger.ledger(struck, ADAPTIVE)
+    book = explanation.ledger(struck, ADAPTIVE)
     assert book.energy_of_jumps != 0.0
     assert CRITERIA["A6e"].judge(book.energy_residual).passed
     assert CRITERIA["A6p"].judge(book.momentum_residual).passed
@@ -139,8 +146,8 @@ def test_a_run_that_fell_is_not_explained(runs):
         name: dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
         for name, run in runs.items()
     }
-    assert error_budget.budget_curves(SHORT, ADAPTIVE, fallen) == {}
-    explained = explanation.explain(SHORT, ADAPTIVE, fallen, {}, full=True)
+    assert explanation.budget_curves(SHORT, ADAPTIVE, fallen) == {}
+    explained = explanation.explain(SHORT, ADAPTIVE, fallen, full=True)
     assert explained == explanation.Explanation()
 
 
@@ -160,3 +167,29 @@ def test_no_error_at_all_is_no_reduction():
 )
 def test_a_study_ends_half_a_second_after_the_last_breakpoint(name, expected):
     assert studied(afl.SCENARIOS[name]).duration == pytest.approx(expected, abs=2e-3)
+
+
+NOTHING = afl.StateFeedback(
+    name="nothing", kind=LINEAR, gains=afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
+)
+GLIDING = dataclasses.replace(
+    afl.SCENARIOS["nominal"],
+    initial_state=(0.0, 0.0, 2.0, 0.0),
+    cart_mass=afl.staircase((0.101,), (0.5, 1.0)),
+    duration=0.4,
+)
+
+
+def test_a_breakpoint_off_the_largest_step_is_no_instant_of_a_sampled_study():
+    reference = afl.simulate_ode(GLIDING, NOTHING, sample_period=STEPS[0])
+    assert 0.101 in reference.time.tolist()
+    study, residue = sampled_study(GLIDING, NOTHING, reference)
+    assert max(*study.errors, residue) < 1e-9
+
+
+def test_a_run_that_ends_before_the_reference_has_no_difference_however_fine():
+    reference = afl.simulate_ode(GLIDING, NOTHING, sample_period=4e-3)
+    shorter = dataclasses.replace(GLIDING, duration=0.2)
+    run = afl.simulate_mujoco(shorter, NOTHING, "continuous", timestep=1e-3)
+    assert len(run.time) > len(reference.time)
+    assert difference(run, reference) == float("inf")

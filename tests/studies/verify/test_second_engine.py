@@ -14,7 +14,7 @@ from afl_mujoco import CartPoleModel, CartPoleParameters, acceleration
 from afl_mujoco.plant.dynamics import mass_matrix
 from afl_mujoco.plant.energy import total_energy
 from afl_mujoco.simulation.mujoco_model import CART_HALF_SIZE, forward, model_file
-from afl_mujoco.studies.verification.checks.equation_checks import random_plant
+from afl_mujoco.studies.verify.checks import random_plant
 
 try:
     import pinocchio as pin
