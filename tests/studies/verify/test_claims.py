@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import replace
 from itertools import product
 
@@ -145,9 +144,3 @@ def test_the_ledger_has_the_twelve_claims_in_order_or_none() -> None:
     incomplete = {k: v for k, v in as_published().items() if k != ("nominal", "fixed")}
     assert decidable(as_published())
     assert not decidable(incomplete)
-
-
-def test_a_claim_s_row_has_the_fields_of_the_report() -> None:
-    assert {"id", "paper", "here", "verdict", "why"} <= set(
-        dataclasses.asdict(ledger.linearisation_claim())
-    )

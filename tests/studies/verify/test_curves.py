@@ -19,7 +19,6 @@ from afl_mujoco.studies.verify.curves import (
     MOST,
     Curves,
     chart_data,
-    encode,
     select_curves,
     shortcuts,
 )
@@ -177,7 +176,3 @@ def test_shortcuts_lead_to_the_start_and_to_each_change() -> None:
     assert len(found) <= MOST
     assert all(0.0 <= s["from"] < s["to"] <= 2.0 for s in found)
     assert found[1]["from"] == pytest.approx(0.9)
-
-
-def test_an_empty_curve_is_an_empty_text() -> None:
-    assert encode(np.empty(0)) == ""

@@ -6,9 +6,9 @@ import dataclasses
 import math
 
 import pytest
-from afl_mujoco.control.compiled_controller import LINEAR
 
 import afl_mujoco as afl
+from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify import explanation
