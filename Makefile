@@ -7,8 +7,8 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # A target for each study, by the name that its folder gives it.
 named = $(shell sed -n '/^STUDY = Study(/,/^)/s/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
-STUDIES := $(call named,afl_mujoco/studies/*.py afl_mujoco/studies/*/study.py)
-QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*.py afl_mujoco/studies/*/study.py))
+STUDIES := $(call named,afl_mujoco/studies/*.py)
+QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*.py))
 
 .DEFAULT_GOAL := help
 .PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune readings claims bench faults mutants check lock clean distclean
@@ -75,7 +75,7 @@ baselines: $(READY) ## make the current state the baselines, and print what chan
 
 pinocchio: $(READY) ## compare MuJoCo's dynamics with a second engine, Pinocchio
 	@$(PIP_INSTALL) --no-deps --requirement requirements-pinocchio.lock
-	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/studies/verification/test_second_engine.py $(ARGS)
+	@AFL_MUJOCO_REQUIRE_PINOCCHIO=1 $(BIN)/pytest -q tests/studies/verify/test_second_engine.py $(ARGS)
 
 cluster: $(READY) ## test a Dask cluster that shares work among its workers, one of which dies
 	@$(PIP_INSTALL) --no-deps --requirement requirements-cluster.lock

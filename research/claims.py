@@ -23,7 +23,7 @@ from afl_mujoco.files import write_json
 from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales, nominal_scales, objective
 from afl_mujoco.studies.record import versions
-from afl_mujoco.studies.verification.claims.claim import (
+from afl_mujoco.studies.verify.claims import (
     EVERY,
     FITTED,
     IN_PART,
@@ -33,9 +33,10 @@ from afl_mujoco.studies.verification.claims.claim import (
     UNDETERMINED,
     Claim,
     Comparison,
+    Readings,
+    Shipped,
     verdict,
 )
-from afl_mujoco.studies.verification.claims.shipped import Readings, Shipped
 from research.batch import closed_loop_terms
 from research.command import run_command
 from research.gain_tuning import GainTable

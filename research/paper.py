@@ -23,7 +23,7 @@ from afl_mujoco.control.gains import GainFunction, scheduled_gain
 from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule, staircase, trapezoid
-from afl_mujoco.studies.verification.claims.performance import CASES, NEAR, TABLE_3
+from afl_mujoco.studies.verify.claims import CASES, NEAR, TABLE_3
 from research.scheduled import scheduled_terms
 
 __all__ = ["CASES", "NEAR", "TABLE_3"]

@@ -65,10 +65,10 @@ AREAS = {
     "MuJoCo model and loop, integration": ("simulation/*.py",),
     "sensors and actuators": ("simulation/sampled/*.py",),
     "checks": (
-        *("studies/verification/checks/*.py", "studies/verification/claims/*.py"),
+        "studies/validate.py",
         *(
-            f"studies/verification/{name}.py"
-            for name in ("check", "criteria", "campaign", "curves")
+            f"studies/verify/{name}.py"
+            for name in ("checks", "claims", "convergence", "criteria", "curves", "explanation")
         ),
     ),
     "statistics": ("studies/monte_carlo/rates.py",),
@@ -121,8 +121,7 @@ OWN = {
     "loop": ("simulation/sampled/test_runs.py", "control/test_python_controller.py"),
     "memory": ("control/test_python_controller.py",),
     "laboratory": ("studies/monte_carlo/test_space.py",),
-    "convergence": ("studies/verification/test_explanation.py",),
-    "ledger": ("studies/verification/test_explanation.py", "studies/verification/test_claims.py"),
+    "convergence": ("studies/verify/test_explanation.py",),
 }
 """Tests of a source under another name than its own."""
 
@@ -328,7 +327,7 @@ class Tests:
     @cached_property
     def files(self) -> list[str]:
         """All that may run."""
-        found = [*files_of(TESTS), *files_of(("tests/studies/verification",))]
+        found = [*files_of(TESTS), *files_of(("tests/studies/verify",))]
         return sorted(found, key=lambda name: LATE.index(name) if name in LATE else -1)
 
     @cached_property
@@ -359,9 +358,9 @@ class Tests:
     def rest(self, file: str) -> list[str]:
         """Return the others, those beside the likely ones first."""
         first = self.likely(file)
-        mine = "verification" in file
+        mine = "verify" in file
         others = [name for name in self.files if name not in first]
-        return [name for name in others if mine or "verification" not in name]
+        return [name for name in others if mine or "verify" not in name]
 
     def checks(self, copies: Copies, mutant: Mutant) -> Callable[[Path], Iterator[str]]:
         """Return the checks for a mutant."""

@@ -16,12 +16,8 @@ from afl_mujoco.films.replay import Deployment
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.cases import REPORTED, Run, Settings
-from afl_mujoco.studies.verification.check import Check
-from afl_mujoco.studies.verification.checks.convergence import Refinement
-from afl_mujoco.studies.verification.checks.error_budget import AtWorst, ErrorBudget
-from afl_mujoco.studies.verification.checks.explanation import Omission
-from afl_mujoco.studies.verification.checks.ledger import Ledger
-from afl_mujoco.studies.verification.claims.claim import (
+from afl_mujoco.studies.validate import Result, verdict_of
+from afl_mujoco.studies.verify.claims import (
     IN_PART,
     NOT_REPRODUCED,
     REPRODUCED,
@@ -29,9 +25,10 @@ from afl_mujoco.studies.verification.claims.claim import (
     Claim,
     Comparison,
 )
-from afl_mujoco.studies.verification.criteria import CRITERIA
-from afl_mujoco.studies.verification.curves import Curves
-from afl_mujoco.studies.verification.result import Result, verdict_of
+from afl_mujoco.studies.verify.convergence import Refinement
+from afl_mujoco.studies.verify.criteria import CRITERIA, Check
+from afl_mujoco.studies.verify.curves import Curves
+from afl_mujoco.studies.verify.explanation import AtWorst, ErrorBudget, Ledger, Omission
 
 NASTY = '<script>alert(1)<!-- & "quoted"'
 CONTROLLERS = ("fixed", "adaptive")
@@ -185,7 +182,6 @@ def make_curves(
     states = {name: scale * (ideal + apart * shape) for name, apart in APART.items()}
     states = {k: x if k == "ode" or fell_at is None else x[:fell_at] for k, x in states.items()}
     force = 58.9 * scale * np.exp(-20.0 * time)
-    booked = np.arange(0.0, 1.05, 0.1)
     return Curves(
         scenario=scenario.name,
         controller=controller,
@@ -195,15 +191,6 @@ def make_curves(
         push=scenario.pushes(time),
         states=states,
         forces={name: force[: len(x)] for name, x in states.items()},
-        parts={"total": 0.01 * np.exp(-time)},
-        energy={
-            "time": booked,
-            "gained": np.sin(booked),
-            "work": np.sin(booked) - 0.5,
-            "ramps": 0.0 * booked,
-            "jumps": 0.0 * booked + 0.5,
-            "residual": 1e-14 * booked,
-        },
     )
 
 

@@ -130,12 +130,16 @@ def _draw_dot(axis: Axes, one: Dot, place: float, colour: str, crowded: float) -
 class Panel:
     """A panel of curves over time: by name, instants [s] and values; pale ones behind them.
 
-    `limits` are drawn on both sides of zero, `band` is shaded around it.
+    `over` are dashed over them, what they should be; `limits` are drawn on both sides of zero,
+    `band` is shaded around it.
     """
 
     label: str
     curves: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     pale: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
+        default_factory=dict
+    )
+    over: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
         default_factory=dict
     )
     limits: Sequence[float] = ()
@@ -186,6 +190,8 @@ def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: f
         axis.plot(time, values, label=name, linewidth=1.3, **style)
         if time[-1] < duration - 1e-9 and not panel.black:
             axis.plot(time[-1], values[-1], "x", color=style["color"], markersize=8)
+    for time, values in panel.over.values():
+        axis.plot(time, values, color=BLACK, linewidth=0.8, linestyle=(0.0, (4.0, 3.0)), zorder=3.0)
     for name, (time, values) in panel.pale.items():
         axis.plot(time, values, color=shades[name], linewidth=0.6, alpha=0.4, zorder=1.0)
     if panel.black:

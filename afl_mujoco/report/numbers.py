@@ -9,9 +9,6 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MISSING = "–"
 """Sign for a missing number."""
 
-SMALL = 0.01
-"""Size below which a power of ten is clearer than two decimals."""
-
 
 def power_of_ten(exponent: int) -> str:
     """Return ``10`` with its exponent."""
@@ -52,11 +49,6 @@ def limit(value: float) -> str:
         if math.isclose(value, 10.0**exponent):
             return power_of_ten(exponent)
     return short(value)
-
-
-def size(value: float | None) -> str:
-    """Return a size with two decimals, or with a power of ten if it is too small for them."""
-    return fixed(value, 2) if value and value >= SMALL else scientific(value)
 
 
 def percent(share: float | None, digits: int = 2) -> str:

@@ -13,7 +13,6 @@ from typing import Any
 import matplotlib
 import numpy as np
 from cycler import cycler
-from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
@@ -46,16 +45,6 @@ CONTROLLERS: Mapping[str, str] = {
 """Colour of each controller that has its own; Paul Tol's after those of Okabe and Ito."""
 
 _SPARE = ("#44AA99", "#DDCC77", "#88CCEE", GREY)  # light: black dashes show on them
-
-MODES: Mapping[str, tuple[str, str]] = {
-    "mujoco sampled": (VERMILION, "sampled: as deployed, control held"),
-    "mujoco continuous": (BLUE, "continuous: RK4, controller in every stage"),
-    "mujoco exact": (GREEN, "exact: the ODE's own integrator"),
-}
-"""Colour and words of each mode of MuJoCo, the largest difference first."""
-
-STATE_LABELS = ("z [m]", "φ [rad]", "z′ [m/s]", "φ′ [rad/s]")
-"""Labels of the states, in order."""
 
 TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
 
@@ -138,16 +127,6 @@ def new_figure(width: float, height: float) -> Figure:
     figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout=layout)
     FigureCanvasAgg(figure)
     return figure
-
-
-def draw_limit(axis: Axes, limit: float, name: str, colour: str, *, under: bool = False) -> None:
-    """Draw a limit across a panel, with its name at the left end."""
-    axis.axhline(limit, color=colour, linewidth=0.8, linestyle=(0, (6, 3)), zorder=1.5)
-    axis.annotate(
-        name, (0.0, limit), xycoords=("axes fraction", "data"), textcoords="offset points",
-        xytext=(3.0, -2.0 if under else 1.5), va="top" if under else "bottom", fontsize=7.5,
-        color=colour,
-    )  # fmt: skip
 
 
 def colours(controllers: Iterable[str]) -> dict[str, str]:

@@ -33,17 +33,7 @@ DECISIVE = "mujoco continuous"
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Step sizes of a campaign.
-
-    Attributes
-    ----------
-    timestep
-        Physics step of MuJoCo [s].
-    control_period
-        How long sampled mode holds the control [s].
-    full
-        Whether to run the refinement studies as well.
-    """
+    """Step sizes [s], and whether the refinement studies are run as well."""
 
     timestep: float = 1e-3
     control_period: float = 1e-3
@@ -55,17 +45,7 @@ Case = tuple[Scenario, Controller, Settings]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """One simulated run of the report.
-
-    Attributes
-    ----------
-    scenario, controller, simulator
-        What was simulated, and in which simulator.
-    outcome
-        How it ended.
-    metrics
-        Its metrics.
-    """
+    """One case in one simulator: how it ended, and its metrics."""
 
     scenario: str
     controller: str
@@ -112,9 +92,7 @@ def reported_runs(
 
 
 def require_runnable(
-    scenarios: Sequence[Scenario],
-    controllers: Sequence[Controller],
-    settings: Settings,
+    scenarios: Sequence[Scenario], controllers: Sequence[Controller], settings: Settings
 ) -> None:
     """Raise if some scenarios cannot be run with some controllers in every simulator."""
     require_distinct("scenario", [s.name for s in scenarios])

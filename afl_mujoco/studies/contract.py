@@ -32,7 +32,6 @@ import inspect
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -127,31 +126,31 @@ class Study:
     @property
     def result_type(self) -> type:
         """The dataclass of its result."""
-        found: type = self._part("result", "Result")
+        found: type = self._part("Result")
         return found
 
     def report(self, result: Any) -> Report:
         """Return what is shown of a result."""
-        show = self._part("", "report") or partial(_older_report, self)
-        return replace(found := show(result), title=found.title or self.title)
+        found: Report = self._part("report")(result)
+        return replace(found, title=found.title or self.title)
 
     def require_folder(self, folder: Path) -> None:
         """Raise if the folder holds files that would be lost, or that block the study's files."""
-        if require := self._part("files", "require_files", "require"):
+        if require := self._part("require_files"):
             require(folder)
-        if self._part("films", "films"):
+        if self._part("films"):
             from afl_mujoco.films.listing import REMOVE, load_listing
 
             load_listing(folder, REMOVE)
 
     def write_files(self, result: Any, folder: Path) -> list[Path]:
         """Write the study's files besides its figures, if any, and return their paths."""
-        write = self._part("files", "write_files", "write")
+        write = self._part("write_files")
         return list(write(result, folder)) if write else []
 
     def make_films(self, result: Any, folder: Path, command: str) -> list[Path]:
         """Film what was run, if the study can and films were asked for; return their paths."""
-        plan = self._part("films", "films")
+        plan = self._part("films")
         films = plan(result, command) if plan else []
         if not films:
             return []
@@ -161,7 +160,7 @@ class Study:
 
     def unlist_films(self, folder: Path, kept: Sequence[Path]) -> None:
         """Remove the films of an earlier run, except those that were just made."""
-        if not self._part("films", "films"):
+        if not self._part("films"):
             return
         from afl_mujoco.films.listing import unlist_films
 
@@ -170,24 +169,6 @@ class Study:
             folder, lambda one: one.command.startswith(self.command) and one.file not in names
         )
 
-    def _part(self, module: str, *names: str) -> Any:
-        """Return what a study has by the first of some names; None if it has none of them."""
-        home = importlib.import_module(self.configuration.__module__)
-        package, _, last = home.__name__.rpartition(".")
-        if last == "study":  # of a study that is a folder
-            if importlib.util.find_spec(f"{package}.{module or 'report'}") is None:
-                return None
-            home = importlib.import_module(f"{package}.{module or 'report'}")
-        return next((getattr(home, name) for name in names if hasattr(home, name)), None)
-
-
-def _older_report(study: Study, result: Any) -> Report:
-    """Return what a study shows that has sections, a verdict or an opening."""
-    shown = study._part("sections", "sections")(result)
-    verdict, opening = (study._part("sections", name) for name in ("verdict", "opening"))
-    said = [block for section in shown for block in section.blocks if isinstance(block, str)]
-    blocks = [*(opening(result) if opening else ()), *shown]
-    if verdict is None:
-        return Report(headline=said[0] if said else study.title, blocks=blocks)
-    found = verdict(result)
-    return Report(headline=found.text, blocks=blocks, passed=found.passed)
+    def _part(self, name: str) -> Any:
+        """Return what its module has by a name, None if it has nothing."""
+        return getattr(importlib.import_module(self.configuration.__module__), name, None)

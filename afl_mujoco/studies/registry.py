@@ -48,12 +48,9 @@ def _found(paths: tuple[str, ...]) -> tuple[Listed, ...]:
     """Return the studies in some folders."""
     found = []
     for folder in map(Path, paths):
-        for path in (*folder.glob("*.py"), *folder.glob("*/study.py")):
+        for path in folder.glob("*.py"):
             text = path.read_text(encoding="utf-8")
             if named := _NAMED.search(text):
-                module = ".".join(path.relative_to(folder).with_suffix("").parts)
-                summary = text.splitlines()[0].strip('"')
-                found.append(
-                    Listed(int(named[2]), named[1], f"{package.__name__}.{module}", summary)
-                )
+                module, summary = f"{package.__name__}.{path.stem}", text.splitlines()[0].strip('"')
+                found.append(Listed(int(named[2]), named[1], module, summary))
     return tuple(sorted(found))

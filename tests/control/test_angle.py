@@ -15,7 +15,7 @@ from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import with_objective
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
-from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
+from afl_mujoco.studies.verify.checks import closed_loop_checks
 from research.gain_tuning import paper_scales
 
 ANGLE, FIXED = afl.CONTROLLERS["adaptive-angle"], afl.CONTROLLERS["fixed-retuned"]

@@ -29,7 +29,7 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.ode import solve_ode
 from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
-from afl_mujoco.studies.verification.checks.closed_loop_checks import closed_loop_checks
+from afl_mujoco.studies.verify.checks import closed_loop_checks
 
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 PLANTS = [

@@ -17,7 +17,6 @@ from afl_mujoco.report.style import (
     CONTROLLERS,
     colours,
     decade_above,
-    draw_limit,
     in_words,
     lay_out,
     new_figure,
@@ -33,7 +32,7 @@ def a_figure() -> Figure:
     axis = figure.subplots()
     axis.semilogy([0.0, 1.0], [1e-3, 1.0])
     axis.set(xlabel="time t [s]", ylabel="z [m]")
-    draw_limit(axis, 0.1, "B1", "black")
+    axis.axhline(0.1, color="black")
     return figure
 
 

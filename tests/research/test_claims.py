@@ -11,7 +11,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales
-from afl_mujoco.studies.verification.claims.claim import (
+from afl_mujoco.studies.verify.claims import (
     EVERY,
     FITTED,
     IN_PART,
@@ -19,8 +19,8 @@ from afl_mujoco.studies.verification.claims.claim import (
     NOT_REPRODUCED,
     REPRODUCED,
     UNDETERMINED,
+    shipped,
 )
-from afl_mujoco.studies.verification.claims.shipped import shipped
 from research import claims
 from research.gain_tuning import GainTable
 

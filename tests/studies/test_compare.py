@@ -153,7 +153,8 @@ def test_a_scenario_is_parsed_once_a_command(rig: Path, command_line, monkeypatc
 
     read, tomls = files.load_scenario, []
     monkeypatch.setattr(files, "load_scenario", lambda path: (tomls.append(path), read(path))[1])
-    for words in (("compare",), ("thresholds", "--imperfections", "delay", "--quick"),
+    for words in (("compare",), ("validate",),
+                  ("thresholds", "--imperfections", "delay", "--quick"),
                   ("montecarlo", "--samples", "1", "--no-worst-case"),
                   ("attraction", "--grid", "2")):  # fmt: skip
         command_line(words[0], "rig.toml", *words[1:], "--controllers", "lqr", "--no-page")

@@ -76,7 +76,7 @@ def test_it_is_put_into_the_page_beside_what_is_there(
     assert code == 0 and "renders/validation/report.html" in output
     page = (folder / "report.html").read_text()
     assert '<h2 id="dice-title">Dice</h2>' in page and 'href="#dice"' in page
-    assert "<em>Fair</em> dice." in page and "all 22 checks hold" in page
+    assert "<em>Fair</em> dice." in page and "CODES AGREE 22/22" in page
     assert page.count("The mean is") == 1
     assert command_line("report")[0] == 0
     assert (folder / "report.html").read_text() == page

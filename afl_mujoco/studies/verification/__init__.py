@@ -1,1 +1,0 @@
-"""The verification of MuJoCo against the equations: criteria, checks, claims, the campaign."""

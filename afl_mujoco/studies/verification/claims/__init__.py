@@ -1,1 +1,0 @@
-"""The claims of the paper, and what is measured here for each."""

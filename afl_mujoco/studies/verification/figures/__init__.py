@@ -1,1 +1,0 @@
-"""Figures of a run, and the gallery of a campaign's report."""

@@ -1,0 +1,1 @@
+"""What `validate` judges and shows: criteria, checks, explanations, claims, curves, figures."""

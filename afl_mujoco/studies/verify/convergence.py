@@ -1,0 +1,182 @@
+"""Refinement studies: observed orders, and whether an error vanishes or stays (A4, B2, B4, B6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.plant.dynamics import acceleration
+from afl_mujoco.scenario.disturbances import Impulse
+from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
+from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.verify.criteria import ANY
+
+STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
+"""Steps of the closed-loop studies [s]."""
+
+SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
+"""Steps over which the schedule alone is held [s]."""
+
+AFTERMATH = 0.5
+"""Time for which a study continues after the last breakpoint [s]: nothing happens later."""
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """The largest error of any state at ever smaller steps [s]."""
+
+    steps: tuple[float, ...]
+    errors: tuple[float, ...]
+
+    @property
+    def order(self) -> float:
+        """Slope of the errors over the steps, both logarithmic, by least squares."""
+        return float(np.polyfit(np.log(self.steps), np.log(self.errors), 1)[0])
+
+    @property
+    def reduction(self) -> float:
+        """Error at a quarter of the second step over the error at the second step.
+
+        Infinite if there is no error to reduce, so that nothing is concluded from it.
+        """
+        return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refinement:
+    """A study for the report, with what was studied."""
+
+    scenario: str = ANY
+    controller: str = ANY
+    study: str
+    steps: tuple[float, ...]
+    errors: tuple[float | None, ...]  # None where it is not finite
+    order: float | None  # None if the errors have no slope
+    expected: float
+
+    @property
+    def deviation(self) -> float:
+        """How far the order is from the one expected; NaN without an order."""
+        return math.nan if self.order is None else abs(self.order - self.expected)
+
+    @classmethod
+    def of(cls, found: Study, **what: Any) -> Refinement:
+        """Return a study for the report; arguments as the other fields."""
+        errors = found.errors
+        sloped = all(math.isfinite(error) and error > 0.0 for error in errors)
+        return cls(
+            steps=found.steps,
+            errors=tuple(error if math.isfinite(error) else None for error in errors),
+            order=found.order if sloped else None,
+            **what,
+        )
+
+
+def studied(scenario: Scenario) -> Scenario:
+    """Return the scenario cut to half a second after its last breakpoint, at least 2 s."""
+    last = max((*scenario.breakpoints, 1.5))
+    duration = np.ceil((last + AFTERMATH) / STEPS[0] - 1e-9) * STEPS[0]
+    if duration >= scenario.duration:
+        return scenario
+    return replace(scenario, duration=float(duration))
+
+
+def difference(run: Trajectory, reference: Trajectory) -> float:
+    """Return the largest difference of any state at the instants of the reference."""
+    index = np.searchsorted(run.time, reference.time - 1e-9)
+    if len(run.time) < len(reference.time) or index[-1] >= len(run.time):
+        return float("inf")
+    return float(np.abs(run.state[index] - reference.state).max())
+
+
+def continuous_study(scenario: Scenario, controller: Controller, reference: Trajectory) -> Study:
+    """Return the error of continuous mode, over `STEPS`, from the ODE reported every STEPS[0]."""
+    runs = (simulate_mujoco(scenario, controller, "continuous", timestep=h) for h in STEPS)
+    return Study(STEPS, tuple(difference(run, reference) for run in runs))
+
+
+def sampled_study(
+    scenario: Scenario, controller: Controller, reference: Trajectory
+) -> tuple[Study, float]:
+    """Return the error of sampled mode against the ODE, over `STEPS`, and Richardson's residue.
+
+    The residue is the error of the extrapolation from the two smallest steps.
+    """
+    on_grid = np.isin(np.round(reference.time / STEPS[0], 6) % 1.0, (0.0, 1.0))
+    wanted = reference.time[on_grid]
+    states = []
+    for h in STEPS:
+        run = simulate_mujoco(scenario, controller, "sampled", timestep=h)
+        states.append(run.state[np.searchsorted(run.time, wanted - 1e-9)])
+    truth = reference.state[on_grid]
+    errors = tuple(float(np.abs(state - truth).max()) for state in states)
+    extrapolated = 2.0 * states[-1] - states[-2]
+    return Study(STEPS, errors), float(np.abs(extrapolated - truth).max())
+
+
+def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
+    """Return the error of holding the schedule alone, over `SCHEDULE_STEPS`; None without ramps.
+
+    Ideal impulses are left out: they act with the parameters of a step's middle, which on a
+    ramp is an error of order 1 of its own.
+    """
+    if not any(s.cart_mass[1] or s.half_length[1] for s in scenario.segments):
+        return None
+    calm = tuple(d for d in scenario.disturbances if not isinstance(d, Impulse))
+    scenario = replace(scenario, disturbances=calm)
+    errors = []
+    for h in SCHEDULE_STEPS:
+        held = simulate_ode_held(
+            scenario, controller, timestep=h, holds=Holds(schedule=True), substeps=4
+        )
+        followed = simulate_ode_held(scenario, controller, timestep=h, holds=Holds(), substeps=4)
+        errors.append(difference(held, followed))
+    return Study(SCHEDULE_STEPS, tuple(errors))
+
+
+def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
+    """Return the error of `mj_step` without force, from -60 degrees, against (P3), (P4)."""
+    p = CartPoleParameters(cart_mass=0.7, pole_mass=0.2, half_length=0.4, gravity=9.7)
+    start = np.array([0.1, -np.pi / 3, 0.2, 0.3])
+    truth = _free_swing(start, p, 1.0)
+    errors = []
+    for h in steps:
+        model = CartPoleModel(p, timestep=h, integrator=integrator)
+        write_state(model.addresses, *start.tolist())
+        mujoco.mj_step(model.mj_model, model.mj_data, round(1.0 / h))
+        state = np.concatenate([model.mj_data.qpos, model.mj_data.qvel])
+        errors.append(float(np.abs(state - truth).max()))
+    return Study(tuple(steps), tuple(errors))
+
+
+def _free_swing(
+    start: NDArray[np.float64], parameters: CartPoleParameters, duration: float
+) -> NDArray[np.float64]:
+    """Return the state after a swing without force, by (P3), (P4)."""
+
+    def rate(_: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([state[2:], acceleration(state, 0.0, parameters)])
+
+    return last_state(rate, start, duration)
+
+
+def last_state(
+    rate: Callable[[float, NDArray[np.float64]], NDArray[np.float64]],
+    start: NDArray[np.float64],
+    duration: float,
+) -> NDArray[np.float64]:
+    """Return the state at the end of a smooth problem, by DOP853 to near round-off."""
+    solution = solve_ivp(rate, (0.0, duration), start, method="DOP853", rtol=1e-13, atol=1e-14)
+    return np.asarray(solution.y[:, -1])

@@ -1,0 +1,205 @@
+"""Some instants of the runs of a case over time, for the figures and the charts of the page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.sampling import step_times
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.metrics import STATES
+from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.arrays import Array
+
+REFERENCE = "ode"
+"""The run from which the differences of the others are measured."""
+
+DENSE = 0.1
+"""Time after the start and after each breakpoint in which every instant is kept [s]."""
+
+SPARSE = 0.02
+"""Spacing of the instants elsewhere [s]."""
+
+PRESCRIBED = ("cart_mass", "half_length", "push")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curves:
+    """A case over time, in every simulator of the report.
+
+    A run that fell has the first K of the N instants.
+    """
+
+    scenario: str
+    controller: str
+    time: Array  # [s], shape (N,), increasing: multiples of the timestep
+    cart_mass: Array  # M [kg], l [m] and the disturbing force [N]; at a jump, after it
+    half_length: Array
+    push: Array
+    states: Mapping[str, Array]  # by simulator, shape (K, 4)
+    forces: Mapping[str, Array]  # of the controller [N] by simulator, shape (K,)
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        count = len(self.time)
+        for name in PRESCRIBED:
+            _require_shape(name, getattr(self, name), (count,))
+        for name, state in self.states.items():
+            reached = min(len(state), count)
+            _require_shape(f"states/{name}", state, (reached, 4))
+            _require_shape(f"forces/{name}", self.forces.get(name), (reached,))
+        if not len(self.states.get(REFERENCE, ())):
+            raise InvalidValueError("curve states", f"must hold a run of {REFERENCE!r}")
+
+
+def _require_shape(name: str, array: NDArray[Any] | None, shape: tuple[int, ...]) -> None:
+    """Raise if a curve is missing or has another shape."""
+    if array is None or array.shape != shape:
+        raise InvalidValueError(f"curve {name}", f"must have shape {shape}")
+
+
+def select_curves(
+    scenario: Scenario,
+    controller: str,
+    runs: Mapping[str, Trajectory],
+    timestep: float,
+) -> Curves:
+    """Select the instants that are drawn from the runs of one scenario and controller.
+
+    All multiples of the timestep [s] shortly after the start and each breakpoint are kept, a few
+    elsewhere, and those at which a curve, or a difference from the ODE, is largest.
+    """
+    grid = step_times(scenario.duration, timestep)
+    rows = {name: _rows(run, grid) for name, run in runs.items()}
+    states = {name: run.state[rows[name]] for name, run in runs.items()}
+    forces = {name: run.force[rows[name]] for name, run in runs.items()}
+    kept = _regular(scenario, grid, timestep)
+    for name, state in states.items():
+        kept[len(state) - 1] = True
+        both = min(len(state), len(states[REFERENCE]))
+        for curve in (state, forces[name], state[:both] - states[REFERENCE][:both]):
+            kept[np.abs(curve).argmax(axis=0)] = True
+    time = grid[kept]
+    return Curves(
+        scenario=scenario.name,
+        controller=controller,
+        time=time,
+        cart_mass=scenario.cart_mass(time),
+        half_length=scenario.half_length(time),
+        push=scenario.pushes(time),
+        states={name: state[kept[: len(state)]] for name, state in states.items()},
+        forces={name: force[kept[: len(force)]] for name, force in forces.items()},
+    )
+
+
+def _rows(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the rows of a run at the instants of the grid that it reached."""
+    rows = np.searchsorted(run.time, grid - 1e-9)
+    return rows[rows < len(run.time)]
+
+
+def _regular(scenario: Scenario, grid: NDArray[np.float64], timestep: float) -> NDArray[np.bool_]:
+    """Return which instants are always kept."""
+    kept = np.zeros(len(grid), dtype=np.bool_)
+    kept[:: max(1, round(SPARSE / timestep))] = True
+    kept[-2:] = True
+    for start in (0.0, *scenario.breakpoints):
+        # The last instant before a breakpoint is kept as well: a jump is drawn as one.
+        kept[(grid > start - 1.5 * timestep) & (grid <= start + DENSE)] = True
+    return kept
+
+
+# --- charts: what the page reads, 32-bit floats in base64 -----------------------------------------
+
+QUANTITIES = (
+    ("z", "z", "cart position"),
+    ("phi", "φ", "pole angle"),
+    ("z_dot", "z′", "cart velocity"),
+    ("phi_dot", "φ′", "pole rate"),
+    ("force", "F", "force"),
+    ("plant", "M, l", "mass and half-length"),
+)
+"""Key, symbol and name of the quantities that a chart shows."""
+
+FIRST_MOMENTS = 0.05
+"""Length of the first shortcut [s], which shows the controller's first, fast response."""
+
+BEFORE, AFTER = 0.1, 0.9
+"""Time before and after a breakpoint that the other shortcuts show [s]."""
+
+MOST = 5
+"""Largest number of shortcuts."""
+
+
+def chart_data(curves: Sequence[Curves], scenario: Scenario) -> dict[str, Any]:
+    """Return the curves of one scenario, those of all controllers on the union of their instants.
+
+    An instant that a run does not have is NaN. Differences from the ODE are computed here, in
+    double precision: in single precision they would be lost in round-off.
+    """
+    time = np.unique(np.concatenate([one.time for one in curves]))
+    first = curves[0]
+    return {
+        "time": encode(time),
+        "prescribed": {
+            name: encode(_spread(time, first.time, getattr(first, name))) for name in PRESCRIBED
+        },
+        "runs": [_run(time, one) for one in curves],
+        "shortcuts": shortcuts(scenario),
+    }
+
+
+def _run(time: NDArray[np.float64], one: Curves) -> dict[str, Any]:
+    """Return the curves of one controller: the reference, and differences of the others from it."""
+    signals = {name: _signals(time, one, name) for name in one.states}
+    reference = signals.pop(REFERENCE)
+    return {
+        "controller": one.controller,
+        "reference": {name: encode(values) for name, values in reference.items()},
+        "differences": {
+            simulator: {name: encode(x - reference[name]) for name, x in found.items()}
+            for simulator, found in signals.items()
+        },
+    }
+
+
+def _signals(
+    time: NDArray[np.float64], one: Curves, simulator: str
+) -> dict[str, NDArray[np.float64]]:
+    """Return states and force of one simulator by name."""
+    columns = dict(zip(STATES, one.states[simulator].T, strict=True))
+    columns["force"] = one.forces[simulator]
+    return {name: _spread(time, one.time, values) for name, values in columns.items()}
+
+
+def _spread(
+    time: NDArray[np.float64], instants: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return values of the first instants at the times that have one, NaN elsewhere."""
+    wide = np.full(len(time), np.nan)
+    wide[np.searchsorted(time, instants[: len(values)])] = values
+    return wide
+
+
+def shortcuts(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return stretches of time worth a look, each with a label and two times [s]."""
+    end = scenario.duration
+    changes = [time for time in scenario.breakpoints if 0.0 < time < end][: MOST - 1]
+    return [
+        {"label": "start", "from": 0.0, "to": min(FIRST_MOMENTS, end)},
+        *(
+            {"label": f"{t:.4g} s", "from": max(0.0, t - BEFORE), "to": min(end, t + AFTER)}
+            for t in changes
+        ),
+    ]
+
+
+def encode(values: NDArray[np.float64]) -> str:
+    """Return values as little-endian 32-bit floats in base64."""
+    return base64.b64encode(values.astype("<f4").tobytes()).decode()

@@ -1,0 +1,418 @@
+"""Why runs differ by as much as they do: error budget (B5), ledger (A6), B2o, B4, B6, B7."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.catalogue import CONTROLLERS
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.plant.energy import linear_momentum, total_energy
+from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.parameters import (
+    MOMENTA,
+    QUASI_STATIC,
+    STRETCHING_ROD,
+    VELOCITIES,
+    CartPoleParameters,
+    ParameterChange,
+)
+from afl_mujoco.scenario.sampling import time_grid
+from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.simulation.integrator import integrate, scipy_solver
+from afl_mujoco.simulation.metrics import STATES
+from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, write_parameters
+from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, simulate_mujoco, transition
+from afl_mujoco.simulation.ode import simulate_ode
+from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.studies.verify.checks import state_difference
+from afl_mujoco.studies.verify.convergence import (
+    STEPS,
+    Refinement,
+    Study,
+    continuous_study,
+    difference,
+    sampled_study,
+    schedule_study,
+    studied,
+)
+from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
+
+# --- the error budget ---------------------------------------------------------------------------
+
+SUBSTEPS = 4
+"""RK4 steps in each held step of the parts: their errors cancel in the differences."""
+
+SOURCES: Mapping[str, str] = {
+    "control_hold": "force held",
+    "schedule_sampling": "M, l frozen over a step",
+    "disturbance_timing": "disturbance moved to the steps",
+    "integrator": "MuJoCo's integrator",
+    "model_form": "model form",
+}
+"""The sources of the difference, in words."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parts:
+    """A difference from the ideal ODE, and what each source alone contributes."""
+
+    total: float  # sampled mode against the ODE
+    model_form: float  # MuJoCo's dynamics against the analytic ones, under one integrator
+    integrator: float  # MuJoCo's steps against the exact solution with the same holds
+    control_hold: float  # the force held over each control period
+    schedule_sampling: float  # M and l frozen over each step at the values of its middle
+    disturbance_timing: float  # pulses and impulses moved to the steps
+    residual: float  # the total minus the sum of the parts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AtWorst(Parts):
+    """The signed difference where it is largest: there the parts and the residual add up to it."""
+
+    state: str  # one of `metrics.STATES`
+    time: float  # [s]
+
+    def __post_init__(self) -> None:
+        """Raise if there is no such state."""
+        if self.state not in STATES:
+            raise ValueError(f"state must be one of {', '.join(STATES)}, got {self.state!r}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorBudget(Parts):
+    """Each the largest of any state at any instant [m, rad, m/s, rad/s]."""
+
+    scenario: str
+    controller: str
+    at_worst: AtWorst
+
+    @property
+    def residual_share(self) -> float:
+        """The residual as a share of the total; 0 if there is no difference at all."""
+        return self.residual / self.total if self.total else 0.0
+
+
+def budget_curves(
+    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
+) -> dict[str, NDArray[np.float64]]:
+    """Return total, parts and residual as curves, shape (N, 4) each, at each step."""
+    if any(run.outcome.kind != COMPLETED for run in runs.values()):
+        return {}
+    settings = runs["mujoco sampled"].provenance["settings"]
+    timestep, period = settings["timestep"], settings["control_period"]
+    grid = runs["mujoco sampled"].time
+
+    def part(holds: Holds) -> NDArray[np.float64] | None:
+        run = simulate_ode_held(
+            scenario, controller, timestep=timestep, holds=holds, substeps=SUBSTEPS
+        )
+        return _at(run, grid)
+
+    curves = {name: _at(run, grid) for name, run in runs.items()}
+    followed = part(Holds())
+    held = {
+        "control_hold": part(Holds(control_period=period)),
+        "schedule_sampling": part(Holds(schedule=True)),
+        "disturbance_timing": part(Holds(disturbance=True)),
+    }
+    if any(curve is None for curve in (followed, *curves.values(), *held.values())):
+        return {}
+    total = curves["mujoco sampled"] - curves["ode"]  # type: ignore[operator]
+    parts = {
+        "model_form": curves["mujoco exact"] - curves["ode"],  # type: ignore[operator]
+        "integrator": curves["mujoco sampled"] - curves["ode held"],  # type: ignore[operator]
+        **{name: curve - followed for name, curve in held.items()},  # type: ignore[operator]
+    }
+    return {"total": total, **parts, "residual": total - sum(parts.values())}
+
+
+def error_budget(
+    scenario: Scenario,
+    controller: Controller,
+    times: NDArray[np.float64],
+    curves: Mapping[str, NDArray[np.float64]],
+) -> ErrorBudget:
+    """Return the budget of curves at some instants [s]."""
+    row, column = np.unravel_index(np.abs(curves["total"]).argmax(), curves["total"].shape)
+    signed = {name: float(curve[row, column]) for name, curve in curves.items()}
+    return ErrorBudget(
+        scenario=scenario.name,
+        controller=controller.name,
+        at_worst=AtWorst(state=STATES[column], time=float(times[row]), **signed),
+        **{name: float(np.abs(curve).max()) for name, curve in curves.items()},
+    )
+
+
+def _at(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the states at the instants of the grid; None if the run did not reach its end."""
+    index = np.searchsorted(run.time, grid - 1e-9)
+    return run.state[index] if index[-1] < len(run.time) else None
+
+
+# --- the ledger of energy and momentum ------------------------------------------------------------
+
+SAMPLE_PERIOD = 0.1
+"""Spacing of the instants at which the ledger is closed [s]."""
+
+_WORK, _RAMP_ENERGY, _IMPULSE, _RAMP_MOMENTUM, _JUMP_ENERGY, _JUMP_MOMENTUM = range(4, 10)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ledger:
+    """Energy [J] and momentum along z [N s] of a run in MuJoCo, booked by the analytic equations.
+
+    `energy_residual` and `momentum_residual` are the largest over the run that MuJoCo gained and
+    the ledger did not book.
+    """
+
+    scenario: str
+    controller: str
+    work: float  # of all forces along z
+    energy_of_ramps: float  # what the ramps and the steps of M and l add at fixed velocities
+    energy_of_jumps: float
+    impulse: float  # of all forces along z
+    momentum_of_ramps: float
+    momentum_of_jumps: float
+    energy_residual: float
+    momentum_residual: float
+
+
+def ledger(scenario: Scenario, controller: Controller) -> Ledger:
+    """Run exact mode with the ledger beside it and close the ledger along the run.
+
+    Work and impulse are those of the forces that MuJoCo applied; energy and momentum are MuJoCo's
+    own; what a parameter change adds is booked by the analytic energy and momentum.
+    """
+    model = CartPoleModel(scenario.parameters_at(0.0), edit=_measure_energy)
+    change = ParameterChange()
+    rate = closed_loop(model, scenario, controller, change)
+    arrive = transition(model, scenario, change)
+
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Sequence[float]:
+        motion = rate(time, state, segment)
+        force = float(model.mj_data.ctrl[0] + model.mj_data.qfrc_applied[0])
+        energy, momentum = _ramp_power(scenario, state, time, segment)
+        return (*motion, force * state[2], energy, force, momentum, 0.0, 0.0)
+
+    def book(
+        state: NDArray[np.float64], before: Segment | None, after: Segment
+    ) -> NDArray[np.float64]:
+        arrived = arrive(state, before, after)
+        new = _parameters(scenario, after, after.start)
+        was, now = state[:4], arrived[:4]
+        if before is not None:
+            old = _parameters(scenario, before, before.end)
+            arrived[_JUMP_ENERGY] += total_energy(was, new) - total_energy(was, old)
+            arrived[_JUMP_MOMENTUM] += linear_momentum(was, new) - linear_momentum(was, old)
+        arrived[_WORK] += total_energy(now, new) - total_energy(was, new)
+        arrived[_IMPULSE] += after.impulse
+        return arrived
+
+    times = time_grid(scenario, SAMPLE_PERIOD)
+    solver = scipy_solver(derivative, controller=controller.name)
+    nodes = controller.nodes(scenario.plants)
+    states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
+    return _close(model, scenario, controller, times[: len(states)], states)
+
+
+def _close(
+    model: CartPoleModel,
+    scenario: Scenario,
+    controller: Controller,
+    times: NDArray[np.float64],
+    states: NDArray[np.float64],
+) -> Ledger:
+    """Compare the energy and momentum gained in MuJoCo with what was booked."""
+    measured = np.array(
+        [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=True)]
+    )
+    energy = states[:, [_WORK, _RAMP_ENERGY, _JUMP_ENERGY]].sum(axis=1)
+    momentum = states[:, [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]].sum(axis=1)
+    gained = measured - measured[0]
+    last = states[-1].tolist()
+    return Ledger(
+        scenario=scenario.name,
+        controller=controller.name,
+        work=last[_WORK],
+        energy_of_ramps=last[_RAMP_ENERGY],
+        energy_of_jumps=last[_JUMP_ENERGY],
+        impulse=last[_IMPULSE],
+        momentum_of_ramps=last[_RAMP_MOMENTUM],
+        momentum_of_jumps=last[_JUMP_MOMENTUM],
+        energy_residual=float(np.abs(gained[:, 0] - energy).max()),
+        momentum_residual=float(np.abs(gained[:, 1] - momentum).max()),
+    )
+
+
+def _measured(
+    model: CartPoleModel, scenario: Scenario, time: float, state: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return MuJoCo's own energy [J] and momentum along z [N s]."""
+    p = scenario.parameters_at(time)
+    at = model.addresses
+    write_parameters(at, p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    momentum = momenta(model, state[:4])
+    forward(at, *state[:4].tolist(), 0.0, 0.0)
+    return float(model.mj_data.energy.sum()), float(momentum[0])
+
+
+def _ramp_power(
+    scenario: Scenario, state: NDArray[np.float64], time: float, segment: Segment
+) -> tuple[float, float]:
+    """Return what the ramps add per second to energy [W] and momentum [N] at fixed velocities."""
+    _, phi, z_dot, phi_dot = state[:4].tolist()
+    _, length = segment.parameters_at(time)
+    mass_rate, length_rate = segment.cart_mass[1], segment.half_length[1]
+    m, cos = scenario.pole_mass, float(np.cos(phi))
+    by_length = m * (
+        4.0 / 3.0 * length * phi_dot**2 - z_dot * phi_dot * cos + scenario.gravity * cos
+    )
+    energy = 0.5 * z_dot**2 * mass_rate + by_length * length_rate
+    return energy, z_dot * mass_rate - m * phi_dot * cos * length_rate
+
+
+def _parameters(scenario: Scenario, segment: Segment, time: float) -> CartPoleParameters:
+    """Return the plant at a time of a segment, the limit from inside it."""
+    mass, length = segment.parameters_at(time)
+    return CartPoleParameters(
+        cart_mass=mass,
+        pole_mass=scenario.pole_mass,
+        half_length=length,
+        gravity=scenario.gravity,
+    )
+
+
+def _measure_energy(spec: mujoco.MjSpec) -> None:
+    """Make MuJoCo compute its energy."""
+    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+
+
+# --- orders, omissions, all of a case -------------------------------------------------------------
+
+CAPSULE_EXCESS = 0.13
+"""Relative excess of the inertia of the drawn capsule over that of the slender rod."""
+
+ORDERS = {"continuous": 4.0, "sampled": 1.0, "schedule": 2.0}
+"""The order that each refinement study should show."""
+
+ORDER_CHECKS = {"continuous": "B2o", "sampled": "B4", "schedule": "B4s"}
+"""The check that judges each order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Omission:
+    """What the paper's treatment of changing parameters leaves out (decision D9).
+
+    Each value is the largest change of any state at any instant [m, rad, m/s, rad/s], in the ODE;
+    None if one run fell and the other did not.
+    """
+
+    scenario: str
+    controller: str
+    stretching_rod: float | None  # of the terms in the rate of l, velocities kept at steps
+    momenta_kept: float | None  # of momenta kept at steps instead, M and l frozen otherwise
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """The explanation of one case; tables are None for a run that did not complete."""
+
+    checks: tuple[Check, ...] = ()
+    budget: ErrorBudget | None = None
+    ledger: Ledger | None = None
+    omission: Omission | None = None
+    studies: tuple[Refinement, ...] = ()  # behind B2o, B4 and B4s
+
+
+def explain(
+    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory], *, full: bool
+) -> Explanation:
+    """Explain the runs of one case: by the error budget, in full by all that this file has.
+
+    The studies end half a second after the last breakpoint; the error budget covers the whole run.
+    """
+    if any(run.outcome.kind != COMPLETED for run in runs.values()):
+        return Explanation()
+    times, names = runs["mujoco sampled"].time, (scenario.name, controller.name)
+    parts = budget_curves(scenario, controller, runs)
+    budget = error_budget(scenario, controller, times, parts) if parts else None
+    values = {} if budget is None else {"B5": budget.residual_share}
+    if not full:
+        return Explanation(judged(values, *names), budget)
+    part = studied(scenario)
+    reference = simulate_ode(part, controller, sample_period=STEPS[0])
+    sampled, residue = sampled_study(part, controller, reference)
+    continuous = continuous_study(part, controller, reference)
+    schedule = schedule_study(part, controller)
+    studies = {"continuous": continuous, "sampled": sampled, "schedule": schedule}
+    refinements = tuple(
+        Refinement.of(
+            study, study=name, expected=ORDERS[name], scenario=names[0], controller=names[1]
+        )
+        for name, study in studies.items()
+        if study is not None
+    )  # fmt: skip
+    book = ledger(part, controller)
+    agreement, omission = _omission(part, controller, reference)
+    values |= {
+        "A6e": book.energy_residual,
+        "A6p": book.momentum_residual,
+        "B4r": residue,
+        "B6": continuous.reduction,
+        "B7": agreement,
+        **{ORDER_CHECKS[r.study]: r.deviation for r in refinements},
+    }
+    return Explanation(judged(values, *names), budget, book, omission, refinements)
+
+
+def _omission(
+    scenario: Scenario, controller: Controller, paper: Trajectory
+) -> tuple[float, Omission]:
+    """Return how far both sides agree on what the paper omits, and how much it matters."""
+    h = STEPS[0]
+
+    def ode(dynamics: str, jumps: str) -> Trajectory:
+        return simulate_ode(scenario, controller, sample_period=h, dynamics=dynamics, jumps=jumps)
+
+    stretching, kept = ode(STRETCHING_ROD, VELOCITIES), ode(QUASI_STATIC, MOMENTA)
+    exact = simulate_mujoco(
+        scenario, controller, "exact", timestep=h, dynamics=STRETCHING_ROD, jumps=MOMENTA
+    )
+    agreement = state_difference(exact, ode(STRETCHING_ROD, MOMENTA))
+    return agreement, Omission(
+        scenario=scenario.name,
+        controller=controller.name,
+        stretching_rod=_finite(state_difference(stretching, paper)),
+        momenta_kept=_finite(state_difference(kept, paper)),
+    )
+
+
+def _finite(value: float) -> float | None:
+    """Return a difference, None if it is not finite."""
+    return value if math.isfinite(value) else None
+
+
+def plateau_check() -> Check:
+    """Run B6d: the plateau test on a model that is different on purpose."""
+    scenario, controller = studied(SCENARIOS["nominal"]), CONTROLLERS["fixed"]
+    excess = CAPSULE_EXCESS * scenario.pole_mass * scenario.half_length.at(0.0) ** 2 / 3.0
+
+    def thicken(spec: mujoco.MjSpec) -> None:
+        spec.joint("hinge").armature = excess
+
+    reference = simulate_ode(scenario, controller, sample_period=STEPS[0])
+    errors = tuple(
+        difference(
+            simulate_mujoco(scenario, controller, "continuous", timestep=h, edit=thicken),
+            reference,
+        )
+        for h in STEPS
+    )
+    return CRITERIA["B6d"].judge(abs(1.0 - Study(STEPS, errors).reduction))

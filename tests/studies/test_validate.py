@@ -1,0 +1,416 @@
+"""The command `validate`: what it judges, says, draws and writes, and what contradicts itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure as Drawing
+
+import afl_mujoco as afl
+from afl_mujoco.errors import FileError
+from afl_mujoco.report.blocks import Cell, Matrix, Section, figures_of
+from afl_mujoco.report.style import styled
+from afl_mujoco.report.terminal import print_report
+from afl_mujoco.simulation.judgement import Judgement
+from afl_mujoco.studies.arrays import packed
+from afl_mujoco.studies.cases import REPORTED, Settings
+from afl_mujoco.studies.record import load_record, save_record
+from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.run import METRICS
+from afl_mujoco.studies.run import Run as Row
+from afl_mujoco.studies.validate import Request, Result, junit, report, run, verdict_of
+from afl_mujoco.studies.verify.criteria import CRITERIA
+from afl_mujoco.studies.verify.figures import draw_claims
+from tests.study_results import record
+from tests.verification_result import OWN, make_claim, make_result
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+BY_DEFAULT = ("A1", "A2", "A3", "A7", "A7z", "A5", "B1", "B2", "B2b", "B3", "B5")
+SHORT = dataclasses.replace(
+    afl.SCENARIOS["step-trapezoid"],
+    name="short",
+    duration=1.2,
+    disturbances=(
+        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
+        afl.Impulse(momentum=-1.0, time=0.8),
+    ),
+)
+USED = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
+
+
+# What is judged
+
+
+@pytest.fixture(scope="module")
+def short() -> Result:
+    return run(Request([SHORT], USED))
+
+
+def test_every_check_holds_on_a_short_scenario_with_everything_in_it(short: Result) -> None:
+    assert short.failed_checks == [] and short.passed
+    once, ids = BY_DEFAULT[:5], ("A5", "B1", "B2", "B2b", "B3", "B5")
+    assert [(c.id, c.controller) for c in short.checks] == [(id, "any") for id in once] + [
+        (id, controller) for controller in ("fixed", "adaptive") for id in ids
+    ]
+    assert [(r.controller, r.simulator) for r in short.runs] == [
+        (controller, simulator) for controller in ("fixed", "adaptive") for simulator in REPORTED
+    ]
+    assert [(row.controller, row.failure) for row in short.rows] == [
+        ("fixed", ""),
+        ("adaptive", ""),
+    ]
+    assert list(short.curves) == ["short/fixed", "short/adaptive"]
+    for one in short.curves.values():
+        assert tuple(one.states) == tuple(one.forces) == REPORTED
+    assert short.settings == Settings(timestep=1e-3, control_period=1e-3, full=False)
+    assert short.studies == short.ledgers == short.omissions == short.claims == ()
+
+
+@pytest.mark.slow
+def test_two_workers_give_the_same_result_as_one(short: Result) -> None:
+    (data, arrays), (same, others) = packed(short), packed(run(Request([SHORT], USED), workers=2))
+    assert data == same
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(array, others[name])
+
+
+def test_the_objective_of_the_fixed_gains_on_the_nominal_plant_is_three() -> None:
+    nominal = run(Request([afl.SCENARIOS["nominal"]], USED[:1]))
+    assert nominal.runs[0].metrics["objective"] == 3.0
+
+
+def test_without_checks_nothing_passes() -> None:
+    assert verdict_of(()) == "fail"
+
+
+def test_nothing_runs_where_the_pole_starts_beyond_its_fall(command_line, tmp_path: Path) -> None:
+    (tmp_path / "fallen.toml").write_text("initial_state = [0.0, -1.6, 0.0, 0.0]\n")
+    code, output, errors = command_line("validate", "fallen.toml", "--out", "out")
+    assert (code, output) == (2, "") and not (tmp_path / "out").exists()
+    assert "initial phi must lie inside (-pi/2, pi/2)" in errors and "got -1.6 rad" in errors
+
+
+# What is said
+
+
+def matrix(result: Result, caption: str) -> list[list[Cell]]:
+    """Return the cells of the only matrix whose caption has some words."""
+    walked = Section("", "", report(result).blocks).walk()
+    (found,) = (one for one in walked if isinstance(one, Matrix) and caption in one.caption)
+    return found.cells
+
+
+def missed(failure: str = "fell") -> Row:
+    """A run that did not complete."""
+    whole = Judgement(requirement="completes", limit=2.0, value=0.7, margin=-0.65)
+    return Row(
+        scenario="step-step", controller="adaptive", outcome=failure, failure=failure,
+        settled=False, time=0.7, metrics=dict.fromkeys(METRICS), requirements=(whole,),
+    )  # fmt: skip
+
+
+def test_the_headline_says_whether_the_codes_agree_and_what_became_of_the_claims() -> None:
+    assert report(make_result(full=False)).headline == "CODES AGREE 22/22"
+    found = report(make_result())
+    assert found.passed
+    assert found.headline == (
+        "CODES AGREE 22/22; of the paper's 12 claims 4 hold, 4 not, 2 in part, 2 open"
+    )
+    wrong = report(make_result(b3=3.4e-7))
+    assert not wrong.passed
+    assert wrong.headline.startswith(
+        "CODES DIFFER, 18/22 checks hold: B3 3.4×10⁻⁷ > 10⁻⁸ on step-step with fixed; of the "
+    )
+    assert "B3 none > 10⁻⁸" in report(make_result(b3=None)).headline
+    assert not report(replace(make_result(), checks=(), verdict="fail")).passed
+
+
+def test_a_verdict_on_two_codes_does_not_hide_that_the_pole_fell() -> None:
+    fell = make_result(outcome="fell at t = 1.2 s", fell_at=1200, full=False)
+    assert report(fell).headline == (
+        "CODES AGREE 22/22; 4 of 4 cases did not complete: step-step with fixed fell at t = 1.2 s, "
+        "ode"
+    )
+    result = make_result(full=False)
+    runs = tuple(
+        replace(run, outcome="fell at t = 1 s") if run.simulator == "mujoco sampled" else run
+        for run in result.runs
+    )
+    said = replace(result, runs=runs)
+    assert "4 of 4 cases did not complete" in report(said).headline
+    ends = {(row[2].text, row[2].status, row[3].text, row[3].status)
+            for row in matrix(said, "How each case ended")}  # fmt: skip
+    assert ends == {("completed", "", "fell at t = 1 s", "bad")}
+
+
+def test_a_requirement_that_is_missed_fails_and_is_shown() -> None:
+    checks, rows = make_result().checks, (missed(),)
+    result = replace(make_result(full=False), rows=rows, verdict=verdict_of(checks, rows))
+    found = report(result)
+    assert not found.passed and result.verdict == "fail"
+    assert found.headline == ("CODES AGREE 22/22; 1 of 1 runs fail: adaptive on step-step falls")
+    assert isinstance(found.blocks[0], Matrix) and "step-step" in found.blocks[0].caption
+    assert not isinstance(report(make_result()).blocks[0], Matrix)
+    with pytest.raises(ValueError, match="verdict must be 'fail'"):
+        replace(result, verdict="pass")
+
+
+def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -> None:
+    result = make_result(b3=3.4e-7)
+    rows = {row[0].text: row for row in matrix(result, "at its worst")}
+    assert list(rows) == ["A1", "A3", "A5", "B1", "B2", "B3", "B5"]
+    assert [(c.text, c.status) for c in rows["B1"][2:]] == [
+        ("5.8×10⁻¹²", "good"), ("10⁻⁹", ""), ("170×", ""),
+    ]  # fmt: skip
+    assert [(c.text, c.status) for c in rows["B3"][2:]] == [
+        ("3.4×10⁻⁷", "bad"), ("10⁻⁸", ""), ("0.029×", ""),
+    ]  # fmt: skip
+    assert rows["A3"][4].text == "–"
+    for row in matrix(result, "The criteria"):
+        criterion = CRITERIA[row[0].text]
+        wanted = (criterion.reason, criterion.proves, criterion.leaves_open)
+        assert tuple(cell.text for cell in row[1:]) == wanted
+    cases = matrix(result, "every judged value")
+    assert len(cases) == 4 and cases[0][-2] == Cell("3.4×10⁻⁷", "bad")
+    assert matrix(make_result(b3=None), "at its worst")[5][2] == Cell("none", "bad")
+
+
+def test_the_claims_stand_with_both_numbers_in_their_unit_and_the_verdict() -> None:
+    result = make_result()
+    rows = matrix(result, "come with the package")
+    assert [row[0].text for row in rows] == [claim.id for claim in result.claims]
+    assert [row[3].text for row in rows] == [claim.verdict for claim in result.claims]
+    assert [cell.text for cell in rows[2][1:3]] == ["38.03 %", "15.4 %"]
+    assert (rows[1][1].text, rows[4][2].text) == ("–", "–")
+
+
+def test_the_budget_is_of_the_worst_run_and_adds_up() -> None:
+    rows = {row[0].text: row for row in matrix(make_result(), "as deployed minus the equations")}
+    assert rows["force held"][1].text.startswith("−1.4×10⁻²")
+    assert rows["total"][2].text == "1.4×10⁻²"
+
+
+def test_what_a_full_verification_adds_is_left_out_where_it_is_not_there() -> None:
+    def anchors(result: Result) -> list[str]:
+        blocks = Section("", "", report(result).blocks).walk()
+        return [one.anchor for one in blocks if isinstance(one, Section)]
+
+    result = make_result()
+    more = ["orders", "ledger", "omissions"]
+    every = ["claims", "random", "checks", "budget", *more, "scenario-1", "scenario-2", "decisions"]
+    assert anchors(result) == every
+    part = replace(make_result(full=False), error_budgets=())
+    assert anchors(part) == ["checks", "scenario-1", "scenario-2", "decisions"]
+    study = replace(result.studies[0], errors=(None, 1.0, 0.5, 0.2), order=None)
+    (row,) = matrix(replace(result, studies=(study,)), "Orders observed")
+    assert row[2].text == "–"
+
+
+def test_a_terminal_of_eighty_columns_shows_a_default_run_in_sixty_lines(
+    capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("afl_mujoco.report.terminal.WIDTH", 80)
+    full = load_record(find_study("validate"), RESULTS).result
+    checks = tuple(check for check in full.checks if check.id in BY_DEFAULT)
+    more: dict[str, Any] = dict.fromkeys(("studies", "ledgers", "omissions"), ())
+    print_report(report(replace(full, checks=checks, **more)))
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) + (len(lines[-1]) - 1) // 80 <= 60
+    assert max(map(len, lines[:-1])) <= 80
+
+
+# What is drawn
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return make_result([OWN, afl.SCENARIOS["step-step-impulse"]])
+
+
+@pytest.fixture(scope="module")
+def drawn(result: Result) -> dict[str, Drawing]:
+    with styled():
+        return {figure.name: figure.draw() for figure in figures_of(report(result).blocks)}
+
+
+def test_every_figure_has_something_in_every_panel(drawn: dict[str, Drawing]) -> None:
+    assert list(drawn) == ["report-runs-1", "report-claims", "report-budget", "report-runs-2"]
+    for name, one in drawn.items():
+        for axis in one.axes:
+            assert axis.lines or axis.collections or axis.patches, name
+
+
+def test_runs_are_drawn_as_deployed_with_the_equations_dashed_over_them(
+    drawn: dict[str, Drawing], result: Result
+) -> None:
+    angle = drawn["report-runs-1"].axes[1]
+    assert angle.get_ylabel() == "φ [rad]"
+    assert [line.is_dashed() for line in angle.lines] == [False, False, True, True]
+    curves = result.curves_on(OWN) * 2
+    runs = ["mujoco sampled"] * 2 + ["ode"] * 2
+    for line, one, name in zip(angle.lines, curves, runs, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), one.states[name][:, 1])
+    fallen = figures_of(report(make_result([OWN], fell_at=300)).blocks)[0].draw()
+    assert max(fallen.axes[1].lines[0].get_xdata()) <= 0.299
+
+
+def test_the_waterfall_is_of_the_worst_run_and_ends_at_its_total(
+    drawn: dict[str, Drawing], result: Result
+) -> None:
+    falls, dots = drawn["report-budget"].axes
+    worst = result.error_budgets[-1]
+    assert falls.get_title() == "step-step-impulse, adaptive, t = 0.005 s"
+    *parts, total = falls.patches
+    assert sum(bar.get_width() for bar in parts) == pytest.approx(total.get_width(), rel=1e-12)
+    assert total.get_width() == worst.at_worst.total
+    assert len(dots.get_yticklabels()) == len(result.error_budgets)
+
+
+def test_numbers_beyond_the_usual_stay_inside_their_axes() -> None:
+    low, high = draw_claims([replace(make_claim(3), here=-118.4)], {}).axes[1].get_xlim()
+    assert low < -118.4
+    assert high > 100.0
+
+
+@pytest.mark.slow
+def test_figures_are_the_same_files_from_any_number_of_workers(tmp_path: Path) -> None:
+    one = replace(record("validate"), result=make_result([OWN], full=False))
+    done: list[tuple[int, int]] = []
+    for workers in (1, 2):
+        folder = tmp_path / str(workers)
+        folder.mkdir()
+        save_record(one, folder, workers=workers, progress=lambda _, k, n: done.append((k, n)))
+    assert done == [(k, 2) for k in (1, 2)] * 2
+    names = sorted(path.name for path in (tmp_path / "1").iterdir())
+    assert sorted(path.name for path in (tmp_path / "2").iterdir()) == names
+    for name in names:
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
+
+
+# Its files
+
+
+def write(result: Result, folder: Path) -> Path:
+    """Write a verification without its figures; return its JSON."""
+    return save_record(replace(record("validate"), result=result), folder, figures=False)[0]
+
+
+@pytest.mark.parametrize(("b3", "verdict"), [(1e-10, "pass"), (None, "fail")], ids=["pass", "fail"])
+def test_report_json_has_its_public_form(b3: float | None, verdict: str, tmp_path: Path) -> None:
+    path = write(make_result(b3=b3), tmp_path)
+    assert path.name == "report.json"
+    data = json.loads(path.read_text())
+    assert data["schema"] == 1
+    assert data["verdict"] == verdict
+    assert {"afl_mujoco", "mujoco", "python"} <= set(data["versions"])
+    assert set(data["checks"][0]) == {
+        "id", "scenario", "controller", "quantity", "unit", "value", "limit", "comparison",
+        "passed", "reason",
+    }  # fmt: skip
+    assert set(data["runs"][0]) == {"scenario", "controller", "simulator", "outcome", "metrics"}
+    assert data["runs"][0]["metrics"]["settling_2pc_phi"] is None
+    assert {"id", "paper", "here", "verdict", "why"} <= set(data["claims"][2])
+
+
+@pytest.mark.parametrize(("b3", "failing"), [(1e-10, 0), (None, 4)])
+def test_junit_has_a_case_for_each_check_and_a_failure_for_each_that_fails(
+    b3: float | None, failing: int
+) -> None:
+    result = make_result(b3=b3)
+    suite = ElementTree.fromstring(junit(result))
+    assert len(suite.findall("testcase")) == len(result.checks)
+    assert len(suite.findall("testcase/failure")) == failing
+    assert suite.attrib["failures"] == str(failing)
+
+
+def test_junit_has_a_case_for_each_requirement() -> None:
+    suite = ElementTree.fromstring(junit(replace(make_result(), rows=(missed(),), verdict="fail")))
+    (case,) = (one for one in suite.findall("testcase") if one.attrib["classname"] == "completes")
+    assert case.attrib["name"] == "step-step/adaptive"
+    found = case.find("failure")
+    assert found is not None
+    assert found.attrib["message"] == "adaptive falls: runs to the end, got 0.7"
+    assert suite.attrib["failures"] == "1"
+
+
+BROKEN: dict[str, tuple[Any, str]] = {
+    "a verdict that its checks deny": (lambda d: d | {"verdict": "fail"}, "verdict must be 'pass'"),
+    "a run of no scenario": (lambda d: d | {"scenarios": d["scenarios"][:1]}, "scenarios must be"),
+    "a run without curves": (lambda d: d | {"curves": {}}, "curves must hold"),
+    "no checks": (lambda d: {k: v for k, v in d.items() if k != "checks"}, "checks"),
+    "a check without value": (
+        lambda d: d | {"checks": [{k: v for k, v in d["checks"][0].items() if k != "value"}]},
+        "checks[0].value is missing",
+    ),
+    "a text for a number": (
+        lambda d: d | {"error_budgets": [d["error_budgets"][0] | {"total": "much"}]},
+        "error_budgets[0].total must be a number",
+    ),
+    "a check that passes beyond its limit": (
+        lambda d: d | {"checks": [d["checks"][0] | {"value": 5.0}]},
+        "passed must follow from value and limit",
+    ),
+    "a check of another version": (
+        lambda d: d | {"checks": [d["checks"][0] | {"id": "Z9"}]},
+        "check must be one of A1, ",
+    ),
+    "a state that there is not": (
+        lambda d: (
+            d
+            | {
+                "error_budgets": [
+                    d["error_budgets"][0]
+                    | {"at_worst": d["error_budgets"][0]["at_worst"] | {"state": "x"}}
+                ]
+            }
+        ),
+        "state must be one of z, phi",
+    ),
+    "no runs": (lambda d: d | {"runs": []}, "scenarios must be those of the runs"),
+    "a simulator missing": (lambda d: d | {"runs": d["runs"][1:]}, "each simulator once"),
+    "a metric missing": (
+        lambda d: d | {"runs": [d["runs"][0] | {"metrics": {}}, *d["runs"][1:]]},
+        "metrics of a run must hold",
+    ),
+    "an unknown key": (lambda d: d | {"colour": "red"}, "colour is not a known key"),
+    "a text for a flag": (
+        lambda d: d | {"checks": [d["checks"][0] | {"passed": "yes"}]},
+        "must be true or false",
+    ),
+    "no published gains": (
+        lambda d: d | {"random_schedules": {"retuned": d["random_schedules"]["retuned"]}},
+        "must hold the published gains",
+    ),
+    "another schema": (lambda d: d | {"schema": 7}, "schema 1"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN, ids=str)
+def test_a_report_that_would_mislead_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
+    path = write(make_result(), tmp_path)
+    change, words = BROKEN[case]
+    path.write_text(json.dumps(change(json.loads(path.read_text()))))
+    with pytest.raises(FileError) as refusal:
+        load_record(find_study("validate"), tmp_path)
+    said = str(refusal.value)
+    assert words in said
+    assert "report.json" in said
+    assert said.endswith("run afl-mujoco validate")
+    assert "\n" not in said
+
+
+def test_curves_of_another_shape_are_refused(tmp_path: Path) -> None:
+    path = write(make_result(), tmp_path)
+    data = json.loads(path.read_text())
+    first = next(iter(data["curves"].values()))
+    first["push"] = first["states"]["ode"]
+    path.write_text(json.dumps(data))
+    with pytest.raises(FileError, match="curve push must have shape"):
+        load_record(find_study("validate"), tmp_path)

@@ -1,0 +1,209 @@
+"""The checks look where they say, measure an error as large as it is, and see planted faults."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.studies.cases import Settings, closed_loop_runs
+from afl_mujoco.studies.verify import checks
+from afl_mujoco.studies.verify.criteria import CRITERIA
+
+PUBLISHED = Path(__file__).parents[3] / "docs" / "results" / "report.json"
+RIGHT = 0.97  # of a range that thousands of draws fill
+FIXED = afl.CONTROLLERS["fixed"]
+SHORT = dataclasses.replace(
+    afl.SCENARIOS["step-trapezoid"],
+    name="short",
+    duration=1.2,
+    disturbances=(
+        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
+        afl.Impulse(momentum=-1.0, time=0.8),
+    ),
+)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[float]]:
+    """What MuJoCo is asked: z, phi, z', phi' and the force."""
+    found: list[list[float]] = []
+    forward = checks.forward
+
+    def noted(at: object, *numbers: float) -> object:
+        found.append(list(numbers[:5]))
+        return forward(at, *numbers)
+
+    monkeypatch.setattr(checks, "forward", noted)
+    return found
+
+
+def test_accelerations_are_compared_all_over_the_state_space(asked: list[list[float]]) -> None:
+    checks.acceleration_error(np.random.default_rng(0), 2000)
+    ends = np.array([10.0, np.pi, 10.0, 10.0, 200.0])
+    assert np.all(np.max(asked, axis=0) > RIGHT * ends)
+    assert np.all(np.min(asked, axis=0) < -RIGHT * ends)
+    assert np.all(np.abs(asked) <= ends)
+
+
+def test_symmetries_are_asked_all_over_the_controllers_domain(asked: list[list[float]]) -> None:
+    checks.asymmetry(np.random.default_rng(0), 1000)
+    here = asked[::4]  # then mirrored, shifted and scaled
+    ends = np.array([10.0, 1.5, 10.0, 10.0, 200.0])
+    assert np.all(np.max(here, axis=0) > RIGHT * ends)
+    assert np.all(np.min(here, axis=0) < -RIGHT * ends)
+    assert np.all(np.abs(here) <= ends)
+
+
+def test_plants_are_drawn_from_the_whole_box() -> None:
+    rng = np.random.default_rng(0)
+    drawn = [asdict(checks.random_plant(rng)) for _ in range(1000)]
+    box = {
+        "cart_mass": (0.1, 2.0),
+        "pole_mass": (0.01, 0.5),
+        "half_length": (0.05, 1.0),
+        "gravity": (1.0, 20.0),
+    }
+    for name, (low, high) in box.items():
+        values = [plant[name] for plant in drawn]
+        assert low <= min(values) < low + 0.03 * (high - low)
+        assert high - 0.03 * (high - low) < max(values) <= high
+
+
+def test_an_error_is_relative_where_an_acceleration_is_large_and_else_absolute(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for true, measured, error in ((0.0, 1e-6, 1e-6), (99.0, 100.0, 1e-2), (0.0, np.nan, np.inf)):
+        for name in ("cart_acceleration", "pole_acceleration"):
+            monkeypatch.setattr(checks, name, lambda *_, true=true: true)
+        monkeypatch.setattr(checks, "forward", lambda *_, m=measured: (m, m))
+        found = checks.acceleration_error(np.random.default_rng(0), 3)
+        assert found == pytest.approx(error)
+
+
+def test_a_model_that_is_not_written_is_stale(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checks.CartPoleModel, "set_parameters", lambda self, p: None, raising=True)
+    assert checks.stale_numbers(np.random.default_rng(0), 2) > 0
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1.1e-9], ids=["nan", "inf", "above"])
+def test_a_value_that_is_not_below_the_limit_fails(value: float) -> None:
+    assert not CRITERIA["B1"].judge(value).passed
+
+
+def test_runs_that_cannot_be_compared_are_infinitely_apart() -> None:
+    run = afl.simulate_ode(SHORT, FIXED)
+    coarse = afl.simulate_ode(SHORT, FIXED, sample_period=2e-3)
+    fallen = dataclasses.replace(SHORT, initial_state=(0.0, -1.6, 0.0, 0.0))
+    at_once = afl.simulate_ode(fallen, FIXED)
+    assert at_once.outcome == afl.Outcome("fell", 0.0)
+    fell = dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
+    for pair in ((at_once, at_once), (run, fell), (run, coarse)):
+        assert checks.state_difference(*pair) == math.inf
+
+
+def test_runs_that_fell_are_compared_until_the_pole_is_nearly_down() -> None:
+    run = afl.simulate_ode(SHORT, FIXED)
+    fell = dataclasses.replace(run, outcome=afl.Outcome("fell", float(run.time[-1])))
+    shifted = fell.state.copy()
+    shifted[:, 0] += np.where(np.abs(shifted[:, 1]) > 0.9, 1e-3, 0.0)  # where it has tipped far
+    other = dataclasses.replace(fell, state=shifted)
+    assert checks.state_difference(fell, other) == pytest.approx(1e-3)
+
+
+def test_b1_sees_a_cart_that_is_one_part_in_a_million_too_heavy() -> None:
+    schedule = SHORT.cart_mass
+    heavier = afl.Schedule(schedule.times, tuple(v * (1.0 + 1e-6) for v in schedule.values))
+    exact = afl.simulate_mujoco(dataclasses.replace(SHORT, cart_mass=heavier), FIXED, "exact")
+    difference = checks.state_difference(exact, afl.simulate_ode(SHORT, FIXED))
+    assert not CRITERIA["B1"].judge(difference).passed
+
+
+def test_a5_and_b3_see_a_schedule_half_a_step_late() -> None:
+    late = dataclasses.replace(
+        SHORT,
+        half_length=afl.Schedule(
+            tuple(t + 5e-4 for t in SHORT.half_length.times), SHORT.half_length.values
+        ),
+    )
+    runs = closed_loop_runs(SHORT, FIXED, Settings())
+    runs["mujoco sampled"] = afl.simulate_mujoco(late, FIXED, "sampled")
+    passed = {c.id: c.passed for c in checks.closed_loop_checks(SHORT, FIXED, runs)}
+    assert passed == {"A5": False, "B1": True, "B2": True, "B2b": True, "B3": False}
+
+
+def test_a3_sees_one_field_that_was_not_mutated(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forget_the_tip(model: afl.CartPoleModel, parameters: afl.CartPoleParameters) -> None:
+        before = model.mj_model.site_pos.copy()
+        original(model, parameters)
+        model.mj_model.site_pos[:] = before
+
+    original = afl.CartPoleModel.set_parameters
+    monkeypatch.setattr(afl.CartPoleModel, "set_parameters", forget_the_tip)
+    assert checks.stale_numbers(np.random.default_rng(0), plants=3) == 3
+
+
+def test_a1_sees_an_inertia_a_millionth_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    def inflate(model: afl.CartPoleModel, parameters: afl.CartPoleParameters) -> None:
+        original(model, parameters)
+        model.mj_model.body_inertia[2] *= 1.0 + 1e-6
+
+    original = afl.CartPoleModel.set_parameters
+    monkeypatch.setattr(afl.CartPoleModel, "set_parameters", inflate)
+    error = checks.acceleration_error(np.random.default_rng(0), states=100)
+    assert not CRITERIA["A1"].judge(error).passed
+
+
+def test_imperfections_makes_contacts_limits_and_friction_act() -> None:
+    model = afl.CartPoleModel(afl.CartPoleParameters(), edit=checks.add_passive_physics)
+    checks._qacc(model, np.array([1.5, 2.0, 0.0, 0.0]))
+    kinds = set(model.mj_data.efc_type.tolist())
+    assert model.mj_data.ncon > 0
+    assert len(kinds) >= 3  # friction loss, joint limit, contact
+
+
+def test_every_reference_check_holds() -> None:
+    found = checks.reference_checks(checks.free_swings())
+    assert [check.id for check in found] == ["A4", "A4e", "A8", "A8m", "A8x", "A10"]
+    assert all(check.passed for check in found)
+
+
+def test_a10_sees_that_a_fresh_process_gives_other_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    nudged = dataclasses.replace(checks._SHORT, pole_mass=0.05 * (1.0 + 1e-15))
+    monkeypatch.setattr(checks, "_SHORT", nudged)
+    assert checks.differing_runs() == 4
+
+
+def test_a10_sees_a_run_that_depends_on_what_ran_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    ran = []
+
+    def stateful(*arguments: object, **options: object) -> object:
+        run = original(*arguments, **options)
+        ran.append(run)
+        return dataclasses.replace(run, force=run.force + 1e-12 * len(ran))
+
+    original = checks.simulate_ode
+    monkeypatch.setattr(checks, "simulate_ode", stateful)
+    assert not CRITERIA["A10"].judge(checks.differing_runs()).passed
+
+
+def test_a8_sees_one_method_at_a_loose_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
+    def loose(*arguments: object, **options: object) -> object:
+        return original(*arguments, **{"rtol": 1e-6, "atol": 1e-8, **options})
+
+    original = checks.simulate_ode
+    monkeypatch.setattr(checks, "simulate_ode", loose)
+    monkeypatch.setattr("afl_mujoco.simulation.integrator.MAX_STEP", 1.0)
+    assert not CRITERIA["A8"].judge(checks.second_method_difference()).passed
+
+
+def test_the_published_verdict_is_by_these_limits() -> None:
+    published = json.loads(PUBLISHED.read_text(encoding="utf-8"))["checks"]
+    assert {check["id"] for check in published} == CRITERIA.keys()
+    assert [c["id"] for c in published if c["limit"] != CRITERIA[c["id"]].limit] == []

@@ -1,0 +1,146 @@
+"""The claims ledger judges what it is given, and not what it would like to find."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.simulation.metrics import STATES, metrics
+from afl_mujoco.simulation.scoring import ObjectiveScales, with_objective
+from afl_mujoco.studies.verify import claims as ledger
+from afl_mujoco.studies.verify.claims import (
+    EVERY,
+    FITTED,
+    IN_PART,
+    NONE,
+    NOT_REPRODUCED,
+    PUBLISHED_IMPROVEMENT,
+    RANDOM,
+    REPRODUCED,
+    Claim,
+    Readings,
+    decidable,
+    judge_claims,
+    performance_claims,
+    shipped,
+    verdict,
+)
+
+PUBLISHED = {case: {"one": x} for case, x in PUBLISHED_IMPROVEMENT.items()}
+TRIED = Readings(drawn=4, near=dict.fromkeys(PUBLISHED, 4), fitted=PUBLISHED)
+SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
+
+
+def figures(objective: float | None, overshoot: float = 1.0, settling: float | None = 5.0) -> dict:
+    return {
+        "objective": objective,
+        **{f"overshoot_{x}": overshoot for x in STATES},
+        **{f"settling_2pc_{x}": settling for x in STATES},
+    }
+
+
+def as_published() -> dict:
+    """Runs in which the paper is right in everything."""
+    runs = {}
+    for name, controller in product(afl.SCENARIOS, ("fixed", "adaptive")):
+        cut = PUBLISHED_IMPROVEMENT.get(name.removesuffix("-impulse"), 30.0) / 100.0
+        adaptive = controller == "adaptive"
+        settling = (14.0 if adaptive else 15.0) if "impulse" in name else (4.0 if adaptive else 5.0)
+        runs[name, controller] = figures(
+            1.0 - cut if adaptive else 1.0, 0.5 if adaptive else 1.0, settling
+        )
+    return runs
+
+
+def verdicts(runs: dict) -> dict[str, str]:
+    return {claim.id: claim.verdict for claim in performance_claims(runs, TRIED)}
+
+
+def test_runs_as_published_reproduce_every_claim_on_performance() -> None:
+    claims = {claim.id: claim for claim in performance_claims(as_published(), TRIED)}
+    assert {claim.verdict for claim in claims.values()} == {REPRODUCED, EVERY}
+    assert claims["C3"].here == pytest.approx(38.03)
+    assert (claims["C2"].here, claims["C7"].here, claims["C8"].here) == (5.0, 32.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("objective", "expected"),
+    [(0.66, EVERY), (0.75, f"{RANDOM} in 100.0 %"), (None, f"{RANDOM} in 100.0 %")],
+)
+def test_an_improvement_is_judged_under_every_reading(objective, expected) -> None:
+    runs = as_published()
+    runs["step-step", "adaptive"] = figures(objective, 0.5, 4.0)
+    assert verdicts(runs)["C3"] == expected
+
+
+def test_an_improvement_that_no_reading_has_holds_under_none() -> None:
+    runs = as_published()
+    runs["step-step", "adaptive"] = figures(0.85, 0.5, 4.0)
+    none = dict.fromkeys(PUBLISHED, 0)
+    off = {case: {"one": x["one"] + 6.0} for case, x in PUBLISHED.items()}
+
+    def judged(**readings: object) -> Claim:
+        tried = replace(TRIED, **{"near": none, "fitted": off} | readings)
+        return next(c for c in performance_claims(runs, tried) if c.id == "C3")
+
+    claim = judged()
+    assert claim.verdict == NONE
+    assert "as 0 of 1 of" in claim.why and "0.0 % of 4 readings drawn" in claim.why
+    claim = judged(fitted=PUBLISHED)
+    assert claim.verdict == FITTED and "as 1 of 1 of" in claim.why and "is no evidence" in claim.why
+    assert "on the schedules of D3 with the scales of D4 it is 15.0 %" in claim.why
+    assert (
+        judged(near=dict.fromkeys(PUBLISHED, 2)).verdict == "holds under random readings in 50.0 %"
+    )
+
+
+def test_a_run_that_never_settles_takes_from_c2_c7_and_c8() -> None:
+    runs = as_published()
+    runs["step-step", "adaptive"] = figures(0.62, 0.5, None)
+    runs["step-step-impulse", "adaptive"] = figures(0.62, 0.5, None)
+    found = verdicts(runs)
+    assert (found["C2"], found["C7"], found["C8"]) == (IN_PART,) * 3
+
+
+def test_a_share_is_judged_between_its_bounds() -> None:
+    assert [verdict(x, enough=0.95, least=0.5) for x in (0.95, 0.94, 0.5)] == [
+        REPRODUCED,
+        IN_PART,
+        NOT_REPRODUCED,
+    ]
+
+
+def test_the_retuned_adaptive_gains_beat_the_retuned_fixed_gains_in_all_four_cases() -> None:
+    for case in PUBLISHED_IMPROVEMENT:
+        found = []
+        for name in ("fixed-retuned", "adaptive-retuned"):
+            controller, scenario = afl.CONTROLLERS[name], afl.SCENARIOS[case]
+            run = afl.simulate_ode_rk4(scenario, controller, timestep=1e-3)
+            scored = with_objective(metrics(scenario, controller, run), SCALES)
+            found.append(scored["objective"])
+        assert found[1] < found[0], case
+
+
+def test_the_law_linearises_and_a_wrong_one_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert ledger.linearisation_claim().verdict == REPRODUCED
+    original = ledger.linearizing_force
+    for least in (0.0, 50.0):  # everywhere, and only where accelerations are large
+
+        def wrong(u, phi, *others, least=least):
+            return original(u, phi, *others) * (1.0 + 1e-6 * (abs(u) > least and abs(phi) < 1.0))
+
+        monkeypatch.setattr(ledger, "linearizing_force", wrong)
+        assert ledger.linearisation_claim().verdict == NOT_REPRODUCED
+
+
+def test_the_ledger_has_the_twelve_claims_in_order_or_none() -> None:
+    known = shipped()
+    claims = judge_claims(as_published(), known)
+    assert [claim.id for claim in claims] == [f"C{k}" for k in range(1, 13)]
+    assert set(known.random_schedules) == {"published", "retuned"}
+    incomplete = {k: v for k, v in as_published().items() if k != ("nominal", "fixed")}
+    assert decidable(as_published())
+    assert not decidable(incomplete)

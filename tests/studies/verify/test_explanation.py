@@ -1,0 +1,195 @@
+"""The explanation of a difference closes, and each of its checks can fail."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.controller import LINEAR
+from afl_mujoco.simulation.ode_fixed_step import Holds
+from afl_mujoco.studies.cases import Settings, closed_loop_runs
+from afl_mujoco.studies.verify import explanation
+from afl_mujoco.studies.verify.convergence import (
+    STEPS,
+    Refinement,
+    Study,
+    difference,
+    sampled_study,
+    studied,
+)
+from afl_mujoco.studies.verify.criteria import CRITERIA
+
+SHORT = dataclasses.replace(
+    afl.SCENARIOS["step-trapezoid"],
+    name="short",
+    duration=2.0,
+    cart_mass=afl.staircase((0.3,), (0.5, 1.0)),
+    disturbances=(
+        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
+        afl.Impulse(momentum=0.3, time=0.7),
+    ),
+)
+ADAPTIVE = afl.CONTROLLERS["adaptive"]
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return closed_loop_runs(SHORT, ADAPTIVE, Settings())
+
+
+@pytest.fixture(scope="module")
+def explained(runs):
+    return explanation.explain(SHORT, ADAPTIVE, runs, full=True)
+
+
+def test_everything_holds_on_a_scenario_with_jump_ramp_pulse_and_impulse(explained):
+    assert [c.id for c in explained.checks if not c.passed] == []
+    assert {c.id for c in explained.checks} == {
+        "A6e", "A6p", "B2o", "B4", "B4r", "B4s", "B5", "B6", "B7",
+    }  # fmt: skip
+
+
+def test_the_studies_behind_the_orders_are_kept(explained):
+    rows = explained.studies
+    assert [(row.study, row.expected) for row in rows] == [
+        ("continuous", 4.0),
+        ("sampled", 1.0),
+        ("schedule", 2.0),
+    ]
+    checked = {c.id: c.value for c in explained.checks}
+    for row, id in zip(rows, ("B2o", "B4", "B4s"), strict=True):
+        assert (row.scenario, row.controller) == ("short", "adaptive")
+        assert len(row.steps) == len(row.errors) == 4
+        assert row.deviation == abs(row.order - row.expected) == checked[id]
+
+
+def test_a_study_that_did_not_finish_has_no_order():
+    for errors in ((math.inf, 1.0, 0.5, 0.25), (2.0, 1.0, 0.5, 0.0)):
+        found = Study((0.4, 0.2, 0.1, 0.05), errors)
+        row = Refinement.of(found, study="sampled", expected=1.0)
+        assert (row.scenario, row.order) == ("any", None)
+        assert row.errors == tuple(None if e == math.inf else e for e in errors)
+        assert math.isnan(row.deviation)
+
+
+def test_the_budget_names_the_held_control_as_the_largest_source(explained):
+    budget = explained.budget
+    parts = (budget.model_form, budget.integrator, budget.schedule_sampling)
+    assert budget.control_hold > 100.0 * max(parts)
+    assert budget.total == pytest.approx(budget.control_hold, rel=0.05)  # B5
+
+
+def test_what_the_paper_leaves_out_is_not_small(explained):
+    assert explained.omission.stretching_rod > 0.1
+    assert explained.omission.momenta_kept > 0.1
+
+
+def test_at_its_worst_the_parts_of_the_difference_add_up_to_it(explained):
+    worst = dataclasses.asdict(explained.budget.at_worst)
+    assert (worst.pop("state"), 0.0 < worst.pop("time") < SHORT.duration) == ("phi_dot", True)
+    total = worst.pop("total")
+    assert abs(total) == explained.budget.total
+    assert sum(worst.values()) == pytest.approx(total, rel=1e-12)
+
+
+def test_the_budget_stays_open_if_a_source_is_forgotten(runs, monkeypatch):
+    monkeypatch.setattr(
+        explanation, "Holds", lambda control_period=None, **held: original(None, **held)
+    )
+    original = Holds
+    parts = explanation.budget_curves(SHORT, ADAPTIVE, runs)
+    times = runs["mujoco sampled"].time
+    budget = explanation.error_budget(SHORT, ADAPTIVE, times, parts)
+    assert not CRITERIA["B5"].judge(budget.residual_share).passed
+
+
+def test_the_ledger_stays_open_if_the_ramps_are_not_booked(monkeypatch):
+    monkeypatch.setattr(explanation, "_ramp_power", lambda *_: (0.0, 0.0))
+    book = explanation.ledger(SHORT, ADAPTIVE)
+    assert not CRITERIA["A6e"].judge(book.energy_residual).passed
+    assert not CRITERIA["A6p"].judge(book.momentum_residual).passed
+
+
+def test_the_ledger_closes_where_a_jump_and_an_impulse_coincide():
+    hit = afl.Impulse(momentum=0.3, time=0.3)
+    struck = dataclasses.replace(SHORT, duration=0.5, disturbances=(hit,))
+    book = explanation.ledger(struck, ADAPTIVE)
+    assert book.energy_of_jumps != 0.0
+    assert CRITERIA["A6e"].judge(book.energy_residual).passed
+    assert CRITERIA["A6p"].judge(book.momentum_residual).passed
+
+
+def test_the_plateau_check_fails_on_a_model_that_matches(monkeypatch):
+    assert explanation.plateau_check().passed
+    monkeypatch.setattr(explanation, "CAPSULE_EXCESS", 0.0)
+    assert not explanation.plateau_check().passed
+
+
+def test_the_plateau_fails_only_where_the_order_has_failed_long_before():
+    steps, fourth = (2e-3, 1e-3, 5e-4, 2.5e-4), (16.0, 1.0, 1.0 / 16.0, 1.0 / 256.0)
+
+    def fails(name, model_error):
+        study = Study(steps, tuple(error + model_error for error in fourth))
+        value = study.reduction if name == "B6" else abs(study.order - 4.0)
+        return not CRITERIA[name].judge(value).passed
+
+    assert not fails("B2o", 0.0) and not fails("B6", 0.0)
+    assert fails("B2o", 0.01)
+    assert not fails("B6", 0.3) and fails("B6", 0.5)
+
+
+def test_a_run_that_fell_is_not_explained(runs):
+    fallen = {
+        name: dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
+        for name, run in runs.items()
+    }
+    assert explanation.budget_curves(SHORT, ADAPTIVE, fallen) == {}
+    explained = explanation.explain(SHORT, ADAPTIVE, fallen, full=True)
+    assert explained == explanation.Explanation()
+
+
+def test_the_order_of_a_power_law_is_its_exponent():
+    study = Study((0.4, 0.2, 0.1, 0.05), tuple(3.0 * h**2.5 for h in (0.4, 0.2, 0.1, 0.05)))
+    assert study.order == pytest.approx(2.5, rel=1e-12)
+    assert study.reduction == pytest.approx(4.0**-2.5, rel=1e-12)
+
+
+def test_no_error_at_all_is_no_reduction():
+    assert Study((0.4, 0.2, 0.1, 0.05), (0.0,) * 4).reduction == math.inf
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("nominal", 2.0), ("step-step", 3.5), ("trapezoid-step", 8.5), ("step-step-impulse", 10.6)],
+)
+def test_a_study_ends_half_a_second_after_the_last_breakpoint(name, expected):
+    assert studied(afl.SCENARIOS[name]).duration == pytest.approx(expected, abs=2e-3)
+
+
+NOTHING = afl.StateFeedback(
+    name="nothing", kind=LINEAR, gains=afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
+)
+GLIDING = dataclasses.replace(
+    afl.SCENARIOS["nominal"],
+    initial_state=(0.0, 0.0, 2.0, 0.0),
+    cart_mass=afl.staircase((0.101,), (0.5, 1.0)),
+    duration=0.4,
+)
+
+
+def test_a_breakpoint_off_the_largest_step_is_no_instant_of_a_sampled_study():
+    reference = afl.simulate_ode(GLIDING, NOTHING, sample_period=STEPS[0])
+    assert 0.101 in reference.time.tolist()
+    study, residue = sampled_study(GLIDING, NOTHING, reference)
+    assert max(*study.errors, residue) < 1e-9
+
+
+def test_a_run_that_ends_before_the_reference_has_no_difference_however_fine():
+    reference = afl.simulate_ode(GLIDING, NOTHING, sample_period=4e-3)
+    shorter = dataclasses.replace(GLIDING, duration=0.2)
+    run = afl.simulate_mujoco(shorter, NOTHING, "continuous", timestep=1e-3)
+    assert len(run.time) > len(reference.time)
+    assert difference(run, reference) == float("inf")
