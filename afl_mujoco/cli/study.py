@@ -137,7 +137,7 @@ class StudyCommand:
         from afl_mujoco.pool import require_address, require_workers
 
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
-        request = study.request(configuration)  # what is quick to check comes first
+        request = study.prepare(configuration)  # what is quick to check comes first
         require_workers(who.get("workers", 1))
         if who.get("cluster") is not None:
             require_address(who["cluster"])
@@ -234,16 +234,13 @@ def _stub(one: Listed) -> Any:
 
 def inputs_of(request: Any) -> dict[str, str]:
     """Return digests of the scenarios and controllers that a study runs."""
-    from afl_mujoco.control.catalogue import digests, find_controller
-    from afl_mujoco.scenario.files import find_scenario
+    from afl_mujoco.control.catalogue import digests
 
     def run(option: str) -> list[Any]:
         one, several = (getattr(request, name, None) for name in (option, f"{option}s"))
         return [*(several or ()), *([] if one is None else [one])]
 
-    controllers = [find_controller(x) if isinstance(x, str) else x for x in run("controller")]
-    scenarios = [find_scenario(x) if isinstance(x, str) else x for x in run("scenario")]
-    return digests(scenarios, controllers)
+    return digests(run("scenario"), run("controller"))
 
 
 def _told(files: Sequence[Path]) -> str:

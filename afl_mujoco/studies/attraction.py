@@ -17,7 +17,7 @@ from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.parameters import require_positive
+from afl_mujoco.scenario.parameters import LARGEST_STATE, require_positive, require_start_angle
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
@@ -85,8 +85,9 @@ def prepare(options: Options) -> Request:
     scenario = find_scenario(o.scenario)
     count = o.grid if o.grid is not None else QUICK_GRID if o.quick else GRID
     require_count("grid", count, 2, MOST_GRID)
-    require_positive("max_angle", o.max_angle)
-    require_positive("max_rate", o.max_rate)
+    require_start_angle("max_angle", require_positive("max_angle", o.max_angle))
+    if not require_positive("max_rate", o.max_rate) <= LARGEST_STATE:
+        raise InvalidValueError("max_rate", f"must be at most {LARGEST_STATE:g}", o.max_rate)
     if not o.max_angle < FALL_ANGLE:
         rule = f"must be below {FALL_ANGLE:.4f} rad, where a pole has fallen"
         raise InvalidValueError("max_angle", rule, o.max_angle)

@@ -27,7 +27,6 @@ A study is a module of this folder. Its first line is what the list of commands 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import inspect
 import itertools
 from collections.abc import Callable, Sequence
@@ -99,9 +98,8 @@ class Study:
     order: int  # among the studies, lowest first
     schema: int  # of its result file, raised whenever an older file can no longer be read
     configuration: type  # its options
+    prepare: Callable[[Any], Any]  # options -> what is run, or raises if a rule is broken
     run: Callable[..., Any]
-    prepare: Callable[[Any], Any] | None = None
-    check: Callable[[Any], None] | None = None  # of a study whose options are what is run
     stem: str = ""  # beginning of its file names; its name by default
 
     def __post_init__(self) -> None:
@@ -112,12 +110,6 @@ class Study:
     def command(self) -> str:
         """The command that makes its result."""
         return f"afl-mujoco {self.name}"
-
-    def request(self, options: Any) -> Any:
-        """Return what its ``run`` takes, or raise if a rule is broken."""
-        if self.check is not None:
-            self.check(options)
-        return options if self.prepare is None else self.prepare(options)
 
     def takes(self, option: str) -> bool:
         """Return whether its ``run`` takes an option."""

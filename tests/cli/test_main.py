@@ -151,10 +151,6 @@ BAD_ARGUMENTS = {
         "--time-step is not an option of compare; did you mean --timestep?",
     ),
     "option before the command": (["--fast"], "--fast is not an option of afl-mujoco"),
-    "option with one of its two values": (
-        ["attraction", "--cart-masses", "1"],
-        "--cart-masses must be 2 numbers, got 1",
-    ),
     "one argument too many": (
         ["simulate", "nominal", "step-step"],
         "argument 'step-step' is one too many",

@@ -46,5 +46,5 @@ def test_the_study_of_the_guide_is_a_command(tmp_path: Path, monkeypatch, comman
     monkeypatch.setattr(studies, "__path__", [*studies.__path__, str(tmp_path)])
     code, output, errors = command_line("falling", "--no-page", "--out", "out")
     assert (code, errors) == (0, "")
-    assert output.splitlines()[-1] == "2 of 2 controllers keep the pole up."
+    assert output.splitlines()[-1] == "1 of 2 controllers keep the pole up."
     assert (tmp_path / "out" / "falling.json").is_file()

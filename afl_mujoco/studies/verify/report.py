@@ -81,12 +81,14 @@ def _headline(result: Result) -> str:
     return "; ".join(said)
 
 
-def _requirements(result: Result) -> list[Matrix]:
+def _requirements(result: Result) -> list[Block]:
     """Return how requirements are met; nothing if completion is the only one and all complete."""
     own = any(one.requirements != NONE or one != one.ideal for one in result.scenarios)
     if not own and not any(run.missed for run in result.rows):
         return []
-    found = []
+    found: list[Block] = []
+    if any(one != one.ideal for one in result.scenarios):
+        found.append("With the imperfections of the file; the codes are compared without them.")
     for scenario in result.scenarios:
         cases = grouped([run for run in result.rows if run.scenario == scenario.name])
         draws = {name: runs for (_, name), runs in cases.items()}
