@@ -100,9 +100,9 @@ Key = tuple[str, str, str, int]
 
 LATE = (
     "tests/control/test_baselines.py",
-    *("tests/studies/thresholds/test_sweep.py", "tests/simulation/test_gym_env.py"),
+    *("tests/studies/test_thresholds.py", "tests/simulation/test_gym_env.py"),
     *("tests/studies/test_margins.py", "tests/simulation/test_task.py"),
-    *("tests/studies/monte_carlo/test_campaign.py", "tests/studies/monte_carlo/test_worst_case.py"),
+    *("tests/studies/test_montecarlo.py", "tests/studies/test_robustness.py"),
     *("tests/simulation/test_task_pictures.py", "tests/simulation/test_graphics.py"),
 )
 """Tests that take longest; they run last."""
