@@ -100,9 +100,9 @@ def test_the_first_comparison_says_who_meets_the_requirements(tmp_path: Path) ->
     )
     assert (run.returncode, run.stderr) == (1, "")
     last = run.stdout.splitlines()[-1]
-    assert last.startswith("FAIL: lqr on rig passes 10 of 10 draws; adaptive on rig passes 0 of 10")
+    assert last.startswith("FAIL: lqr passes 10 of 10 draws · adaptive passes 0 of 10, else misses")
     result = json.loads((tmp_path / "compare.json").read_text())
-    outcomes = {one["controller"]: one["outcome"] for one in result["runs"]}
+    outcomes = {one["controller"]: one["outcome"] for one in result["rows"]}
     assert outcomes == dict.fromkeys(("lqr", "adaptive", "own_controller.Integrating"), "completed")
 
 
@@ -155,11 +155,11 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(tmp_path: Pat
     assert (run.returncode, run.stderr) == (0, "")
     found = load_record(find_study("thresholds"), tmp_path / "out").result
     (mine,) = found.sweeps
-    broken = found.failing["broken.raises"]
+    (broken,) = found.runs(found.bare["broken.raises"])
     assert mine.survives.holds_at > 50.0  # it needs more than the reference hardware has
-    assert mine.failure.failure == "fell"
+    assert [one.failure for one in found.runs(mine.failure)] == ["fell"]
     assert broken.failure == CONTROLLER_FAILED
-    assert broken.message.startswith(SAID["raises"])
+    assert SAID["raises"].endswith(broken.message[: len("raised ZeroDivisionError at t = 0.05")])
 
 
 @pytest.mark.parametrize(

@@ -400,7 +400,7 @@ class Simulate:
         if self.log:
             others += [f.name for f in write_run(scenario, runs[0], folder, stem)]
         say(f"wrote {folder / stem}.npz, {', '.join(others)}")
-        ending = run.ending if not run.failure else how(run.failure)
+        ending = how(run.failure) if run.failure not in ("", run.outcome) else run.ending
         headline = f"{controller.name} on {scenario.name}: {ending}"
         print_report(Report(headline=headline, blocks=blocks, passed=not run.missed))
         return CHECK_FAILED if run.missed else SUCCESS

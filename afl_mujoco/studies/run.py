@@ -21,7 +21,7 @@ from afl_mujoco.simulation.judgement import (
     least_margin,
     settling_time,
 )
-from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, Outcome, Trajectory
 
 if TYPE_CHECKING:
     from afl_mujoco.simulation.sampled.rollouts import Rollout
@@ -76,7 +76,7 @@ class Run:
             return f"failed: {self.message}"
         if self.outcome == COMPLETED or self.time is None:
             return self.outcome
-        return f"{self.outcome} at t = {self.time:.3f} s"
+        return str(Outcome(self.outcome, self.time))
 
     @property
     def margin(self) -> float | None:
