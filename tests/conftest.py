@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 
 import numpy as np
 import pytest
@@ -113,3 +114,14 @@ def command_line(tmp_path, monkeypatch, capsys):
         return code, output, without_progress(errors)
 
     return run
+
+
+@pytest.fixture(autouse=True)
+def controller_files_are_forgotten(tmp_path):
+    """A controller file of one test is not the one that the next test means by the same name."""
+    path = [*sys.path]
+    yield
+    sys.path[:] = path
+    for name, module in [*sys.modules.items()]:
+        if str(getattr(module, "__file__", None)).startswith(str(tmp_path)):
+            del sys.modules[name]
