@@ -30,9 +30,15 @@ from research.gain_tuning import paper_scales
 
 Array = NDArray[np.float64]
 
-FINE = Imperfections(noise_z=1e-4, noise_phi=1e-4)
-COARSE = Imperfections(noise_z=1e-4, noise_phi=1e-3)
-ENCODERS = Imperfections(encoder_step_z=3.5e-4, encoder_step_phi=2.0 * np.pi / 3600.0)
+FINE = Imperfections(
+    noise={"z": 1e-4, "phi": 1e-4},
+)
+COARSE = Imperfections(
+    noise={"z": 1e-4, "phi": 1e-3},
+)
+ENCODERS = Imperfections(
+    encoder_step={"z": 3.5e-4, "phi": 2.0 * np.pi / 3600.0},
+)
 RIGS = {"no noise": IDEAL, "fine": FINE, "usual": USUAL, "coarse": COARSE, "encoders": ENCODERS}
 TOLD = afl.CONTROLLERS["adaptive"]
 
@@ -71,7 +77,10 @@ class Run:
 
 def settings_for(rig: Imperfections, **changes: Any) -> EstimatorSettings:
     """The estimator's settings where the noise is known and the rest of the rig is not."""
-    pairs = ((rig.noise_z, rig.encoder_step_z), (rig.noise_phi, rig.encoder_step_phi))
+    pairs = (
+        (rig.at("noise.z"), rig.at("encoder_step.z")),
+        (rig.at("noise.phi"), rig.at("encoder_step.phi")),
+    )
     z, phi = (max(float(np.hypot(noise, step / 12**0.5)), 1e-5) for noise, step in pairs)
     return EstimatorSettings(position_noise=z, angle_noise=phi, **changes)
 
@@ -97,7 +106,7 @@ def told(scenario: Scenario, rig: Imperfections, law: Controller = TOLD) -> Run:
 
 def seeded(rig: Imperfections, seeds: int) -> list[Imperfections]:
     """The same rig under several noises; once where there is none."""
-    count = seeds if rig.noise_z or rig.noise_phi else 1
+    count = seeds if rig.at("noise.z") or rig.at("noise.phi") else 1
     return [replace(rig, seed=seed) for seed in range(count)]
 
 
@@ -163,8 +172,7 @@ def start(seeds: int) -> None:
 def constant_plant(mass: float, length: float, **changes: Any) -> Scenario:
     return afl.Scenario(
         name="constant",
-        cart_mass=afl.constant(mass),
-        half_length=afl.constant(length),
+        schedule={"cart_mass": afl.constant(mass), "half_length": afl.constant(length)},
         **changes,
     )
 
@@ -216,18 +224,26 @@ def rig(seeds: int) -> None:
         "nothing": ({}, settings_for(USUAL)),
         "noise thought 3 times less": (
             {},
-            settings_for(Imperfections(noise_z=3e-5, noise_phi=1.7e-4)),
+            settings_for(
+                Imperfections(
+                    noise={"z": 3e-5, "phi": 1.7e-4},
+                )
+            ),
         ),
         "noise thought 3 times more": (
             {},
-            settings_for(Imperfections(noise_z=3e-4, noise_phi=1.5e-3)),
+            settings_for(
+                Imperfections(
+                    noise={"z": 3e-4, "phi": 1.5e-3},
+                )
+            ),
         ),
         "5 ms control period": ({"control_period": 5e-3}, settings_for(USUAL)),
         "10 ms control period": ({"control_period": 1e-2}, settings_for(USUAL)),
-        "damping 0.1 N s/m": ({"rail_damping": 0.1}, settings_for(USUAL)),
-        "damping 0.5 N s/m": ({"rail_damping": 0.5}, settings_for(USUAL)),
-        "dry friction 0.1 N": ({"rail_friction": 0.1}, settings_for(USUAL)),
-        "dry friction 0.5 N": ({"rail_friction": 0.5}, settings_for(USUAL)),
+        "damping 0.1 N s/m": ({"damping.z": 0.1}, settings_for(USUAL)),
+        "damping 0.5 N s/m": ({"damping.z": 0.5}, settings_for(USUAL)),
+        "dry friction 0.1 N": ({"dry_friction.z": 0.1}, settings_for(USUAL)),
+        "dry friction 0.5 N": ({"dry_friction.z": 0.5}, settings_for(USUAL)),
     }
     for unknown in (0.001, 0.003, 0.03, 0.1):
         settings = settings_for(USUAL, acceleration_noise=unknown)
@@ -239,7 +255,7 @@ def rig(seeds: int) -> None:
         runs = [
             estimated(afl.SCENARIOS[case], one, settings)
             for case in CASES
-            for one in seeded(replace(USUAL, **has), seeds)
+            for one in seeded(USUAL.changed(has), seeds)
         ]
         print(f"  {label:<30} {summary(runs)}")
 
@@ -260,14 +276,14 @@ def drive(seeds: int) -> None:
     print("  survived; objective (O1) less its force term; rms of ln M / ln l, 0.05-6 s")
     drives: dict[str, dict[str, Any]] = {
         "nothing": {},
-        "force limit 30 N": {"force_limit": 30.0},
-        **{f"lag {ms} ms": {"actuator_lag": 1e-3 * ms} for ms in (2, 5, 10)},
+        "force limit 30 N": {"input_limit": 30.0},
+        **{f"lag {ms} ms": {"lag": 1e-3 * ms} for ms in (2, 5, 10)},
         **{f"delay {ms} ms": {"delay": 1e-3 * ms} for ms in (2, 5, 10)},
         **{f"slew {rate} N/s": {"slew_rate": float(rate)} for rate in (1000, 300)},
     }
     print(f"  {'':<20} {'true M and l':<22} {'force commanded':<28} force sensed")
     for label, has in drives.items():
-        rigs = seeded(replace(USUAL, **has), seeds)
+        rigs = seeded(USUAL.changed(has), seeds)
         pairs = [(afl.SCENARIOS[case], one) for case in CASES for one in rigs]
         texts = [summary([told(*pair) for pair in pairs])]
         for sensed in (False, True):

@@ -26,31 +26,31 @@ from afl_mujoco.studies.montecarlo import file_of
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
 
-SENSORS = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
+SENSORS = ("noise.z", "noise.phi", "noise.z_dot", "noise.phi_dot")
 TAKEN_AWAY = {
     "nothing": (),
-    "rail damping": ("rail_damping",),
-    "dry friction": ("rail_friction",),
-    "hinge damping": ("hinge_damping",),
-    "delay and lag": ("delay", "actuator_lag"),
-    "noise and encoder steps": (*SENSORS, "encoder_step_z", "encoder_step_phi"),
+    "rail damping": ("damping.z",),
+    "dry friction": ("dry_friction.z",),
+    "hinge damping": ("damping.phi",),
+    "delay and lag": ("delay", "lag"),
+    "noise and encoder steps": (*SENSORS, "encoder_step.z", "encoder_step.phi"),
     "all of these": (
-        *("rail_damping", "rail_friction", "hinge_damping", "delay", "actuator_lag"),
-        *(*SENSORS, "encoder_step_z", "encoder_step_phi"),
+        *("damping.z", "dry_friction.z", "damping.phi", "delay", "lag"),
+        *(*SENSORS, "encoder_step.z", "encoder_step.phi"),
     ),
 }
 ANGLE, DAMPING = "start angle |φ₀| [deg]", "rail damping / least cart mass [1/s]"
 FEATURES = {
     ANGLE: lambda rig: math.degrees(abs(rig.initial_state[1])),
-    DAMPING: lambda rig: rig.imperfections.rail_damping / min(rig.cart_mass.values),
+    DAMPING: lambda rig: rig.imperfections.at("damping.z") / min(rig.cart_mass.values),
 }
 
 
 def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int) -> int:
     """Count the runs of some files that survive if some options are ideal."""
-    ideal = {name: getattr(IDEAL, name) for name in names}
+    ideal = {name: IDEAL.at(name) for name in names}
     rigs = [afl.load_scenario(file) for file in files]
-    rigs = [replace(rig, imperfections=replace(rig.imperfections, **ideal)) for rig in rigs]
+    rigs = [replace(rig, imperfections=rig.imperfections.changed(ideal)) for rig in rigs]
     runs = afl.run_rollouts(rigs, law, threads=threads)
     return sum(runs.outcome(i).kind == "completed" for i in range(len(runs)))
 

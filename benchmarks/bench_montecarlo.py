@@ -28,7 +28,9 @@ from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
 
 TIMESTEP, THREADS = 1e-3, 2
 CONTROLLER = afl.CONTROLLERS["adaptive"]
-NOISE = Imperfections(noise_z=1e-3, noise_phi=1e-3, noise_z_dot=1e-2, noise_phi_dot=1e-2)
+NOISE = Imperfections(
+    noise={"z": 1e-3, "phi": 1e-3, "z_dot": 1e-2, "phi_dot": 1e-2},
+)
 """Noise on every channel of the measurement at every step, and no other imperfection."""
 
 WAYS = (
@@ -48,7 +50,7 @@ def scenarios(steps: int, batch: int) -> tuple[list[Scenario], list[Scenario]]:
     duration = steps * TIMESTEP
     ramp = afl.piecewise_linear((0.0, duration), (0.5, 1.0))
     constant = Scenario(name="constant", duration=duration)
-    changing = replace(constant, name="ramp", cart_mass=ramp, half_length=ramp)
+    changing = replace(constant, name="ramp", schedule={"cart_mass": ramp, "half_length": ramp})
     return tuple(
         [replace(scenario, imperfections=replace(NOISE, seed=seed)) for seed in range(batch)]
         for scenario in (constant, changing)

@@ -45,7 +45,9 @@ def scenarios(steps: int) -> tuple[Scenario, Scenario]:
     duration = steps * TIMESTEP
     ramp = afl.piecewise_linear((0.0, duration), (0.5, 1.0))
     constant = afl.Scenario(name="constant", duration=duration)
-    return constant, dataclasses.replace(constant, name="ramp", cart_mass=ramp, half_length=ramp)
+    return constant, dataclasses.replace(
+        constant, name="ramp", schedule={"cart_mass": ramp, "half_length": ramp}
+    )
 
 
 def loop(scenario: Scenario, integrator: str) -> Callable[[], object]:

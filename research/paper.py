@@ -223,8 +223,10 @@ def scenario_of(one: Array, case: str, name: str) -> Scenario:
     mass, length = case.split("-")
     return Scenario(
         name=f"{name}-{case}",
-        cart_mass=schedule_of(one, "M", mass),
-        half_length=schedule_of(one, "l", length),
+        schedule={
+            "cart_mass": schedule_of(one, "M", mass),
+            "half_length": schedule_of(one, "l", length),
+        },
         duration=float(one[HORIZON]),
     )
 

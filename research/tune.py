@@ -28,7 +28,6 @@ from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.style import save_figure, styled
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.scoring import with_objective
@@ -57,7 +56,7 @@ def mujoco_objective(row: Sequence[float]) -> float | None:
     mass, length, *gains = row
     found = Gains(**dict(zip(GAIN_NAMES, gains[:3], strict=True)))
     controller = AFLController(name="row", gain_function=GainFunction.constant(found))
-    scenario = Scenario(name="row", cart_mass=constant(mass), half_length=constant(length))
+    scenario = Scenario(name="row", schedule={"cart_mass": mass, "half_length": length})
     run = simulate_mujoco(scenario, controller, "continuous", timestep=1e-3)
     return with_objective(metrics(scenario, controller, run), paper_scales())["objective"]
 

@@ -46,10 +46,12 @@ def odd_scenario():
     """
     return Scenario(
         name="odd",
-        cart_mass=staircase((0.1507, 0.4003), (0.7, 1.6, 1.1)),
-        half_length=piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
-        pole_mass=0.083,
-        gravity=9.65,
+        schedule={
+            "cart_mass": staircase((0.1507, 0.4003), (0.7, 1.6, 1.1)),
+            "half_length": piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
+            "pole_mass": 0.083,
+            "gravity": 9.65,
+        },
         disturbances=(
             ForcePulse(force=-7.0, start=0.2511, duration=0.0333),
             Impulse(momentum=0.21, time=0.5207),
@@ -64,10 +66,12 @@ def smooth_scenario():
     """An odd plant that neither changes nor is disturbed."""
     return Scenario(
         name="smooth",
-        cart_mass=constant(1.37),
-        half_length=constant(0.29),
-        pole_mass=0.083,
-        gravity=9.65,
+        schedule={
+            "cart_mass": constant(1.37),
+            "half_length": constant(0.29),
+            "pole_mass": 0.083,
+            "gravity": 9.65,
+        },
         initial_state=(0.11, -0.62, 0.05, 0.4),
         duration=0.8,
     )

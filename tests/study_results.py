@@ -47,7 +47,7 @@ def thresholds() -> thresholds_study.Result:
 @cache
 def monte_carlo() -> montecarlo.Result:
     """Return samples, some of which fail, and worst cases; controllers were asked for nastily."""
-    asked = Requirements(max_position=0.12)
+    asked = Requirements(max={"z": 0.12})
     ranges = Ranges(varied={"phi": (-0.4, 0.4), "delay": (0.0, 0.004)})
     space = SampleSpace(replace(SHORT, name=NASTY, requirements=asked, ranges=ranges))
     budget = Budget(generations=1, population=4)
@@ -66,7 +66,7 @@ def attraction() -> attraction_study.Result:
 @cache
 def compare() -> compare_study.Result:
     """Return two controllers on a scenario with a nasty name, one of which computes no force."""
-    asked = Requirements(max_position=1.0, settling_time=0.39)
+    asked = Requirements(max={"z": 1.0}, settling_time=0.39)
 
     def broken(time: float, state: Any, belief: Any) -> float:
         raise RuntimeError(NASTY)

@@ -24,14 +24,15 @@ RIG = Scenario(
     name="rig",
     duration=6.0,
     initial_state=(0.0, 0.4, 0.0, 0.0),
-    cart_mass=constant(1.0),
-    half_length=constant(0.3),
-    pole_mass=0.1,
+    schedule={"cart_mass": constant(1.0), "half_length": constant(0.3), "pole_mass": 0.1},
     imperfections=Imperfections(
-        control_period=0.01, delay=0.004, encoder_step_phi=1.5e-3, encoder_step_z=1e-4,
-        noise_phi=5e-4, rail_damping=2.0, hinge_damping=3e-4,
+        control_period=0.01,
+        delay=0.004,
+        encoder_step={"phi": 1.5e-3, "z": 1e-4},
+        noise={"phi": 5e-4},
+        damping={"z": 2.0, "phi": 3e-4},
     ),
-)  # fmt: skip
+)
 """A cart-pole whose closed loop is logged."""
 
 PERIOD, STEP = 0.02, 1e-3
@@ -109,7 +110,7 @@ def swing(
         ),
         timestep=STEP,
         imperfections=Imperfections(
-            rail_damping=truth.rail_damping, hinge_damping=truth.hinge_damping
+            damping={"z": truth.rail_damping, "phi": truth.hinge_damping},
         ),
     )
     m, d = model.mj_model, model.mj_data

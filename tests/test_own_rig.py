@@ -17,25 +17,25 @@ from tests.own_rig import Rig, largest, move
 RIG = Rig()
 SCENARIO = afl.Scenario(
     name="own-rig",
-    cart_mass=afl.constant(RIG.cart),
-    half_length=afl.constant(RIG.half),
-    pole_mass=RIG.pole,
+    schedule={
+        "cart_mass": afl.constant(RIG.cart),
+        "half_length": afl.constant(RIG.half),
+        "pole_mass": RIG.pole,
+    },
     duration=RIG.duration,
     initial_state=(0.0, RIG.start, 0.0, 0.0),
     disturbances=(afl.ForcePulse(force=RIG.push[0], start=RIG.push[1], duration=RIG.push[2]),),
     imperfections=afl.Imperfections(
         control_period=RIG.period,
         delay=RIG.delay,
-        actuator_lag=RIG.lag,
-        force_limit=RIG.limit,
-        encoder_step_z=RIG.step_z,
-        encoder_step_phi=RIG.step_phi,
+        lag=RIG.lag,
+        input_limit=RIG.limit,
+        encoder_step={"z": RIG.step_z, "phi": RIG.step_phi},
         differentiated=True,
-        rail_damping=RIG.rail_damping,
-        hinge_damping=RIG.hinge_damping,
+        damping={"z": RIG.rail_damping, "phi": RIG.hinge_damping},
     ),
     requirements=afl.Requirements(
-        max_force=60.0, max_command=200.0, settling_time=1.5, recover_within=1.4
+        max={"force": 60.0, "force_command": 200.0}, settling_time=1.5, recover_within=1.4
     ),
 )
 GAINS = {

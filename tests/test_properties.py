@@ -157,9 +157,11 @@ def scenarios(draw: st.DrawFn) -> afl.Scenario:
     angle = math.radians(75)
     return afl.Scenario(
         name="any",
-        cart_mass=draw(schedules(CART_MASS, end)),
-        half_length=draw(schedules(HALF_LENGTH, end)),
-        pole_mass=draw(POLE_MASS),
+        schedule={
+            "cart_mass": draw(schedules(CART_MASS, end)),
+            "half_length": draw(schedules(HALF_LENGTH, end)),
+            "pole_mass": draw(POLE_MASS),
+        },
         disturbances=draw(st.lists(st.one_of(pulses, hits), max_size=2)),
         initial_state=draw(
             st.tuples(
@@ -201,7 +203,7 @@ def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(
 ) -> None:
     scenario = afl.Scenario(
         name="falling",
-        half_length=afl.constant(0.15),
+        schedule={"half_length": afl.constant(0.15)},
         disturbances=(afl.Impulse(momentum=-60.0 * math.copysign(1, angle), time=0.0107),),
         initial_state=(0.0, angle, 0.0, math.copysign(1.0, angle)),
         duration=1.0,

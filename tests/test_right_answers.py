@@ -23,14 +23,20 @@ def test_a_jump_one_rounding_after_a_tick_is_learned_at_the_tick() -> None:
     runs = [
         afl.simulate_mujoco(
             afl.Scenario(
-                name="jump", duration=4.0, pole_mass=0.2, initial_state=(0.0, 0.15, 0.0, 0.0),
-                cart_mass=afl.staircase([at], [8.0, 1.0]), half_length=afl.constant(0.3),
+                name="jump",
+                duration=4.0,
+                schedule={
+                    "pole_mass": 0.2,
+                    "cart_mass": afl.staircase([at], [8.0, 1.0]),
+                    "half_length": afl.constant(0.3),
+                },
+                initial_state=(0.0, 0.15, 0.0, 0.0),
                 imperfections=afl.Imperfections(control_period=0.05),
             ),
             "lqr",
         )
         for at in (0.3, 0.1 + 0.2, 0.3 - 1e-13)
-    ]  # fmt: skip
+    ]
     assert np.abs(runs[0].state[:, 0]).max() == pytest.approx(0.772, abs=1e-3)
     assert all(np.array_equal(run.state, runs[0].state) for run in runs)
 
@@ -82,8 +88,8 @@ def test_the_force_is_the_one_exerted_and_not_its_mean_over_a_step(delay: float)
     """With half a step of delay spikes of 29.8 N were reported as 19.8 N."""
     scenario = afl.Scenario(
         name="spikes", initial_state=LEAN, duration=2.0,
-        requirements=afl.Requirements(max_force=24.0),
-        imperfections=afl.Imperfections(delay=delay, noise_phi_dot=0.3, seed=1),
+        requirements=afl.Requirements(max={"force": 24.0}),
+        imperfections=afl.Imperfections(delay=delay, noise={"phi_dot": 0.3}, seed=1),
     )  # fmt: skip
     run = afl.simulate_mujoco(scenario, "lqr")
     commands = run.command[:-3]
@@ -126,9 +132,12 @@ def test_a_stiff_damper_holds_the_pole() -> None:
     truth = solve_ivp(slopes, (0.0, 2.0), LEAN, method="Radau", rtol=1e-9, atol=1e-11).y[:, -1]
     assert truth[1] == pytest.approx(0.110, abs=5e-4)
     stiff = afl.Scenario(
-        name="stiff", duration=2.0, initial_state=LEAN, half_length=afl.constant(half),
-        imperfections=afl.Imperfections(hinge_damping=damping),
-    )  # fmt: skip
+        name="stiff",
+        duration=2.0,
+        initial_state=LEAN,
+        schedule={"half_length": afl.constant(half)},
+        imperfections=afl.Imperfections(damping={"phi": damping}),
+    )
     for integrator in ("RK4", "implicit"):
         run = afl.simulate_mujoco(stiff, lambda t, x, b: 0.0, integrator=integrator)
         assert run.outcome.kind == "completed"
@@ -140,7 +149,7 @@ def test_a_stiff_damper_holds_the_pole() -> None:
 
 
 FALLS = "duration = 1.0\ninitial_state = [0.0, 0.5, 0.0, 0.0]\n[requirements]\ncompletes = false\n"
-RAIL = "duration = 5.0\ninitial_state = [0, -0.1, 0, 0]\nimperfections.rail_half_length = 0.2\n"
+RAIL = "duration = 5.0\ninitial_state = [0, -0.1, 0, 0]\nimperfections.end_stops.z = 0.2\n"
 
 
 @pytest.mark.parametrize(
@@ -191,9 +200,11 @@ def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn(
         return 0.0
 
     scenario = afl.Scenario(
-        name="told", duration=0.2, cart_mass=afl.staircase([0.1], [8.0, 10.0]), pole_mass=0.2,
+        name="told",
+        duration=0.2,
+        schedule={"cart_mass": afl.staircase([0.1], [8.0, 10.0]), "pole_mass": 0.2},
         ranges=Ranges(varied={"cart_mass": (2.0, 4.0), "pole_mass": (0.3, 0.4)}, changes=0),
-    )  # fmt: skip
+    )
     for belief, expected in (
         ("nominal", {(8.0, 0.2, 0.5, 9.81)}),
         ({"cart_mass": "nominal", "gravity": {"value": 9.8, "error": 0.1}}, None),

@@ -37,8 +37,10 @@ STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
 
 OWN = afl.Scenario(
     name="step-step",
-    cart_mass=afl.staircase((1.0,), (0.5, 1.0)),
-    half_length=afl.piecewise_linear((0.0, 1.0), (0.2, 0.6)),
+    schedule={
+        "cart_mass": afl.staircase((1.0,), (0.5, 1.0)),
+        "half_length": afl.piecewise_linear((0.0, 1.0), (0.2, 0.6)),
+    },
     disturbances=(ForcePulse(force=-10.0, start=1.2, duration=0.1),),
     duration=2.0,
 )

@@ -14,14 +14,8 @@ from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import CompiledController, Controller, Estimator
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import (
-    CART_MASSES,
-    HALF_LENGTHS,
-    CartPoleParameters,
-    PlantRange,
-    require_positive,
-    require_type,
-)
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
+from afl_mujoco.scenario.values import require_positive, require_type
 
 STATES = 6
 """Length of the estimator's state."""

@@ -28,12 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.controller import CompiledController, Controller, assumed_as_data
 from afl_mujoco.control.names import ESTIMATED
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.scenario.parameters import (
-    CartPoleParameters,
-    PlantRange,
-    require_positive,
-    require_type,
-)
+from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
+from afl_mujoco.scenario.values import require_positive, require_type
 
 ARGUMENTS = (0.0, np.zeros(4), None)
 """As many arguments as a controller's function takes."""

@@ -15,12 +15,7 @@ from afl_mujoco.control.controller import AFL, CompiledController, Controller, a
 from afl_mujoco.control.gains import Gains, beyond_table, shipped_data
 from afl_mujoco.control.law import afl_force, saturation_ratio
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import (
-    CART_MASSES,
-    HALF_LENGTHS,
-    CartPoleParameters,
-    PlantRange,
-)
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
 
 DAMPING = 0.2
 """Exponent by which the slope follows the table: of those tried, the one that most often has a

@@ -133,7 +133,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
         half_length=scenario.half_length(there),
         pole_mass=scenario.pole_mass,
         gravity=scenario.gravity,
-        rail_half_length=scenario.imperfections.rail_half_length,
+        rail_half_length=scenario.rail,
         endings=tuple(
             (end.outcome.time, f"{name} {end.outcome}")
             for name, end in (("MuJoCo", run), ("ideal ODE", ideal))

@@ -21,8 +21,8 @@ from afl_mujoco.films.picture import Picture, frames
 from afl_mujoco.films.replay import Deployment, frame_times, record
 from afl_mujoco.films.scene import require_size
 from afl_mujoco.pool import interrupts_held, open_executor
-from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.values import require_distinct
 
 MOST_RUNS, MOST_FPS = 4, 240
 """Largest number of runs in a film, and of frames per second."""

@@ -15,7 +15,7 @@ from afl_mujoco.errors import (
     UnknownNameError,
 )
 from afl_mujoco.files import parse_json, toml_as_json
-from afl_mujoco.scenario.parameters import require_finite, require_positive
+from afl_mujoco.scenario.values import require_finite, require_positive
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +24,9 @@ from afl_mujoco.identification.identify import Estimate, Identified, Step
 from afl_mujoco.identification.log import write_log
 from afl_mujoco.identification.rig import model_of, physical
 from afl_mujoco.scenario.belief import ERROR, Belief
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.sampled.hardware import new_run, sense, sensors_of
 from afl_mujoco.simulation.trajectory import Trajectory
@@ -63,14 +61,14 @@ def scenario_of(identified: Identified) -> Scenario:
     base = with_values(identified, identified.values)
     found = {one.name: one for one in identified.physical}
     varied: dict[str, tuple[float, float]] = {"phi": (-TILT, TILT)}
-    for name in ("hinge_damping", "hinge_friction"):
-        _add(varied, name, found[name])
+    for path, name in (("damping.phi", "hinge_damping"), ("dry_friction.phi", "hinge_friction")):
+        _add(varied, path, found[name])
     whole = found["cart_mass"].value + identified.description.nominal.pole_mass
-    for name, ratio in (("rail_damping", "decay"), ("rail_friction", "dry_deceleration")):
+    for name, ratio in (("damping.z", "decay"), ("dry_friction.z", "dry_deceleration")):
         of = identified.find(ratio)  # at the M of the file: forces are proportional to masses
         _add(varied, name, replace(of, low=whole * of.low, high=whole * of.high))
     _add(varied, "delay", identified.find("delay"))
-    _add(varied, "actuator_lag", identified.find("lag"))
+    _add(varied, "lag", identified.find("lag"))
     for known in ("cart_mass", "half_length"):
         share = (found[known].high - found[known].value) / found[known].value
         varied[f"{known}{ERROR}"] = (-min(share, 0.9), share)
@@ -89,25 +87,21 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
         name=re.sub(r"[^a-z0-9]+", "-", d.name.lower()).strip("-") or "identified",
         duration=DURATION,
         initial_state=(0.0, TILT, 0.0, 0.0),
-        cart_mass=constant(plant.cart_mass),
-        half_length=constant(plant.half_length),
-        pole_mass=plant.pole_mass,
-        gravity=plant.gravity,
-        imperfections=Imperfections(
+        schedule=asdict(plant),
+        imperfections=replace(
+            friction,
             control_period=d.period,
             delay=max(0.0, values["delay"]),
-            actuator_lag=max(0.0, values["lag"]),
-            force_limit=physical(values, d)["force"] * d.command.limit,
-            encoder_step_z=d.position_count,
-            encoder_step_phi=values.get("angle_scale", 1.0) * d.angle_count,
+            lag=max(0.0, values["lag"]),
+            input_limit=physical(values, d)["force"] * d.command.limit,
+            encoder_step={
+                "z": d.position_count,
+                "phi": values.get("angle_scale", 1.0) * d.angle_count,
+            },
             differentiated=d.position_count > 0.0 and d.angle_count > 0.0,
-            rail_damping=friction.rail_damping,
-            rail_friction=friction.rail_friction,
-            hinge_damping=friction.hinge_damping,
-            hinge_friction=friction.hinge_friction,
-            rail_half_length=rail,
+            end_stops={} if rail is None else {"z": rail},
         ),
-        requirements=Requirements(max_position=rail),
+        requirements=Requirements(max={} if rail is None else {"z": rail}),
     )
 
 
@@ -186,10 +180,9 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
         seen = sense(model.addresses, sensors, memory, tick)
         rows.append((run.time[k], seen[1], seen[0], run.command[k]))
     columns = np.array(rows).reshape(len(rows), 4).T
-    if r.force_limit is not None:
-        columns[3] = np.clip(columns[3], -r.force_limit, r.force_limit)
+    if (limit := r.input_limit) is not None:
+        columns[3] = np.clip(columns[3], -limit, limit)
     files = [folder / f"{stem}-log.csv", folder / f"{stem}-log.toml"]
-    limit = scenario.imperfections.force_limit
     described = description_of(scenario, period, limit or _above(columns[3]))
     write_log(files[0], *columns)
     write_text(files[1], tomli_w.dumps(to_table(described)))
@@ -206,17 +199,17 @@ def description_of(scenario: Scenario, period: float, limit: float) -> Descripti
     return Description(
         name=scenario.name,
         period=period,
-        phi=AngleColumn(resolution=r.encoder_step_phi),
-        z=PositionColumn(resolution=r.encoder_step_z),
+        phi=AngleColumn(resolution=r.at("encoder_step.phi")),
+        z=PositionColumn(resolution=r.at("encoder_step.z")),
         command=CommandColumn(limit=limit),
         nominal=Nominal(
             pole_mass=plant.pole_mass,
             half_length=plant.half_length,
             cart_mass=plant.cart_mass,
             force=1.0,
-            hinge_damping=r.hinge_damping,
-            rail_damping=r.rail_damping,
-            rail_half_length=r.rail_half_length,
+            hinge_damping=r.at("damping.phi"),
+            rail_damping=r.at("damping.z"),
+            rail_half_length=scenario.rail,
             gravity=plant.gravity,
         ),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -77,8 +77,8 @@ def physical(values: Mapping[str, float], description: Description) -> dict[str,
     }
 
 
-FRICTIONS = ("rail_damping", "rail_friction", "hinge_damping", "hinge_friction")
-"""Frictions of the MuJoCo model; a friction estimated as negative, within its error, is zero."""
+FRICTION = "dry_friction.z"
+"""Dry friction of the rail among the imperfections."""
 
 
 def model_of(
@@ -92,8 +92,15 @@ def model_of(
         half_length=found["half_length"],
         gravity=n.gravity,
     )
-    frictions: dict[str, Any] = {name: max(0.0, found[name]) for name in FRICTIONS}
-    return plant, Imperfections(**frictions)
+    # one estimated as negative, within its error, is none
+    friction: dict[str, Any] = {
+        field: {"z": max(0.0, found[rail]), "phi": max(0.0, found[hinge])}
+        for field, rail, hinge in (
+            ("damping", "rail_damping", "hinge_damping"),
+            ("dry_friction", "rail_friction", "hinge_friction"),
+        )
+    }
+    return plant, Imperfections(**friction)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,7 +146,7 @@ class Rig:
         """Return the states on the steps of the windows, shape (B, steps + 1, 4)."""
         forces = self.forces(values)
         plant, imperfections = model_of(values, self.description)
-        if self.exact and imperfections.rail_friction > 0.0:
+        if self.exact and imperfections.at("dry_friction.z") > 0.0:
             return self._exact_motion(plant, imperfections, starts, forces)
         model = self._models[0]
         model.set_imperfections(imperfections, plant)
@@ -161,7 +168,7 @@ class Rig:
     ) -> Array:
         """Return the states under the dry friction of Coulomb; arguments as MuJoCo gets them."""
         track = np.empty((len(starts), forces.shape[1] + 1, 4))
-        smooth, friction = replace(imperfections, rail_friction=0.0), imperfections.rail_friction
+        smooth, friction = imperfections.changed({FRICTION: 0.0}), imperfections.at(FRICTION)
 
         def task_on(model: CartPoleModel) -> Task:
             model.set_imperfections(smooth, plant)

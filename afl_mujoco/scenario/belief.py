@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameters import (
-    CartPoleParameters,
+from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.values import (
+    check_fields,
     require_finite,
     require_plausible,
     require_type,
     short_repr,
+    within,
 )
 
 TRUE, NOMINAL = "true", "nominal"
@@ -35,7 +37,7 @@ class Assumed:
     """What is assumed of one parameter."""
 
     value: str | float = TRUE  # `TRUE`, `NOMINAL`, or a number
-    error: float = 0.0  # relative error, above -1: 0.1 is 10 % too large
+    error: Annotated[float, require_error] = 0.0  # relative error, above -1: 0.1 is 10 % too large
 
     def __post_init__(self) -> None:
         """Validate both fields."""
@@ -44,7 +46,7 @@ class Assumed:
                 kinds = (TRUE, NOMINAL, "a number")
                 raise UnknownNameError.among("value", self.value, kinds)
             object.__setattr__(self, "value", require_plausible("value", self.value))
-        object.__setattr__(self, "error", require_error("error", self.error))
+        check_fields(self)
 
     @classmethod
     def of(cls, given: Any) -> Assumed:
@@ -81,10 +83,8 @@ class Belief:
     def __post_init__(self) -> None:
         """Normalise every field."""
         for name in PARAMETERS:
-            try:
+            with within(f"{name} "):
                 assumed = Assumed.of(getattr(self, name))
-            except (InvalidValueError, UnknownNameError) as error:
-                raise error.within(f"{name} ") from None
             object.__setattr__(self, name, assumed)
 
     __repr__ = short_repr

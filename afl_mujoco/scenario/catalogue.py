@@ -34,8 +34,7 @@ def _build() -> dict[str, Scenario]:
     cases = {
         f"{mass}-{length}": Scenario(
             name=f"{mass}-{length}",
-            cart_mass=_CART_MASS[mass],
-            half_length=_HALF_LENGTH[length],
+            schedule={"cart_mass": _CART_MASS[mass], "half_length": _HALF_LENGTH[length]},
         )
         for mass in _CART_MASS
         for length in _HALF_LENGTH
@@ -73,8 +72,9 @@ def random_scenario(seed: int, index: int) -> Scenario:
     decision D3; levels are uniform in the box, instants uniform over `LAST_CHANGE`.
     """
     rng = np.random.default_rng((seed, index))
-    mass, length = _shape(rng, CART_MASS_RANGE), _shape(rng, HALF_LENGTH_RANGE)
-    return Scenario(name=f"random-{seed}-{index:05d}", cart_mass=mass, half_length=length)
+    boxes = {"cart_mass": CART_MASS_RANGE, "half_length": HALF_LENGTH_RANGE}
+    schedule = {name: _shape(rng, box) for name, box in boxes.items()}
+    return Scenario(name=f"random-{seed}-{index:05d}", schedule=schedule)
 
 
 def _shape(rng: Generator, levels: tuple[float, float]) -> Schedule:
@@ -151,7 +151,7 @@ def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
     free = {
         name: bounds
         for name, bounds in HARDWARE_RANGES.items()
-        if getattr(own, name) == getattr(IDEAL, name) and name not in own.without_effect
+        if own.at(name) == IDEAL.at(name) and name not in own.without_effect
     }
     begin = {name: one.range for name, one in START.items()} if start else {}
     return replace(scenario, ranges=Ranges(varied={**begin, **free}))

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.parameters import instant, require_finite, require_positive
+from afl_mujoco.scenario.values import (
+    Checked,
+    Positive,
+    Time,
+    check_fields,
+    instant,
+    require_finite,
+)
 
 LARGEST = 1e5
 """Largest force [N] or momentum [N s] of a disturbance that a simulator has to handle."""
+
+
+def require_moderate(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless its absolute value is at most `LARGEST`."""
+    number = require_finite(thing, value)
+    if abs(number) > LARGEST:
+        raise InvalidValueError(thing, f"must be at most {LARGEST:g} in absolute value", number)
+    return number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,15 +41,13 @@ class ForcePulse:
         How long it lasts [s], positive.
     """
 
-    force: float
-    start: float
-    duration: float
+    force: Annotated[float, require_moderate]
+    start: Time
+    duration: Positive
 
     def __post_init__(self) -> None:
         """Validate every field and store it as a float."""
-        object.__setattr__(self, "force", _require_moderate("force", self.force))
-        object.__setattr__(self, "start", _require_time("start", self.start))
-        object.__setattr__(self, "duration", require_positive("duration", self.duration))
+        check_fields(self)
         if not self.start < self.end:
             rule = "must be at least a picosecond"
             raise InvalidValueError("duration", rule, f"{self.duration:g} s")
@@ -60,7 +74,7 @@ class ForcePulse:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Impulse:
+class Impulse(Checked):
     """An ideal impulse on the cart: a jump of the momentum along z at one instant.
 
     Attributes
@@ -71,31 +85,10 @@ class Impulse:
         When it acts [s], not negative.
     """
 
-    momentum: float
-    time: float
-
-    def __post_init__(self) -> None:
-        """Validate every field and store it as a float."""
-        object.__setattr__(self, "momentum", _require_moderate("momentum", self.momentum))
-        object.__setattr__(self, "time", _require_time("time", self.time))
+    momentum: Annotated[float, require_moderate]
+    time: Time
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """The instant [s]."""
         return (self.time,)
-
-
-def _require_moderate(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless its absolute value is at most `LARGEST`."""
-    number = require_finite(thing, value)
-    if abs(number) > LARGEST:
-        raise InvalidValueError(thing, f"must be at most {LARGEST:g} in absolute value", number)
-    return number
-
-
-def _require_time(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless it is finite and not negative."""
-    time = instant(require_finite(thing, value))
-    if time < 0.0:
-        raise InvalidValueError(thing, "must not be negative", time)
-    return time

@@ -7,22 +7,22 @@ own classes check the values.
 from __future__ import annotations
 
 import functools
+import json
 import operator
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tomli_w
 
-from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json, write_text
-from afl_mujoco.scenario.belief import Belief
+from afl_mujoco.scenario.belief import PARAMETERS, Belief
 from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import departures, require_type
+from afl_mujoco.scenario.parameters import COORDINATES, STATE
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
@@ -34,6 +34,7 @@ from afl_mujoco.scenario.schedules import (
     staircase,
     trapezoid,
 )
+from afl_mujoco.scenario.values import departures, require_type, within
 
 
 class _NumberOrTable:
@@ -96,12 +97,6 @@ else:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Schedules:
-    cart_mass: _Schedule | None = None
-    half_length: _Schedule | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Replay:
     """How a scenario was run: the defaults of `afl-mujoco simulate` for it."""
 
@@ -113,11 +108,9 @@ class Replay:
 @dataclass(frozen=True, kw_only=True)
 class _File:
     name: str | None = None
-    pole_mass: float | None = None
-    gravity: float | None = None
     duration: float | None = None
-    initial_state: list[float] | None = None
-    schedule: _Schedules = field(default_factory=_Schedules)
+    initial_state: Any = None
+    schedule: dict[str, _Schedule] = field(default_factory=dict)
     disturbances: list[_Disturbance] = field(default_factory=list)
     imperfections: Imperfections = field(default_factory=Imperfections)
     requirements: Requirements = field(default_factory=Requirements)
@@ -152,7 +145,7 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     path = Path(path)
     file = _read(path)
-    with _within(f"{path}: "):
+    with within(f"{path}: "):
         return _scenario(file, default_name=path.stem)
 
 
@@ -236,27 +229,27 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     which contain only the values that differ from their defaults.
     """
     s = scenario
-    knots = {
-        name: {"shape": "piecewise-linear", "times": [*one.times], "values": [*one.values]}
-        for name, one in (("cart_mass", s.cart_mass), ("half_length", s.half_length))
-    }
     shapes = {builder: shape for shape, builder in _DISTURBANCES.items()}
-    table = _File(
-        name=s.name,
-        pole_mass=s.pole_mass,
-        gravity=s.gravity,
-        duration=s.duration,
-        initial_state=list(s.initial_state),
-        schedule=_Schedules(**knots),
-        disturbances=[{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances],
-        belief=s.belief.table,
-        ranges=s.ranges.table,
-    )
-    found = asdict(table)
-    del found["replay"]
-    for name, one in (("imperfections", s.imperfections), ("requirements", s.requirements)):
-        found[name] = departures(one)
+    found = {
+        "name": s.name,
+        "duration": s.duration,
+        "initial_state": dict(zip(STATE, s.initial_state, strict=True)),
+        "schedule": {name: _knots(one) for name, one in s.schedule.items()},
+        "disturbances": [{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances],
+        "imperfections": departures(s.imperfections),
+        "requirements": departures(s.requirements),
+        "belief": s.belief.table,
+        "ranges": s.ranges.table,
+    }
     return {key: value for key, value in found.items() if value or key not in _ABSENT_WHERE_EMPTY}
+
+
+def _knots(schedule: Schedule) -> Any:
+    """Return a schedule as the value of its key: a number if it never changes."""
+    if schedule == constant(schedule.values[0]):
+        return schedule.values[0]
+    times, values = [*schedule.times], [*schedule.values]
+    return {"shape": "piecewise-linear", "times": times, "values": values}
 
 
 def _read(path: Path) -> _File:
@@ -264,34 +257,79 @@ def _read(path: Path) -> _File:
     text = toml_as_json(path)
     if text == "{}":  # a file that was never filled in would run as the nominal scenario
         raise FileError(str(path), "must have at least one key: it is empty or all comments")
+    _require_new_spelling(path, json.loads(text))
     try:
         return parse_json(text, _File)
     except ValueError as error:
         raise InvalidValueError(f"{path}:", str(error)) from None
 
 
+_MOVED: Mapping[str, str] = {
+    **{name: f"[schedule] {name}" for name in PARAMETERS},
+    "imperfections.actuator_lag": "lag",
+    "imperfections.force_limit": "input_limit",
+    **{
+        f"imperfections.{field}_{name}": f"{field} = {{ {name} = ... }}"
+        for field, names in (("noise", STATE), ("encoder_step", COORDINATES))
+        for name in names
+    },
+    **{
+        f"imperfections.{place}_{old}": f"{field} = {{ {name} = ... }}"
+        for place, name in (("rail", "z"), ("hinge", "phi"))
+        for old, field in (
+            ("damping", "damping"),
+            ("friction", "dry_friction"),
+            ("armature", "armature"),
+            ("half_length", "end_stops"),
+        )
+    },
+    **{
+        f"requirements.{old}": f"{field} = {{ {name} = ... }}"
+        for old, field, name in (
+            ("max_position", "max", "z"),
+            ("max_angle", "max", "phi"),
+            ("max_force", "max", "force"),
+            ("max_command", "max", "force_command"),
+            ("position_band", "bands", "z"),
+            ("angle_band", "bands", "phi"),
+        )
+    },
+}
+"""What older files spelled otherwise, and how it is spelled now."""
+
+
+def _require_new_spelling(path: Path, table: Mapping[str, Any]) -> None:
+    """Raise if a file has a key as it was spelled before keys went by the plant's names."""
+    for name, value in table.items():
+        keys = [f"{name}.{key}" for key in value] if isinstance(value, Mapping) else [name]
+        for key in keys:
+            told = key.replace("ranges.", "imperfections.")
+            if now := _MOVED.get(told):
+                raise InvalidValueError(f"{path}: {key}", f"is not a known key; it is now {now}")
+
+
 def _scenario(file: _File, default_name: str) -> Scenario:
     """Build the scenario that a file describes."""
     given: dict[str, Any] = {
         name: value
-        for name in ("pole_mass", "gravity", "duration", "initial_state")
+        for name in ("duration", "initial_state")
         if (value := getattr(file, name)) is not None
     }
-    for name in ("cart_mass", "half_length"):
-        if (schedule := getattr(file.schedule, name)) is not None:
-            with _within(f"schedule.{name}."):
-                given[name] = _built(schedule)
+    schedule = {}
+    for name, table in file.schedule.items():
+        with within(f"schedule.{name}."):
+            schedule[name] = _built(table)
     disturbances = []
     for i, disturbance in enumerate(file.disturbances):
-        with _within(f"disturbances[{i}]."):
+        with within(f"disturbances[{i}]."):
             disturbances.append(_built(disturbance))
-    with _within("belief."):
+    with within("belief."):
         belief = Belief.of(file.belief)
-    with _within("ranges."):
+    with within("ranges."):
         ranges = Ranges.of(file.ranges)
-    name = default_name if file.name is None else file.name
     return Scenario(
-        name=name,
+        name=default_name if file.name is None else file.name,
+        schedule=schedule,
         disturbances=tuple(disturbances),
         imperfections=file.imperfections,
         requirements=file.requirements,
@@ -307,16 +345,7 @@ def _built(table: Any) -> Any:
     if "pieces" in arguments:
         pieces: list[Schedule] = []
         for i, piece in enumerate(arguments["pieces"]):
-            with _within(f"pieces[{i}]."):
+            with within(f"pieces[{i}]."):
                 pieces.append(_built(piece))
         arguments["pieces"] = pieces
     return _BUILDERS[table.shape](**arguments)
-
-
-@contextmanager
-def _within(place: str) -> Iterator[None]:
-    """Put a place before the thing that an error raised in the block names."""
-    try:
-        yield
-    except AflMujocoError as error:
-        raise error.within(place) from None

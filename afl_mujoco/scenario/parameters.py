@@ -1,51 +1,32 @@
-"""The parameters of the plant, how a run changes them, and checks of numbers."""
+"""The names and parameters of the plant, and how a run changes them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from types import UnionType
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.values import Checked, Positive
 
+COORDINATES = MappingProxyType({"z": "m", "phi": "rad"})
+"""The coordinates and their units."""
 
-def require_finite(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless it is a finite real number."""
-    boolean = isinstance(value, bool) or getattr(value, "dtype", None) == "bool"  # NumPy's too
-    if boolean or isinstance(value, str | bytes):
-        raise InvalidValueError(thing, "must be a number", repr(value))
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise InvalidValueError(thing, "must be a number", repr(value)) from None
-    except OverflowError:
-        raise InvalidValueError(thing, "must be finite", "a number too large for a float") from None
-    if not math.isfinite(number):
-        raise InvalidValueError(thing, "must be finite", number)
-    return number
+RATES = MappingProxyType({f"{name}_dot": f"{unit}/s" for name, unit in COORDINATES.items()})
+"""The rates of the coordinates and their units."""
 
+STATE = MappingProxyType({**COORDINATES, **RATES})
+"""The state and its units."""
 
-def require_positive(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless it is finite and above zero."""
-    number = require_finite(thing, value)
-    if number <= 0.0:
-        raise InvalidValueError(thing, "must be positive", number)
-    return number
+INPUTS = MappingProxyType({"force": "N"})
+"""The inputs and their units."""
 
+SCHEDULES = MappingProxyType({"cart_mass": "kg", "half_length": "m"})
+"""The parameters that may change during a run, and their units."""
 
-PER_SECOND = 1e12
-"""Instants that a second has: times within a picosecond are one."""
-
-
-def instant(time: float) -> float:
-    """Return a time [s] to the picosecond, so that times that differ by round-off are equal."""
-    return round(time * PER_SECOND) / PER_SECOND if abs(time) < 1e9 else time
-
-
-SMALLEST, LARGEST = 1e-9, 1e9
-"""Bounds of a plant's numbers in SI units; beyond them, products overflow."""
+CONSTANTS = MappingProxyType({"pole_mass": "kg", "gravity": "m/s²"})
+"""The other parameters of the plant, and their units."""
 
 LARGEST_STATE = 1e6
 """Largest magnitude of any state in SI units; a run that exceeds it counts as diverged."""
@@ -62,46 +43,8 @@ def require_start_angle(thing: str, phi: float) -> None:
         raise InvalidValueError(thing, f"must lie in -2 pi to 2 pi rad ({hint})", f"{phi:g}")
 
 
-def require_plausible(thing: str, value: object) -> float:
-    """Return `value` as a float, or raise unless it is positive and within the bounds."""
-    number = require_positive(thing, value)
-    if not SMALLEST <= number <= LARGEST:
-        raise InvalidValueError(thing, f"must lie in {SMALLEST:g} to {LARGEST:g}", number)
-    return number
-
-
-def require_type(thing: str, value: object, kind: type | UnionType) -> None:
-    """Raise unless `value` is an instance of `kind`."""
-    if not isinstance(value, kind):
-        names = [
-            one.__name__ for one in (kind.__args__ if isinstance(kind, UnionType) else (kind,))
-        ]
-        raise InvalidValueError(thing, f"must be of type {' or '.join(names)}", repr(value))
-
-
-def departures(table: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that differ from their defaults, by name."""
-    values = {field.name: (getattr(table, field.name), field.default) for field in fields(table)}
-    return {name: value for name, (value, default) in values.items() if value != default}
-
-
-def short_repr(table: Any) -> str:
-    """Return the call that makes a dataclass, defaults left out, for ``__repr__``."""
-    given = (f"{name}={value!r}" for name, value in departures(table).items())
-    return f"{type(table).__name__}({', '.join(given)})"
-
-
-def require_distinct(thing: str, names: Sequence[str], hint: str = "") -> None:
-    """Raise if there is no name, or a name occurs twice; a hint says what then to do."""
-    if not names:
-        raise InvalidValueError(f"{thing}s", "must be at least one", 0)
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice{hint}")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CartPoleParameters:
+class CartPoleParameters(Checked):
     """Parameters of a cart with a uniform rod hinged on it (decision D1).
 
     Attributes
@@ -121,16 +64,10 @@ class CartPoleParameters:
         If a value is not a positive finite number.
     """
 
-    cart_mass: float = 1.0
-    pole_mass: float = 0.05
-    half_length: float = 0.5
-    gravity: float = 9.81
-
-    def __post_init__(self) -> None:
-        """Validate every field and store it as a float."""
-        for field in fields(self):
-            value = require_positive(field.name, getattr(self, field.name))
-            object.__setattr__(self, field.name, value)
+    cart_mass: Positive = 1.0
+    pole_mass: Positive = 0.05
+    half_length: Positive = 0.5
+    gravity: Positive = 9.81
 
 
 NOMINAL = CartPoleParameters()

@@ -4,32 +4,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Annotated, Any
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.parameters import require_positive, require_type, short_repr
+from afl_mujoco.scenario.parameters import INPUTS, STATE
+from afl_mujoco.scenario.values import (
+    EMPTY,
+    ByName,
+    Positive,
+    Switch,
+    check_fields,
+    require_positive,
+    short_repr,
+    table_of,
+    within,
+)
+
+PEAKS = MappingProxyType(
+    {
+        **{f"max.{name}": unit for name, unit in STATE.items()},
+        **{f"max.{name}_command": unit for name, unit in INPUTS.items()},
+        **{f"max.{name}": unit for name, unit in INPUTS.items()},
+    }
+)
+"""The requirements on largest values, of what is exerted and of what the controller asks for."""
 
 UNITS = MappingProxyType(
-    {
-        "completes": "s",
-        "end_stops": "m",
-        "max_position": "m",
-        "max_angle": "rad",
-        "max_command": "N",
-        "max_force": "N",
-        "settling_time": "s",
-        "recover_within": "s",
-    }
+    {"completes": "s", "end_stops": "m", **PEAKS, "settling_time": "s", "recover_within": "s"}
 )
 """Every requirement, and the unit in which it is judged."""
 
-BANDS = MappingProxyType({"position_band": "m", "angle_band": "rad"})
-"""The bands within which a run is at rest, and their units."""
-
-SWITCHES = ("completes", "end_stops_allowed")
-"""Requirements that are true or false."""
+BANDS = MappingProxyType({"z": 0.05, "phi": 0.02})
+"""The bands around 0 within which a run is at rest, by default."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,23 +49,17 @@ class Requirements:
     ----------
     completes
         Whether it has to reach its horizon.
-    max_position
-        Largest abs(z) at any time [m].
-    max_angle
-        Largest abs(phi) at any time [rad].
-    max_command
-        Largest abs(F) that the controller asks for [N].
-    max_force
-        Largest abs(F) that the drive exerts [N].
+    max
+        Largest absolute values at any time, by name: of the state (`z` [m], `phi` [rad]), of what
+        the drive exerts (`force` [N]), of what the controller asks for (`force_command` [N]).
     settling_time
-        Time by which z and phi have to be within their bands, and stay there until the first
+        Time by which every coordinate has to be within its band, and stay there until the first
         disturbance or the end [s].
     recover_within
-        How long z and phi may be outside their bands after each disturbance [s].
-    position_band
-        Half-width of the band around z = 0 in which a run is at rest [m].
-    angle_band
-        Half-width of the band around phi = 0 in which a run is at rest [rad].
+        How long the coordinates may be outside their bands after each disturbance [s].
+    bands
+        Half-widths of the bands around 0 in which a run is at rest, by name of the coordinate
+        [m, rad].
     end_stops_allowed
         Whether the cart may reach an end stop of its rail; otherwise a run that does fails.
 
@@ -66,32 +69,34 @@ class Requirements:
         If a value breaks its rule.
     """
 
-    completes: bool = True
-    max_position: float | None = None
-    max_angle: float | None = None
-    max_command: float | None = None
-    max_force: float | None = None
-    settling_time: float | None = None
-    recover_within: float | None = None
-    position_band: float = 0.05
-    angle_band: float = 0.02
-    end_stops_allowed: bool = False
+    completes: Switch = True
+    max: Annotated[Any, table_of(require_positive)] = EMPTY
+    settling_time: Positive | None = None
+    recover_within: Positive | None = None
+    bands: Annotated[Any, table_of(require_positive)] = EMPTY
+    end_stops_allowed: Switch = False
 
     def __post_init__(self) -> None:
         """Validate every field and store its numbers as floats."""
-        for name in SWITCHES:
-            require_type(name, getattr(self, name), bool)
-        for field in fields(self):
-            if field.name in SWITCHES:
-                continue
-            value = getattr(self, field.name)
-            if value is not None or field.default is not None:
-                object.__setattr__(self, field.name, require_positive(field.name, value))
-        for name in ("max_angle", "angle_band"):
-            if (angle := getattr(self, name)) is not None and not angle < 0.5 * math.pi:
+        check_fields(self)
+        for thing, table in (("max.phi", self.max), ("bands.phi", self.bands)):
+            if (angle := table.get("phi")) is not None and not angle < 0.5 * math.pi:
                 hint = f"{angle:g} degrees is {math.radians(angle):.4f} rad"
                 rule = f"must be less than pi/2, where the pole lies ({hint})"
-                raise InvalidValueError(name, rule, f"{angle:g}")
+                raise InvalidValueError(thing, rule, f"{angle:g}")
+
+    def of_plant(self) -> Requirements:
+        """Return the same in the order of the plant's names, bands as by default left out."""
+        with within("requirements.max "):
+            most = self.max.ordered([name.removeprefix("max.") for name in PEAKS])
+        with within("requirements.bands "):
+            bands = self.bands.ordered([*BANDS])
+        own = ByName({name: band for name, band in bands.items() if band != BANDS[name]})
+        return replace(self, max=most, bands=own)
+
+    def band(self, name: str) -> float:
+        """Return the half-width of the band of a coordinate in which a run is at rest."""
+        return float(self.bands.get(name, BANDS[name]))
 
     __repr__ = short_repr
 

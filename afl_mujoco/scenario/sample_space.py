@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator, Philox, SeedSequence
@@ -18,17 +18,8 @@ from afl_mujoco.scenario.imperfections import (
     LARGEST_SEED,
     require_on_rail,
 )
-from afl_mujoco.scenario.parameters import departures
-from afl_mujoco.scenario.ranges import (
-    CONSTANTS,
-    FIXED,
-    HARDWARE,
-    SCHEDULES,
-    STATE,
-    VARIABLE,
-    Range,
-    unit_of,
-)
+from afl_mujoco.scenario.parameters import CONSTANTS, COORDINATES, SCHEDULES, STATE
+from afl_mujoco.scenario.ranges import FIXED, HARDWARE, VARIABLE, Range, unit_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
     Schedule,
@@ -51,7 +42,7 @@ SHAPES = tuple(PARTS)
 """Shapes of the schedules, each a third of the shape's coordinate: one level; two jumps between
 three levels; a trapezoid between two levels."""
 
-ENCODERS = {"encoder_step_z", "encoder_step_phi"}
+ENCODERS = {f"encoder_step.{name}" for name in COORDINATES}
 
 INSTANT = 1e-3
 """Instants of change are multiples of this [s]."""
@@ -97,11 +88,11 @@ class SampleSpace:
 
     def _require_on_rail(self) -> None:
         """Raise if a sample could start beyond an end of its rail."""
-        own = self.scenario.imperfections.rail_half_length
-        rail = self.varied["rail_half_length"][0] if "rail_half_length" in self.varied else own
+        own = self.scenario.rail
+        rail = self.varied["end_stops.z"][0] if "end_stops.z" in self.varied else own
         z = self.scenario.initial_state[0]
         farthest = max(map(abs, self.varied.get("z", (z, z))))
-        require_on_rail("initial_state z", farthest, rail, "the shortest rail_half_length")
+        require_on_rail("initial_state z", farthest, rail, "the shortest end_stops.z")
 
     @property
     def varied(self) -> Mapping[str, Range]:
@@ -150,13 +141,13 @@ class SampleSpace:
         for name, bounds in self.varied.items():
             yield Quantity(name, unit_of(name), bounds)
         for name, unit in SCHEDULES.items():
-            if (rate := getattr(ranges, f"{name}_rate")) is not None:
-                yield Quantity(f"{name}_rate", f"{unit}/s", rate)
+            if name in ranges.rates:
+                yield Quantity(f"{name}_rate", f"{unit}/s", ranges.rates[name])
         if ranges.changes is not None:
             yield Quantity("changes", "", float(ranges.changes))
         if self.varied.keys() & SCHEDULES.keys():
             yield Quantity("last_change", "s", self.last_change)
-        for name, value in departures(own).items():
+        for name, value in own.departing().items():
             if name not in (*self.varied, "seed"):
                 yield Quantity(name, DECLARATIONS[name].unit, float(value))
         yield Quantity("duration", "s", self.scenario.duration)
@@ -176,18 +167,18 @@ class SampleSpace:
             scaled[name] = scaled[name] if scaled[name] >= FINEST_STEP else 0.0
         noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
         start = zip(STATE, base.initial_state, strict=True)
-        drawn: dict[str, Any] = {
-            "initial_state": tuple(scaled.pop(name, value) for name, value in start),
+        state = tuple(scaled.pop(name, value) for name, value in start)
+        drawn: dict[str, Schedule | float] = {
             **{name: scaled.pop(name) for name in CONSTANTS if name in scaled},
             **{name: self._schedule(name, at) for name in SCHEDULES if name in self.varied},
         }
-        hardware: dict[str, Any] = {"seed": noise, **scaled}
         known = replace(base, belief=base.belief.known(base.parameters_at(0.0)))
         return replace(
-            known.changed(**hardware),
+            known.changed({"seed": noise, **scaled}),
             name=f"{base.name}-{seed}-{index:04d}",
             ranges=FIXED,
-            **drawn,
+            initial_state=state,
+            schedule={**base.schedule, **drawn},
         )
 
     def _by_name(self, point: ArrayLike) -> dict[str, float]:
@@ -217,7 +208,7 @@ class SampleSpace:
             drawn = trapezoid(self._times(shares), low=levels[0], high=levels[1])
         else:
             drawn = staircase(self._times(shares[: len(levels) - 1]), levels)
-        rate = getattr(ranges, f"{thing}_rate")
+        rate = ranges.rates.get(thing)
         return drawn if rate is None else slew_limited(drawn, rate)
 
     def _times(self, shares: list[float]) -> tuple[float, ...]:
@@ -289,7 +280,8 @@ def draw_of(scenario: Scenario, index: int) -> Scenario:
     seed = (r.seed + index) % (LARGEST_SEED + 1)
     away = Generator(Philox(_stream(seed, _DRAW, index))).uniform(-0.5, 0.5, 2)
     z, phi, *rates = scenario.initial_state
-    start = (z + away[0] * r.encoder_step_z, phi + away[1] * r.encoder_step_phi, *rates)
+    steps = [r.at(f"encoder_step.{name}") for name in COORDINATES]
+    start = (z + away[0] * steps[0], phi + away[1] * steps[1], *rates)
     return replace(scenario, initial_state=start, imperfections=replace(r, seed=seed))
 
 

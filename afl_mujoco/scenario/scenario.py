@@ -4,33 +4,43 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.belief import ERRORS, TRUTH, Belief
+from afl_mujoco.scenario.belief import ERRORS, PARAMETERS, TRUTH, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_on_rail
 from afl_mujoco.scenario.parameters import (
+    CONSTANTS,
     LARGEST_STATE,
     NOMINAL,
+    SCHEDULES,
+    STATE,
     CartPoleParameters,
     PlantRange,
+    require_start_angle,
+)
+from afl_mujoco.scenario.ranges import FIXED, Ranges
+from afl_mujoco.scenario.requirements import NONE, PEAKS, Requirements
+from afl_mujoco.scenario.schedules import Schedule, constant
+from afl_mujoco.scenario.values import (
+    EMPTY,
+    ByName,
+    check_fields,
     instant,
     require_finite,
     require_plausible,
     require_positive,
-    require_start_angle,
     require_type,
     short_repr,
+    table_of,
+    within,
 )
-from afl_mujoco.scenario.ranges import FIXED, Ranges
-from afl_mujoco.scenario.requirements import NONE, UNITS, Requirements
-from afl_mujoco.scenario.schedules import Schedule, constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +84,40 @@ class Segment:
         return tuple(parts)
 
 
+def _schedule(thing: str, value: object) -> Schedule:
+    """Return a schedule of positive values from one or from a number, or raise."""
+    if not isinstance(value, Schedule):
+        return constant(require_plausible(thing, value))
+    for level in value.values:
+        require_plausible(thing, level)
+    return value
+
+
+def _state(thing: str, value: Any) -> tuple[float, ...]:
+    """Return a state from a list of its numbers, or from a table by name, or raise."""
+    if isinstance(value, Mapping):
+        with within(f"{thing} "):
+            given = ByName(value).ordered([*STATE])
+        value = [given.get(name, 0.0) for name in STATE]
+    require_type(thing, value, Iterable)
+    state = tuple(require_finite(thing, x) for x in value)
+    if len(state) != len(STATE):
+        raise InvalidValueError(thing, "must hold four numbers", len(state))
+    if abs(most := max(state, key=abs)) > LARGEST_STATE:
+        rule = f"must lie in -{LARGEST_STATE:g} to {LARGEST_STATE:g}"
+        raise InvalidValueError(thing, rule, most)
+    require_start_angle(f"{thing} phi", state[1])
+    return state
+
+
+def _duration(thing: str, value: object) -> float:
+    """Return a horizon [s], or raise."""
+    return instant(require_positive(thing, value))
+
+
+_NOMINAL = {name: constant(getattr(NOMINAL, name)) for name in PARAMETERS}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
     """What a simulator simulates: the true plant, not what a controller assumes.
@@ -82,14 +126,15 @@ class Scenario:
     ----------
     name
         Name for reports and files.
-    cart_mass, half_length
-        Schedules of M [kg] and l [m].
-    pole_mass, gravity
-        m [kg] and g [m/s^2], constant.
+    schedule
+        The parameters by name, those left out as in the paper's nominal plant: `cart_mass` M [kg]
+        and `half_length` l [m] as a `Schedule` or a number, `pole_mass` m [kg] and `gravity` g
+        [m/s^2] as numbers.
     disturbances
         Force pulses and ideal impulses on the cart.
     initial_state
-        (z, phi, z_dot, phi_dot) at t = 0 [m, rad, m/s, rad/s]; phi is at most a turn.
+        The state at t = 0 by name, what is left out 0, or (z, phi, z_dot, phi_dot) [m, rad, m/s,
+        rad/s]; phi is at most a turn.
     duration
         Horizon T [s].
     imperfections
@@ -109,13 +154,10 @@ class Scenario:
     """
 
     name: str
-    cart_mass: Schedule = field(default_factory=lambda: constant(NOMINAL.cart_mass))
-    half_length: Schedule = field(default_factory=lambda: constant(NOMINAL.half_length))
-    pole_mass: float = NOMINAL.pole_mass
-    gravity: float = NOMINAL.gravity
+    schedule: Annotated[Any, table_of(_schedule)] = EMPTY
     disturbances: tuple[ForcePulse | Impulse, ...] = ()
-    initial_state: tuple[float, float, float, float] = (0.0, -math.pi / 3, 0.0, 0.0)
-    duration: float = 20.0
+    initial_state: Annotated[Any, _state] = (0.0, -math.pi / 3, 0.0, 0.0)
+    duration: Annotated[float, _duration] = 20.0
     imperfections: Imperfections = IDEAL
     requirements: Requirements = NONE
     ranges: Ranges = FIXED
@@ -128,27 +170,22 @@ class Scenario:
             raise InvalidValueError(
                 "name", "must be printable, not empty and without '/'", repr(self.name)
             )
-        for thing in ("cart_mass", "half_length"):
-            require_type(f"schedule.{thing}", getattr(self, thing), Schedule)
-            for value in getattr(self, thing).values:
-                require_plausible(f"schedule.{thing}", value)
-        for thing in ("pole_mass", "gravity"):
-            object.__setattr__(self, thing, require_plausible(thing, getattr(self, thing)))
-        object.__setattr__(self, "duration", instant(require_positive("duration", self.duration)))
-        require_type("initial_state", self.initial_state, Iterable)
-        state = tuple(require_finite("initial_state", x) for x in self.initial_state)
-        if len(state) != 4:
-            raise InvalidValueError("initial_state", "must hold four numbers", len(state))
-        if abs(most := max(state, key=abs)) > LARGEST_STATE:
-            rule = f"must lie in -{LARGEST_STATE:g} to {LARGEST_STATE:g}"
-            raise InvalidValueError("initial_state", rule, most)
-        require_start_angle("initial_state phi", state[1])
-        object.__setattr__(self, "initial_state", state)
+        check_fields(self)
+        with within("schedule "):
+            given = self.schedule.ordered(PARAMETERS)
+        for name in CONSTANTS.keys() & given.keys():
+            if len({*given[name].values}) > 1:
+                rule = f"must be one number: only {' and '.join(SCHEDULES)} change during a run"
+                raise InvalidValueError(f"schedule.{name}", rule, list(given[name].values))
+            given[name] = constant(given[name].values[0])
+        whole = ByName({name: given.get(name) or _NOMINAL[name] for name in PARAMETERS})
+        object.__setattr__(self, "schedule", whole)
         require_type("imperfections", self.imperfections, Imperfections)
+        object.__setattr__(self, "imperfections", self.imperfections.of_plant())
         if (delay := self.imperfections.delay) >= self.duration:
             rule = f"must be shorter than the duration, {self.duration:g} s"
             raise InvalidValueError("imperfections.delay", rule, f"{delay:g} s")
-        require_on_rail("initial_state z", state[0], self.imperfections.rail_half_length)
+        require_on_rail("initial_state z", self.initial_state[0], self.rail)
         require_type("disturbances", self.disturbances, Iterable)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))
         for disturbance in self.disturbances:
@@ -159,6 +196,7 @@ class Scenario:
                 rule = f"must end within the duration {self.duration} s"
                 raise InvalidValueError("disturbance", rule, end)
         require_type("requirements", self.requirements, Requirements)
+        object.__setattr__(self, "requirements", self.requirements.of_plant())
         self.requirements.require_decidable(self.duration, self.disturbances)
         require_type("ranges", self.ranges, Ranges)
         object.__setattr__(self, "belief", Belief.of(self.belief))
@@ -166,12 +204,48 @@ class Scenario:
     __repr__ = short_repr
 
     @property
+    def cart_mass(self) -> Schedule:
+        """M [kg]."""
+        found: Schedule = self.schedule["cart_mass"]
+        return found
+
+    @property
+    def half_length(self) -> Schedule:
+        """L [m]."""
+        found: Schedule = self.schedule["half_length"]
+        return found
+
+    @property
+    def pole_mass(self) -> float:
+        """M [kg]."""
+        return float(self.schedule["pole_mass"].values[0])
+
+    @property
+    def gravity(self) -> float:
+        """G [m/s^2]."""
+        return float(self.schedule["gravity"].values[0])
+
+    def with_schedule(self, **schedule: Schedule | float) -> Scenario:
+        """Return the scenario with other parameters, by name."""
+        return replace(self, schedule={**self.schedule, **schedule})
+
+    @property
+    def rail(self) -> float | None:
+        """How far the cart can go to either side before it hits an end stop [m], if any."""
+        found: float | None = self.imperfections.at("end_stops.z")
+        return found
+
+    @property
     def required(self) -> dict[str, float]:
         """The limit of each requirement, by name; empty if no run can fail."""
-        asked, rail = self.requirements, self.imperfections.rail_half_length
-        limits = {name: getattr(asked, name, None) for name in UNITS}
-        limits["completes"] = self.duration if asked.completes else None
-        limits["end_stops"] = None if asked.end_stops_allowed else rail
+        asked = self.requirements
+        limits = {
+            "completes": self.duration if asked.completes else None,
+            "end_stops": None if asked.end_stops_allowed else self.rail,
+            **{name: asked.max.get(name.removeprefix("max.")) for name in PEAKS},
+            "settling_time": asked.settling_time,
+            "recover_within": asked.recover_within,
+        }
         return {name: limit for name, limit in limits.items() if limit is not None}
 
     @property
@@ -190,7 +264,7 @@ class Scenario:
 
     def told(self, name: str, truth: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what controllers assume of M or l, given its true values."""
-        found: NDArray[np.float64] = self.belief.told(name, truth, getattr(self, name).at(0.0))
+        found: NDArray[np.float64] = self.belief.told(name, truth, self.schedule[name].at(0.0))
         return found
 
     @property
@@ -199,17 +273,17 @@ class Scenario:
         m, g = (self.belief.told(name, getattr(self, name)) for name in ("pole_mass", "gravity"))
         return float(m), float(g)
 
-    def hardware(self, name: str) -> Any:
-        """Return an imperfection, or an error of the belief, by its name."""
-        return self.belief.error(name) if name in ERRORS else getattr(self.imperfections, name)
+    def hardware(self, path: str) -> Any:
+        """Return a number of the imperfections, or an error of the belief, by its path."""
+        return self.belief.error(path) if path in ERRORS else self.imperfections.at(path)
 
-    def changed(self, **hardware: Any) -> Scenario:
-        """Return the scenario with other imperfections and errors of the belief, by name."""
-        errors = {name: value for name, value in hardware.items() if name in ERRORS}
-        others = {name: value for name, value in hardware.items() if name not in ERRORS}
+    def changed(self, hardware: Mapping[str, Any]) -> Scenario:
+        """Return the scenario with other imperfections and errors of the belief, by path."""
+        errors = {path: value for path, value in hardware.items() if path in ERRORS}
+        others = {path: value for path, value in hardware.items() if path not in ERRORS}
         return replace(
             self,
-            imperfections=replace(self.imperfections, **others),
+            imperfections=self.imperfections.changed(others),
             belief=self.belief.changed(**errors),
         )
 

@@ -11,7 +11,6 @@ from afl_mujoco.report.numbers import short
 from afl_mujoco.scenario.belief import NOMINAL, PARAMETERS, TRUTH, Assumed, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import departures
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
 
@@ -57,7 +56,7 @@ def belief_text(belief: Belief) -> str:
 
 def departures_text(imperfections: Imperfections) -> str:
     """Return what is not ideal, by the keys of a scenario file."""
-    found = departures(imperfections)
+    found = imperfections.departing()
     return "; ".join(f"{name} = {json.dumps(value)}" for name, value in found.items()) or "none"
 
 

@@ -17,8 +17,9 @@ from scipy.integrate import DOP853, solve_ivp
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameters import ParameterChange, require_positive
+from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.feedback import upright_model
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.parameters import INPUTS, STATE, CartPoleParameters
 from afl_mujoco.scenario.requirements import UNITS, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import (
@@ -132,16 +132,11 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
     """Yield one judgement for each requirement that needs the whole run."""
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
     metrics = run.metrics
-    peaks = {
-        "max_position": metrics["peak_z"],
-        "max_angle": metrics["peak_phi"],
-        "max_command": metrics["max_command"],
-        "max_force": metrics["max_force"],
-    }
-    for name, value in peaks.items():
-        if (limit := getattr(asked, name)) is not None:
-            share = (metrics["limited_share"] or 0.0) if name == "max_force" else 0.0
-            yield replace(_peak(name, limit, value, completed), limited=share)
+    peaks = {"force": metrics["max_force"], "force_command": metrics["max_command"]}
+    peaks |= {name: metrics[f"peak_{name}"] for name in STATE}
+    for name, limit in asked.max.items():
+        share = (metrics["limited_share"] or 0.0) if name in INPUTS else 0.0
+        yield replace(_peak(f"max.{name}", limit, peaks[name], completed), limited=share)
     outside = _outside(scenario, run)
     if asked.settling_time is not None:
         first = [(0.0, calm(scenario.duration, scenario.disturbances))]
@@ -154,8 +149,8 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
 def _outside(scenario: Scenario, run: Trajectory) -> NDArray[np.bool_]:
     """Return where a run is outside the bands of rest."""
     z, phi = np.abs(run.state[:, :2]).T
-    bands = scenario.requirements
-    outside: NDArray[np.bool_] = (z > bands.position_band) | (phi > bands.angle_band)
+    band = scenario.requirements.band
+    outside: NDArray[np.bool_] = (z > band("z")) | (phi > band("phi"))
     return outside
 
 
@@ -233,25 +228,25 @@ def _without_effect(scenario: Scenario) -> list[str]:
     """Remark on noise of what is not measured."""
     own = scenario.imperfections
     return [
-        f"{name} has no effect, because velocities are differentiated"
-        for name in own.without_effect
-        if getattr(own, name)
+        f"{path} has no effect, because velocities are differentiated"
+        for path in own.without_effect
+        if own.at(path)
     ]
 
 
 def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
     """Remark on a cart that hits an end stop."""
-    end, most = scenario.imperfections.rail_half_length, scenario.requirements.max_position
+    end, most = scenario.rail, scenario.requirements.max.get("z")
     if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
         return []
-    short = f", short of max_position, {most:g} m" if most is not None and most > end else ""
+    short = f", short of max.z, {most:g} m" if most is not None and most > end else ""
     first = run.time[hits[0]]
     return [f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s{short}"]
 
 
 def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
     """Remark on a drive that cuts the command off."""
-    limit, figures = scenario.imperfections.force_limit, run.metrics
+    limit, figures = scenario.imperfections.input_limit, run.metrics
     share, most = figures["limited_share"], figures["max_command"]
     if limit is None or not share or most is None:
         return []
@@ -325,16 +320,17 @@ def _slow(scenario: Scenario, period: float) -> Iterator[str]:
 def _coarse(scenario: Scenario) -> Iterator[str]:
     """Remark on sensors that cannot tell whether the cart-pole is at rest."""
     own, asked = scenario.imperfections, scenario.requirements
-    for name, symbol, band, unit, others in (
-        ("encoder_step_z", "z", asked.position_band, "m", "mm or counts"),
-        ("encoder_step_phi", "φ", asked.angle_band, "rad", "degrees or counts"),
-        ("noise_z", "z", asked.position_band, "m", "mm"),
-        ("noise_phi", "φ", asked.angle_band, "rad", "degrees or mrad"),
+    for field, name, unit, others in (
+        ("encoder_step", "z", "m", "mm or counts"),
+        ("encoder_step", "phi", "rad", "degrees or counts"),
+        ("noise", "z", "m", "mm"),
+        ("noise", "phi", "rad", "degrees or mrad"),
     ):
-        if (value := getattr(own, name)) >= band:
+        value, band = own.at(f"{field}.{name}"), asked.band(name)
+        if value >= band:
             yield (
-                f"{name}, {value:g} {unit}, is no less than the {band:g} {unit} to either side "
-                f"within which {symbol} is at rest; it is given in {unit}, not in {others}"
+                f"{field}.{name}, {value:g} {unit}, is no less than the {band:g} {unit} to either "
+                f"side within which {name} is at rest; it is given in {unit}, not in {others}"
             )
 
 

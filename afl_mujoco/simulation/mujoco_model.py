@@ -19,7 +19,8 @@ from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange, require_positive
+from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
+from afl_mujoco.scenario.values import require_positive
 
 choose_backend()
 import mujoco as mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
@@ -108,15 +109,15 @@ def passive_arrays(
     """Return the fields of MjModel with the passive physics of `imperfections`."""
     arrays, r = {name: array.copy() for name, array in compiled.items()}, imperfections
     z, phi = slider.dofadr[0], hinge.dofadr[0]
-    arrays["dof_damping"][[z, phi]] += r.rail_damping, r.hinge_damping
-    arrays["dof_armature"][[z, phi]] += r.rail_armature, r.hinge_armature
-    for dof, friction in ((z, r.rail_friction), (phi, r.hinge_friction)):
+    arrays["dof_damping"][[z, phi]] += r.at("damping.z"), r.at("damping.phi")
+    arrays["dof_armature"][[z, phi]] += r.at("armature.z"), r.at("armature.phi")
+    for dof, friction in ((z, r.at("dry_friction.z")), (phi, r.at("dry_friction.phi"))):
         if friction > 0.0:
             arrays["dof_frictionloss"][dof] += friction
             arrays["dof_solref"][dof], arrays["dof_solimp"][dof] = FRICTION_SOLREF, FRICTION_SOLIMP
-    if r.rail_half_length is not None:
+    if (rail := r.at("end_stops.z")) is not None:
         arrays["jnt_limited"][slider.id] = True
-        arrays["jnt_range"][slider.id] = -r.rail_half_length, r.rail_half_length
+        arrays["jnt_range"][slider.id] = -rail, rail
         arrays["jnt_solref"][slider.id] = STOP_SOLREF
     return arrays
 
@@ -373,8 +374,8 @@ class CartPoleModel:
         needless = bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_ISLAND
         flags = self.mj_model.opt.disableflags | int(needless)
         constraint = int(bits.mjDSBL_CONSTRAINT)
-        friction = max(r.rail_friction, r.hinge_friction)
-        constrained = friction > 0.0 or r.rail_half_length is not None
+        friction = max(r.at("dry_friction.z"), r.at("dry_friction.phi"))
+        constrained = friction > 0.0 or r.at("end_stops.z") is not None
         self.mj_model.opt.disableflags = flags & ~constraint if constrained else flags | constraint
 
 

@@ -302,6 +302,6 @@ def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
     i = min(physics.instant, len(physics.episode.profile) - 1)
     show_mass(scene, physics.model.geom("cart").id, float(mass))
     add_marks(scene, marks_near(z), numbered=True)
-    add_stops(scene, physics.scenario.imperfections.rail_half_length, float(mass))
+    add_stops(scene, physics.scenario.rail, float(mass))
     push = float(physics.episode.profile["push"][i])
     add_forces(scene, z, float(mass), float(physics.data.ptr.ctrl[0]), push)

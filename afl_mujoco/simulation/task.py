@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,10 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite, require_positive
+from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.values import require_finite, require_positive
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import fine_enough, ticks_of
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
@@ -45,8 +45,8 @@ _MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
 OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
 """Whether the observation has M and l."""
 
-DAMPING = ("rail_damping", "hinge_damping")
-LIGHTER = ("rail_armature", "hinge_armature", "tip_mass_share", "pole_radius")
+DAMPING = ("damping.z", "damping.phi")
+LIGHTER = ("armature.z", "armature.phi", "tip_mass_share", "pole_radius")
 """Imperfections that slow a joint the faster the larger, and the smaller, they are."""
 
 SAMPLES = 2**31 - 1
@@ -282,7 +282,7 @@ def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) 
     if space is not None:
         passive = {n: space.varied[n] for n in (*DAMPING, *LIGHTER) if n in space.varied}
         ends: dict[str, Any] = {n: bounds[n in DAMPING] for n, bounds in passive.items()}
-        hardware = replace(hardware, **ends)
+        hardware = hardware.changed(ends)
         masses, lengths = space.bounds("cart_mass"), space.bounds("half_length")
         plants = plants._replace(cart_mass=masses, half_length=lengths)
     parameters = scenario.parameters_at(0.0)

@@ -17,9 +17,10 @@ from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.parameters import LARGEST_STATE, require_positive, require_start_angle
+from afl_mujoco.scenario.parameters import LARGEST_STATE, require_start_angle
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FALL_ANGLE, FELL
 from afl_mujoco.studies.arrays import Array

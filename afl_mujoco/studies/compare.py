@@ -421,12 +421,12 @@ def draw_responses(result: Result, scenario: Scenario) -> Any:
         )
         for k, (label, limit, band) in enumerate(
             (
-                ("cart position z [m]", asked.max_position, asked.position_band),
-                ("pole angle φ [rad]", asked.max_angle, asked.angle_band),
+                ("cart position z [m]", asked.max.get("z"), asked.band("z")),
+                ("pole angle φ [rad]", asked.max.get("phi"), asked.band("phi")),
             )
         )
     ]
-    limits = [x for x in (asked.max_force, asked.max_command) if x is not None]
+    limits = [asked.max[name] for name in ("force", "force_command") if name in asked.max]
     panels += [
         Panel(
             label="force F [N]",

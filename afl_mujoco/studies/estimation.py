@@ -22,9 +22,9 @@ from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, short
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
+from afl_mujoco.scenario.values import require_distinct
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.arrays import Array
@@ -34,7 +34,7 @@ from afl_mujoco.studies.run import Deployed, run_kept
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 """The paper's four schedules."""
 
-NOISE = Imperfections(noise_z=1e-4, noise_phi=5e-4)
+NOISE = Imperfections(noise={"z": 1e-4, "phi": 5e-4})
 """The usual noise: 0.1 mm and 0.5 mrad, as from encoders of 0.35 mm and 3600 counts per turn."""
 
 SEEDS, QUICK_SEEDS, MOST_SEEDS = 8, 2, 1000
@@ -217,8 +217,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         controller=request.controller.name,
         windows=tuple(WINDOWS),
         found_within=FOUND,
-        noise_z=NOISE.noise_z,
-        noise_phi=NOISE.noise_phi,
+        noise_z=NOISE.at("noise.z"),
+        noise_phi=NOISE.at("noise.phi"),
         cases=tuple(cases),
     )
 

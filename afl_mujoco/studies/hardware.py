@@ -412,10 +412,11 @@ STEP = 1e-3
 def changes(scenario: Scenario) -> dict[str, Scenario]:
     """Return a cart-pole as it is, and with its limits relaxed, by the name of the change."""
     r = scenario.imperfections
-    longer = {} if r.rail_half_length is None else {"rail_half_length": 4.0 * r.rail_half_length}
-    stronger = {} if r.force_limit is None else {"force_limit": 4.0 * r.force_limit}
-    exact = {"encoder_step_z": 0.0, "encoder_step_phi": 0.0, "differentiated": False}
-    undamped = {"rail_damping": 0.0}
+    rail = scenario.rail
+    longer = {} if rail is None else {"end_stops.z": 4.0 * rail}
+    stronger = {} if r.input_limit is None else {"input_limit": 4.0 * r.input_limit}
+    exact = {"encoder_step": {}, "differentiated": False}
+    undamped = {"damping.z": 0.0}
     found: dict[str, dict[str, Any]] = {
         AS_IT_IS: {},
         "rail x4": longer,
@@ -429,7 +430,7 @@ def changes(scenario: Scenario) -> dict[str, Scenario]:
         "drive makes up for rail damping, rail and force x4": {**undamped, **longer, **stronger},
     }  # fmt: skip
     return {
-        name: replace(scenario, imperfections=replace(r, **changed), requirements=NONE)
+        name: replace(scenario, imperfections=r.changed(changed), requirements=NONE)
         for name, changed in found.items()
         if name == AS_IT_IS or changed
     }

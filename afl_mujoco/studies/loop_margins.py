@@ -20,8 +20,9 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters, require_positive
+from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import SNAP
+from afl_mujoco.scenario.values import require_positive
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -55,9 +56,8 @@ PERIOD = 1e-3
 """Default control period [s]."""
 
 LINEAR = (
-    "delay", "actuator_lag", "rail_damping", "hinge_damping", "rail_armature", "hinge_armature",
-    "tip_mass_share", "pole_radius", "control_period",
-    "differentiated", "velocity_filter",
+    "delay", "lag", "damping.z", "damping.phi", "armature.z", "armature.phi", "tip_mass_share",
+    "pole_radius", "control_period", "differentiated", "velocity_filter",
 )  # fmt: skip
 """Imperfections that a linear loop can have."""
 
@@ -88,7 +88,7 @@ class Loop:
 
 def linear_part(imperfections: Imperfections) -> Imperfections:
     """Return imperfections without those that a linear loop cannot have."""
-    return Imperfections(**{name: getattr(imperfections, name) for name in LINEAR})
+    return Imperfections().changed({path: imperfections.at(path) for path in LINEAR})
 
 
 def linearize(
@@ -144,7 +144,7 @@ def linearize(
         rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
         raise NotSmoothError(thing, rule, f"{kink:.1e}")
     loop = Loop(a, b[:, 0], k[0], disagreement)
-    return loop if r.actuator_lag == 0.0 else _lagging(loop, r.actuator_lag)
+    return loop if r.lag == 0.0 else _lagging(loop, r.lag)
 
 
 def _lagging(loop: Loop, lag: float) -> Loop:

@@ -22,17 +22,10 @@ from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
 from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import (
-    CART_MASSES,
-    HALF_LENGTHS,
-    NOMINAL,
-    CartPoleParameters,
-    departures,
-    require_positive,
-)
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, CartPoleParameters
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import constant
+from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
 from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER, find_threshold, scan_levels
@@ -404,7 +397,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     for (controller, *_), motion in zip(units, measured, strict=True):
         if isinstance(motion, AflMujocoError):
             not_linear[controller.name] = str(motion)
-    own = () if r.scenario is None else departures(r.scenario.imperfections)
+    own = {} if r.scenario is None else r.scenario.imperfections.departing()
     return Result(
         control_period=r.deployed.period,
         cart_masses=r.cart_masses,
@@ -638,11 +631,8 @@ def small_motion(
     scenario = Scenario(
         name="small motion",
         duration=max(1, round(duration / period)) * period,
-        cart_mass=constant(plant.cart_mass),
-        half_length=constant(plant.half_length),
-        pole_mass=plant.pole_mass,
-        gravity=plant.gravity,
-        initial_state=(0.0, start, 0.0, 0.0),
+        schedule=asdict(plant),
+        initial_state={"phi": start},
         imperfections=replace(imperfections, control_period=None),
         belief=belief,
     )

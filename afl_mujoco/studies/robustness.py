@@ -17,11 +17,11 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, ERRORS
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfection
-from afl_mujoco.scenario.parameters import require_distinct
-from afl_mujoco.scenario.ranges import SCHEDULES
+from afl_mujoco.scenario.parameters import SCHEDULES
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.values import require_distinct
 from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.cube_search import Budget, minimise
 from afl_mujoco.studies.run import Deployed, Run, run_all
@@ -131,7 +131,7 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
         return min(own, level) if name in LESS_IS_WORSE else max(own, level)
 
     return [
-        one.changed(**{name: on_top(one.hardware(name), name, x) for name, x in changes.items()})
+        one.changed({name: on_top(one.hardware(name), name, x) for name, x in changes.items()})
         for one in scenarios
         for changes in hardware
     ]

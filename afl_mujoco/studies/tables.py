@@ -17,10 +17,10 @@ from afl_mujoco.studies.run import Run
 IN_WORDS = {
     "completes": "runs to the end",
     "end_stops": "keeps off the end stops at",
-    "max_position": "|z| at most",
-    "max_angle": "|φ| at most",
-    "max_command": "command at most",
-    "max_force": "|F| exerted at most",
+    "max.z": "|z| at most",
+    "max.phi": "|φ| at most",
+    "max.force_command": "command at most",
+    "max.force": "|F| exerted at most",
     "settling_time": "settles within",
     "recover_within": "recovers within",
 }
@@ -80,8 +80,8 @@ def asked(one: Judgement) -> str:
 
 
 NEEDS = {
-    "max_position": "peak_z", "max_angle": "peak_phi", "max_command": "max_command",
-    "max_force": "max_force", "": "limited_share",
+    "max.z": "peak_z", "max.phi": "peak_phi", "max.force_command": "max_command",
+    "max.force": "max_force", "": "limited_share",
 }  # fmt: skip
 """What a run needs of its hardware, shown where no requirement limits it."""
 

@@ -17,8 +17,8 @@ from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report, Status
 from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
-from afl_mujoco.scenario.parameters import require_distinct
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.values import require_distinct
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
     ControllerNames,

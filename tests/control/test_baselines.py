@@ -198,9 +198,11 @@ def test_far_from_the_paper_s_box_the_force_is_still_that_of_the_plant(name, cha
 def test_a_heavy_and_long_plant_is_balanced(name):
     scenario = afl.Scenario(
         name="rig",
-        cart_mass=afl.constant(8.0),
-        half_length=afl.constant(1.5),
-        pole_mass=0.2,
+        schedule={
+            "cart_mass": afl.constant(8.0),
+            "half_length": afl.constant(1.5),
+            "pole_mass": 0.2,
+        },
         initial_state=(0.0, 0.3, 0.0, 0.0),
     )
     ode = afl.simulate_ode(scenario, CONTROLLERS[name])
@@ -224,7 +226,9 @@ def test_a_table_is_refused_beyond_its_nodes_before_anything_runs(odd_scenario):
     heavy = afl.CartPoleParameters(cart_mass=8.0)
     with pytest.raises(InvalidValueError, match=f"^controller 'mine': {message}"):
         controller.force((0.0, 0.1, 0.0, 0.0), heavy)
-    scenario = dataclasses.replace(odd_scenario, cart_mass=afl.constant(8.0))
+    scenario = dataclasses.replace(
+        odd_scenario, schedule={**odd_scenario.schedule, "cart_mass": afl.constant(8.0)}
+    )
     for simulate in (afl.simulate_ode, afl.simulate_mujoco):
         with pytest.raises(InvalidValueError, match=message):
             simulate(scenario, controller)
@@ -291,7 +295,9 @@ def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_controller(name,
 def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, together):
     scenario, controller = afl.SCENARIOS["trapezoid-trapezoid"], CONTROLLERS[name]
     if together:  # M and l pass every node at one time, or but for round-off
-        scenario = dataclasses.replace(scenario, half_length=scenario.cart_mass)
+        scenario = dataclasses.replace(
+            scenario, schedule={**scenario.schedule, "half_length": scenario.cart_mass}
+        )
     ode, exact = (
         afl.simulate_ode(scenario, controller),
         afl.simulate_mujoco(scenario, controller, "exact"),

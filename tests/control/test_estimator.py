@@ -271,7 +271,9 @@ def run_with_truth():
 
     def run(mass, length, duration=0.6):
         scenario = afl.Scenario(
-            name="run_with_truth", cart_mass=mass, half_length=length, duration=duration
+            name="run_with_truth",
+            schedule={"cart_mass": mass, "half_length": length},
+            duration=duration,
         )
         return afl.simulate_ode_held(scenario, afl.CONTROLLERS["adaptive"], control_period=DT)
 

@@ -60,7 +60,10 @@ def test_a_run_keeps_the_gains_of_its_start() -> None:
 
 
 def test_two_runs_do_not_share_their_start() -> None:
-    other = replace(SHORT, cart_mass=constant(0.1), half_length=constant(0.05))
+    other = replace(
+        SHORT,
+        schedule={**SHORT.schedule, "cart_mass": constant(0.1), "half_length": constant(0.05)},
+    )
     alone = sampled(SHORT, HELD)
     sampled(other, HELD)
     np.testing.assert_array_equal(sampled(SHORT, HELD).state, alone.state)
@@ -110,7 +113,7 @@ def test_commands_that_know_no_start_refuse_it_in_one_line(command, command_line
 
 
 def test_a_plant_beyond_the_table_is_remarked_on() -> None:
-    heavy = Scenario(name="heavy", cart_mass=constant(3.0))
+    heavy = Scenario(name="heavy", schedule={"cart_mass": constant(3.0)})
     (remark,) = HELD.remarks(heavy.plants)
     assert "M reaches 3 kg" in remark and "those of the edge" in remark
     assert HELD.remarks(SCENARIO.plants) == []

@@ -28,7 +28,7 @@ def wild(replay, seed, gap=0.0):
         time=np.arange(count) / FPS,
         state=state,
         ideal=ideal,
-        half_length=lengths,
+        schedule={**replay.schedule, "half_length": lengths},
         **arrays,
     )
 
@@ -65,7 +65,12 @@ def test_the_camera_moves_more_smoothly_than_the_cart(replay):
     time = np.arange(count) / FPS
     jerky = np.zeros((count, 4))
     jerky[:, 0] = np.where(time > 2.0, 1.0, 0.0)  # a metre within a frame
-    run = replace(wild(replay, 0), state=jerky, ideal=jerky, half_length=np.full(count, 0.5))
+    run = replace(
+        wild(replay, 0),
+        state=jerky,
+        ideal=jerky,
+        schedule={**wild(replay, 0).schedule, "half_length": np.full(count, 0.5)},
+    )
     path = follow(run, FPS, (1280, 720), Frame())
     assert np.abs(np.diff(path.x)).max() < 0.1
     assert path.x[0] == pytest.approx(0.0, abs=1e-6)

@@ -155,7 +155,7 @@ def test_an_arrow_is_as_long_as_its_force_asks_and_ends_at_the_cart(graphics, st
 def test_the_cart_touches_an_end_stop_where_the_rail_ends(graphics, stage, replay):
     scene, path = stage
     index, z = AFTER, replay.state[AFTER, 0]
-    picture = segments(scene, replace(replay, rail_half_length=abs(z)), index, path)
+    picture = segments(scene, replace(replay, end_stops={"z": abs(z)}), index, path)
     stops = [
         geom
         for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]

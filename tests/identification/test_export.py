@@ -14,10 +14,10 @@ def test_the_scenario_is_the_cart_pole_that_was_identified(tmp_path) -> None:
     r, plant = scenario.imperfections, scenario.parameters_at(0.0)
     assert plant.cart_mass == one.find("cart_mass").value
     assert plant.half_length == one.find("half_length").value
-    assert r.rail_damping == one.find("rail_damping").value
-    assert r.force_limit == one.find("force").value
+    assert r.at("damping.z") == one.find("rail_damping").value
+    assert r.input_limit == one.find("force").value
     assert r.delay == one.find("delay").value
-    assert r.rail_half_length == scenario.requirements.max_position == 0.22
+    assert r.at("end_stops.z") == scenario.requirements.max["z"] == 0.22
     assert scenario.ranges.varied["delay"] == (one.find("delay").low, one.find("delay").high)
     save_scenario(scenario, tmp_path / "rig.toml")
     assert load_scenario(tmp_path / "rig.toml") == scenario
@@ -26,8 +26,8 @@ def test_the_scenario_is_the_cart_pole_that_was_identified(tmp_path) -> None:
 def test_draws_scatter_as_the_estimates_do_together() -> None:
     one = load_estimates()
     drawn = draws(one, 400, 3)
-    damping = np.array([s.imperfections.rail_damping for s in drawn])
-    force = np.array([s.imperfections.force_limit for s in drawn])
+    damping = np.array([s.imperfections.at("damping.z") for s in drawn])
+    force = np.array([s.imperfections.input_limit for s in drawn])
     found = one.find("rail_damping")
     assert damping.mean() == pytest.approx(found.value, rel=0.02)
     assert damping.std() == pytest.approx((found.high - found.low) / 4.0, rel=0.2)

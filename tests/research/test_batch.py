@@ -54,8 +54,7 @@ def readable(loop: tuple[float, ...], duration: float = 20.0, angle: float = -ma
     )
     scenario = afl.Scenario(
         name="one",
-        cart_mass=afl.constant(mass),
-        half_length=afl.constant(length),
+        schedule={"cart_mass": afl.constant(mass), "half_length": afl.constant(length)},
         initial_state=(0.0, angle, 0.0, 0.0),
         duration=duration,
     )

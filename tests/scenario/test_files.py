@@ -50,10 +50,12 @@ def scenarios(draw):
 
     return Scenario(
         name=draw(NAMES),
-        cart_mass=schedule(),
-        half_length=schedule(),
-        pole_mass=draw(POSITIVE),
-        gravity=draw(POSITIVE),
+        schedule={
+            "cart_mass": schedule(),
+            "half_length": schedule(),
+            "pole_mass": draw(POSITIVE),
+            "gravity": draw(POSITIVE),
+        },
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
         initial_state=draw(st.tuples(NUMBER, st.floats(-6.28, 6.28), NUMBER, NUMBER)),
         duration=draw(st.floats(10, 1e3)),

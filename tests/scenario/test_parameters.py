@@ -7,7 +7,8 @@ import pytest
 
 from afl_mujoco import CartPoleParameters
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.scenario.parameters import DYNAMICS, JUMPS, ParameterChange, require_plausible
+from afl_mujoco.scenario.parameters import DYNAMICS, JUMPS, ParameterChange
+from afl_mujoco.scenario.values import require_plausible
 
 FIELDS = ("cart_mass", "pole_mass", "half_length", "gravity")
 

@@ -58,11 +58,14 @@ def test_only_what_the_file_says_varies(rig: afl.Scenario) -> None:
         own = replace(
             sample,
             name="rig",
-            cart_mass=rig.cart_mass,
+            schedule={
+                **sample.schedule,
+                "cart_mass": rig.cart_mass,
+                "pole_mass": rig.pole_mass,
+                "gravity": rig.gravity,
+            },
             initial_state=rig.initial_state,
             ranges=rig.ranges,
-            pole_mass=rig.pole_mass,
-            gravity=rig.gravity,
             belief=sample.belief.changed(half_length_error=0.0),
             imperfections=replace(sample.imperfections, seed=0),
         )
@@ -160,7 +163,7 @@ def test_a_space_in_which_nothing_varies_is_refused() -> None:
         SampleSpace(afl.SCENARIOS["nominal"])
     with pytest.raises(AflMujocoError, match="initial_state z must lie within the shortest rail"):
         ranges = Ranges(varied={"z": (-2.0, 2.0)})
-        rail = Imperfections(rail_half_length=1.0)
+        rail = Imperfections(end_stops={"z": 1.0})
         SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
 
 
@@ -204,14 +207,14 @@ def test_a_range_of_one_number_has_no_axis_and_sets_it() -> None:
 def test_an_encoder_step_finer_than_any_is_exact() -> None:
     space = SampleSpace(LABORATORY)
     point = np.full(space.dimension, 0.5)
-    point[space.coordinates.index("encoder_step_z")] = 5e-9
-    assert space.scenario_of(point, 0, 0).imperfections.encoder_step_z == 0.0
+    point[space.coordinates.index("encoder_step.z")] = 5e-9
+    assert space.scenario_of(point, 0, 0).imperfections.at("encoder_step.z") == 0.0
 
 
 def test_every_sample_of_a_space_starts_on_its_rail() -> None:
-    varied = {"z": (0.0, 0.5), "rail_half_length": (0.2, 1.0)}
+    varied = {"z": (0.0, 0.5), "end_stops.z": (0.2, 1.0)}
     own = afl.Scenario(name="own", ranges=Ranges(varied=varied))
-    with pytest.raises(AflMujocoError, match="must lie within the shortest rail_half_length"):
+    with pytest.raises(AflMujocoError, match="must lie within the shortest end_stops"):
         SampleSpace(own)
 
 
@@ -233,7 +236,7 @@ def test_instants_that_find_no_room_are_refused(changes, message: str) -> None:
 def test_noise_of_velocities_that_are_differentiated_is_not_drawn() -> None:
     own = replace(LABORATORY, ranges=FIXED, imperfections=Imperfections(differentiated=True))
     left_out = HARDWARE_RANGES.keys() - with_ranges(own).ranges.varied.keys()
-    assert left_out == {"noise_z_dot", "noise_phi_dot"}
-    asked = replace(own, ranges=Ranges(varied={"noise_phi_dot": (0.0, 1.0)}))
-    with pytest.raises(InvalidValueError, match=r"^ranges\.noise_phi_dot must be left out: vel"):
+    assert left_out == {"noise.z_dot", "noise.phi_dot"}
+    asked = replace(own, ranges=Ranges(varied={"noise.phi_dot": (0.0, 1.0)}))
+    with pytest.raises(InvalidValueError, match=r"^ranges\.noise.phi_dot must be left out: vel"):
         SampleSpace(asked)

@@ -26,12 +26,12 @@ start = 6.0
 duration = 0.1
 [requirements]
 completes = false
-max_position = 1.0
+max.z = 1.0
 max_angle = 0.3
 max_force = 150
 settling_time = 5.5
 recover_within = 3.0
-position_band = 0.1
+bands.z = 0.1
 """
 
 
@@ -40,16 +40,14 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
     scenario = afl.load_scenario(tmp_path / "rig.toml")
     assert scenario.requirements == Requirements(
         completes=False,
-        max_position=1.0,
-        max_angle=0.3,
-        max_force=150.0,
+        max={"z": 1.0, "phi": 0.3, "force": 150.0},
         settling_time=5.5,
         recover_within=3.0,
-        position_band=0.1,
+        bands={"z": 0.1},
     )
     save_scenario(scenario, tmp_path / "again.toml")
     assert afl.load_scenario(tmp_path / "again.toml") == scenario
-    assert "angle_band" not in (tmp_path / "again.toml").read_text()  # a default
+    assert "bands.phi" not in (tmp_path / "again.toml").read_text()  # a default
 
 
 def test_to_complete_is_what_every_scenario_requires() -> None:
@@ -61,18 +59,18 @@ def test_to_complete_is_what_every_scenario_requires() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("max_position = -1", "requirements.max_position must be positive, got -1"),
+        ("max.z = -1", "requirements.max.z must be positive, got -1"),
         ("max_angle = nan", "requirements.max_angle must be"),
         (
             "max_angle = 15",
             "requirements.max_angle must be less than pi/2, where the pole lies (15 degrees is",
         ),
         (
-            "angle_band = 2",
-            "requirements.angle_band must be less than pi/2, where the pole lies (2 degrees",
+            "bands.phi = 2",
+            "requirements.bands.phi must be less than pi/2, where the pole lies (2 degrees",
         ),
         ('max_force = "weak"', "requirements.max_force must be a number, got 'weak'"),
-        ("angle_band = 0", "requirements.angle_band must be positive, got 0"),
+        ("bands.phi = 0", "requirements.bands.phi must be positive, got 0"),
         ("completes = 1", "requirements.completes must be true or false, got 1"),
         ("max_positon = 1", "requirements.max_positon is not a known key; known keys: completes, "),
         (

@@ -49,7 +49,7 @@ def test_a_coordinate_acts_where_it_changes_the_scenario_and_nowhere_else() -> N
         point = sample_point(SPACE, index, 3)
         away = dict(zip(SPACE.coordinates, (point - SPACE.reference).tolist(), strict=True))
         for i, name in enumerate(SPACE.coordinates):
-            if name.endswith("shape") or name in ("encoder_step_z", "encoder_step_phi"):
+            if name.endswith("shape") or name in ("encoder_step.z", "encoder_step.phi"):
                 continue
             other = point.copy()
             other[i] = (other[i] + 0.5) % 1.0
@@ -97,7 +97,7 @@ def test_every_sample_lies_in_the_ranges_and_fills_them(samples: list[Scenario])
     for thing in ("cart_mass", "half_length"):
         found[thing] = np.concatenate([getattr(sample, thing).values for sample in samples])
     for name in HARDWARE_RANGES:
-        found[name] = np.array([getattr(sample.imperfections, name) for sample in samples])
+        found[name] = np.array([sample.imperfections.at(name) for sample in samples])
     ranges = {q.name: q.value for q in SPACE.quantities() if isinstance(q.value, tuple)}
     assert set(found) == set(ranges)
     for name, values in found.items():
@@ -112,7 +112,7 @@ def test_the_shapes_and_their_instants_are_as_said(samples: list[Scenario]) -> N
     counts = dict.fromkeys((1, 4, 6), 0)
     for sample in samples:
         assert sample.duration == 20.0
-        assert sample.imperfections.force_limit is None
+        assert sample.imperfections.input_limit is None
         for schedule in (sample.cart_mass, sample.half_length):
             breaks = schedule.breakpoints
             counts[{0: 1, 2: 6, 4: 4}[len(breaks)]] += 1
@@ -124,9 +124,9 @@ def test_the_shapes_and_their_instants_are_as_said(samples: list[Scenario]) -> N
 def test_a_coordinate_moves_what_it_names_and_nothing_else() -> None:
     middle = at()
     assert middle.initial_state == (0.0, 0.0, 0.0, 0.0)
-    assert middle.imperfections.rail_friction == 0.5
+    assert middle.imperfections.at("dry_friction.z") == 0.5
     assert at(rail_friction=1.0) == replace(
-        middle, imperfections=replace(middle.imperfections, rail_friction=1.0)
+        middle, imperfections=replace(middle.imperfections, dry_friction={"z": 1.0})
     )
     assert at(phi=1.0).initial_state == (0.0, math.radians(75.0), 0.0, 0.0)
     shapes = [at(cart_mass__shape=x, cart_mass__level__1=0.0) for x in (0.0, 0.34, 0.67, 1.0)]
@@ -169,7 +169,7 @@ def test_an_imperfection_that_is_left_out_is_ideal_and_has_no_axis() -> None:
     ("changes", "message"),
     [
         ({"z": (1.0, 0.0)}, "z must not decrease, got 1 to 0"),
-        ({"imperfections": {"noise_z": (-1.0, 0.0)}}, "noise_z must not be negative, got -1.0"),
+        ({"imperfections": {"noise.z": (-1.0, 0.0)}}, "noise.z must not be negative, got -1.0"),
         ({"imperfections": {"delay": (1.0, 0.0)}}, "delay must not decrease, got 1 to 0"),
         ({"imperfections": {"rail_fricton": (0.0, 1.0)}}, "range must be one of z, phi, "),
         ({"cart_mass": (0.0, 1.0)}, "cart_mass must be positive, got 0.0"),

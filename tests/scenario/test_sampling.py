@@ -35,7 +35,9 @@ def test_the_grid_holds_every_breakpoint_exactly_and_no_step_straddles_one(odd_s
 
 def test_a_breakpoint_one_rounding_off_the_grid_replaces_the_grid_point():
     third = 0.1 + 0.2  # 0.30000000000000004
-    grid = time_grid(Scenario(name="x", cart_mass=staircase((third,), (1, 2)), duration=0.5), 0.1)
+    grid = time_grid(
+        Scenario(name="x", schedule={"cart_mass": staircase((third,), (1, 2))}, duration=0.5), 0.1
+    )
     assert len(grid) == 6
     assert 0.3 in grid.tolist()
 
@@ -83,7 +85,9 @@ def test_an_impulse_acts_once_at_the_step_that_starts_with_it(odd_scenario):
 )
 def test_a_step_never_sees_both_sides_of_a_jump(jumps, period):
     levels = tuple(range(1, len(jumps) + 2))
-    scenario = Scenario(name="x", cart_mass=staircase(sorted(jumps), levels), duration=1.0)
+    scenario = Scenario(
+        name="x", schedule={"cart_mass": staircase(sorted(jumps), levels)}, duration=1.0
+    )
     masses = steps(scenario, period).cart_mass
     assert (masses == masses[:, :1]).all()
     assert sorted(set(masses[:, 0].tolist())) == list(levels)
@@ -100,7 +104,7 @@ def test_a_step_never_sees_both_sides_of_a_jump(jumps, period):
     ids=["zero", "negative", "nan", "too long"],
 )
 def test_a_period_that_breaks_a_rule_is_refused(period, message):
-    scenario = Scenario(name="x", cart_mass=constant(1.0), duration=2.0)
+    scenario = Scenario(name="x", schedule={"cart_mass": constant(1.0)}, duration=2.0)
     with pytest.raises(InvalidValueError) as caught:
         time_grid(scenario, period)
     assert str(caught.value) == message
@@ -117,11 +121,13 @@ def test_whole_steps_counts_and_refuses_a_remainder():
 
 
 def test_a_breakpoint_beside_a_multiple_of_the_period_replaces_it():
-    jump = Scenario(name="x", cart_mass=staircase((0.3,), (1.0, 2.0)), duration=0.5)
+    jump = Scenario(name="x", schedule={"cart_mass": staircase((0.3,), (1.0, 2.0))}, duration=0.5)
     assert 3 * 0.1 > 0.3  # but for round-off the same
     grid = time_grid(jump, 0.1)
     assert len(grid) == 6 and 0.3 in grid
     late = Scenario(
-        name="x", cart_mass=staircase((np.nextafter(0.2, 1.0),), (1.0, 2.0)), duration=0.5
+        name="x",
+        schedule={"cart_mass": staircase((np.nextafter(0.2, 1.0),), (1.0, 2.0))},
+        duration=0.5,
     )
     assert np.diff(time_grid(late, 0.1)).min() > 0.09

@@ -39,8 +39,10 @@ def test_the_parts_of_a_segment_say_what_the_segment_says(odd_scenario):
 def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon():
     scenario = Scenario(
         name="x",
-        cart_mass=staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
-        half_length=trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
+        schedule={
+            "cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
+            "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
+        },
         disturbances=(PULSE, Impulse(momentum=1.0, time=3.0)),
         duration=20.0,
     )
@@ -51,15 +53,24 @@ def test_its_plants_are_all_that_its_schedules_pass_through():
     """Also the values just before a jump and at the horizon, which no breakpoint has."""
     scenario = Scenario(
         name="x",
-        cart_mass=Schedule((0.0, 4.0, 4.0), (1.0, 3.0, 1.5)),  # a ramp that a jump ends
-        half_length=Schedule((0.0, 20.0), (0.4, 0.2)),  # a ramp that goes on after the end
+        schedule={
+            "cart_mass": Schedule((0.0, 4.0, 4.0), (1.0, 3.0, 1.5)),
+            "half_length": Schedule((0.0, 20.0), (0.4, 0.2)),
+        },  # a ramp that a jump ends
+        # a ramp that goes on after the end
         duration=10.0,
     )
     assert scenario.plants.cart_mass == (1.0, 3.0)
     assert scenario.plants.half_length == pytest.approx((0.3, 0.4))
-    falling = replace(scenario, cart_mass=Schedule((0.0, 4.0, 4.0), (3.0, 1.0, 2.0)))
+    falling = replace(
+        scenario,
+        schedule={**scenario.schedule, "cart_mass": Schedule((0.0, 4.0, 4.0), (3.0, 1.0, 2.0))},
+    )
     assert falling.plants.cart_mass == (1.0, 3.0)
-    ended = replace(scenario, cart_mass=Schedule((0.0, 10.0, 10.0), (1.0, 2.0, 9.0)))
+    ended = replace(
+        scenario,
+        schedule={**scenario.schedule, "cart_mass": Schedule((0.0, 10.0, 10.0), (1.0, 2.0, 9.0))},
+    )
     assert ended.plants.cart_mass == (1.0, 2.0)
 
 

@@ -65,7 +65,7 @@ def test_disturbances_start_and_horizon_are_told() -> None:
         ),
         initial_state=(0.1, 0.3, 0.0, 0.0),
         duration=12.0,
-        pole_mass=0.2,
+        schedule={"pole_mass": 0.2},
     )
     told = dict(describe(struck))
     pulse, impulse = "−10 N over 10 to 10.1 s", "an impulse of 0.2 N s at 1.5 s"

@@ -388,7 +388,7 @@ def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats
     assert len({info["sample"] for _, info in first}) == 3
     scenario = environment.unwrapped.scenario
     assert scenario.name == first[-1][1]["sample"]
-    assert scenario.imperfections.rail_friction > 0.0
+    assert scenario.imperfections.at("dry_friction.z") > 0.0
     ours = gymnasium.make("afl_mujoco/CartPole-step-step-Random-v0")
     ours.reset(seed=1)
     drawn = ours.unwrapped.scenario
@@ -406,7 +406,7 @@ VECTORS = {
             afl.SCENARIOS["trapezoid-step"],
             duration=0.3,
             disturbances=(afl.Impulse(momentum=0.2, time=0.0),),
-            imperfections=Imperfections(delay=0.0345, differentiated=True, rail_half_length=0.2),
+            imperfections=Imperfections(delay=0.0345, differentiated=True, end_stops={"z": 0.2}),
         ),
         "parameters": "hidden", "integrator": "Euler",
     },
@@ -611,7 +611,7 @@ def test_a_picture_shows_the_cart_the_pole_and_the_force(graphics: None) -> None
 def test_what_is_asked_of_an_environment_has_to_make_sense() -> None:
     with pytest.raises(InvalidValueError, match="control_period must be positive"):
         CartPoleEnv(control_period=0.0)
-    railed = replace(afl.SCENARIOS["nominal"], imperfections=Imperfections(rail_half_length=0.5))
+    railed = replace(afl.SCENARIOS["nominal"], imperfections=Imperfections(end_stops={"z": 0.5}))
     environment = CartPoleEnv(railed)
     with pytest.raises(InvalidValueError, match="z of initial_state must lie within rail_half"):
         environment.reset(options={"initial_state": (3, 0, 0, 0)})

@@ -54,7 +54,11 @@ def test_a_pulse_of_10_ms_on_a_system_at_rest_is_not_missed():
 
 def test_an_impulse_jumps_the_velocity_at_its_instant_with_the_mass_after_the_jump():
     hit = Impulse(momentum=3.0, time=5.0)
-    scenario = replace(REST, cart_mass=staircase((5.0,), (1.0, 2.0)), disturbances=(hit,))
+    scenario = replace(
+        REST,
+        schedule={**REST.schedule, "cart_mass": staircase((5.0,), (1.0, 2.0))},
+        disturbances=(hit,),
+    )
     times, states, _ = _run(scenario)
     assert (states[times < 5.0] == 0.0).all()
     assert states[-1, 2] == pytest.approx(1.5, rel=TIGHT)
@@ -69,7 +73,11 @@ def test_an_impulse_at_the_start_acts():
 
 def test_parameters_follow_the_schedule_within_a_segment():
     # z'' = M(t) = 1 + t: z = t^2/2 + t^3/6
-    scenario = replace(REST, cart_mass=piecewise_linear((0.0, 2.0), (1.0, 3.0)), duration=2.0)
+    scenario = replace(
+        REST,
+        schedule={**REST.schedule, "cart_mass": piecewise_linear((0.0, 2.0), (1.0, 3.0))},
+        duration=2.0,
+    )
     _, states, _ = _run(scenario, lambda s, mass, length, push: (s[2], s[3], mass, 0.0))
     assert states[-1, 0] == pytest.approx(2.0 + 8.0 / 6.0, rel=TIGHT)
 

@@ -10,7 +10,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import UNITS, Requirements
 from afl_mujoco.simulation.judgement import (
     Judgement,
@@ -24,17 +24,13 @@ from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
 ALL = Requirements(
-    max_position=2.0,
-    max_angle=0.5,
-    max_command=45.0,
-    max_force=30.0,
+    max={"z": 2.0, "phi": 0.5, "force_command": 45.0, "force": 30.0},
     settling_time=3.0,
     recover_within=2.0,
-    position_band=0.1,
-    angle_band=0.05,
+    bands={"z": 0.1, "phi": 0.05},
 )
 SCENARIO = afl.Scenario(name="judged", disturbances=(PULSE,), duration=10.0, requirements=ALL)
-RAIL = Imperfections(rail_half_length=2.5)
+RAIL = Imperfections(end_stops={"z": 2.5})
 
 
 def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, command=None, end=None):
@@ -72,7 +68,7 @@ def test_every_requirement_is_judged_in_its_unit() -> None:
     values = {name: (one.value, one.margin) for name, one in found.items()}
     expected = {
         "completes": (10.0, 0.0),
-        "max_position": (1.5, 0.25),
+        "max.z": (1.5, 0.25),
         "end_stops": (1.5, 0.4),
         "max_angle": (0.4, 0.2),
         "max_command": (40.0, 1 / 9),
@@ -88,7 +84,7 @@ def test_every_requirement_is_judged_in_its_unit() -> None:
 
 def test_each_requirement_fails_alone() -> None:
     faults = {
-        "max_position": {"z": lambda t: 2.1 * (t < 1.0)},
+        "max.z": {"z": lambda t: 2.1 * (t < 1.0)},
         "max_angle": {"phi": lambda t: -0.6 * (t < 1.0)},
         "max_force": {"force": lambda t: 31.0 * (t > 9.0)},
         "max_command": {"command": lambda t: 46.0 * (t > 9.0)},
@@ -113,8 +109,8 @@ def test_what_never_comes_to_rest_has_no_margin_but_a_graded_measure_for_a_searc
         (made(), {}, ""),
         (made(end=4.0), {}, "fell"),
         (made(end=4.0), {"completes": False}, "fell"),  # what it did not show
-        (made(z=lambda t: 2.6 * (t < 1.0)), {"max_position": None}, "end_stops"),
-        (made(z=lambda t: 2.6 * (t < 1.0)), {"max_position": None, "end_stops_allowed": True}, ""),
+        (made(z=lambda t: 2.6 * (t < 1.0)), {"max.z": None}, "end_stops"),
+        (made(z=lambda t: 2.6 * (t < 1.0)), {"max.z": None, "end_stops_allowed": True}, ""),
         (made(z=lambda t: 2.1 * (t < 1.0), force=lambda t: 41.0 * (t < 1.0)), {}, "max_force"),
         (made(z=lambda t: 0.2, force=lambda t: 41.0 * (t < 1.0)), {}, "settling_time"),
     ],
@@ -136,7 +132,7 @@ def test_a_run_that_fell_shows_only_what_it_broke() -> None:
     found = judged(made(phi=lambda t: t, end=1.5))
     assert (found["completes"].value, found["completes"].margin) == (1.5, -0.85)
     assert found["max_angle"].margin == pytest.approx(-2.0)
-    for name in ("max_position", "max_command", "max_force"):
+    for name in ("max.z", "max_command", "max_force"):
         assert (found[name].margin, found[name].met) == (None, False)
     assert not any(one.met for one in found.values())
 
@@ -169,11 +165,11 @@ def test_there_is_no_other_requirement() -> None:
 def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
     scenario = dataclasses.replace(
         afl.SCENARIOS["nominal"],
-        requirements=Requirements(max_position=7.0, max_force=100.0, settling_time=19.0),
+        requirements=Requirements(max={"z": 7.0, "force": 100.0}, settling_time=19.0),
     )
     run = afl.simulate_mujoco(scenario, "fixed", "sampled")
     found = {one.requirement: one for one in judge(scenario, run)}
-    assert found["max_position"].margin == pytest.approx(1.0 - np.abs(run.state[:, 0]).max() / 7.0)
+    assert found["max.z"].margin == pytest.approx(1.0 - np.abs(run.state[:, 0]).max() / 7.0)
     assert [one.met for one in found.values()] == [True, False, True, True]
 
 
@@ -195,19 +191,19 @@ def test_a_fall_just_before_the_end_is_short_by_what_is_left():
     ("changes", "said", "ends"),
     [
         (
-            {"encoder_step_phi": 0.15},
-            "encoder_step_phi, 0.15 rad, is no less",
+            {"encoder_step.phi": 0.15},
+            "encoder_step.phi, 0.15 rad, is no less",
             "degrees or counts",
         ),
-        ({"encoder_step_z": 0.1}, "encoder_step_z, 0.1 m, is no less", "not in mm or counts"),
-        ({"noise_phi": 0.5}, "noise_phi, 0.5 rad, is no less than", "mrad"),
-        ({"noise_z": 0.5}, "noise_z, 0.5 m, is no less than the 0.1 m", "in mm"),
+        ({"encoder_step.z": 0.1}, "encoder_step.z, 0.1 m, is no less", "not in mm or counts"),
+        ({"noise.phi": 0.5}, "noise.phi, 0.5 rad, is no less than", "mrad"),
+        ({"noise.z": 0.5}, "noise.z, 0.5 m, is no less than the 0.1 m", "in mm"),
         ({"delay": 8.0}, "the delay, 8 s, is longer than a pole", "not in ms or Hz"),
     ],
     ids=str,
 )
 def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: str) -> None:
-    scenario = dataclasses.replace(SCENARIO, imperfections=Imperfections(**changes))
+    scenario = dataclasses.replace(SCENARIO, imperfections=IDEAL.changed(changes))
     (remark,) = unit_remarks(scenario, 0.001)
     assert remark.startswith(said) and remark.endswith(ends)
     run = afl.simulate_mujoco(scenario, "lqr", mode="sampled")
@@ -215,7 +211,9 @@ def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: 
 
 
 def test_a_half_length_in_millimetres_is_remarked_on() -> None:
-    long = dataclasses.replace(SCENARIO, half_length=afl.constant(600.0))
+    long = dataclasses.replace(
+        SCENARIO, schedule={**SCENARIO.schedule, "half_length": afl.constant(600.0)}
+    )
     (remark,) = unit_remarks(long, 0.001)
     assert remark.startswith("l reaches 600 m, half the length of the pole") and "mm" in remark
     assert unit_remarks(SCENARIO, 0.001) == []
@@ -246,7 +244,7 @@ def test_why_a_run_ended_is_said_where_the_outcome_does_not_say_it(start, force,
 
 @pytest.mark.parametrize(("end", "said"), [(1.0, True), (1.5, True), (1.51, False), (None, False)])
 def test_a_cart_at_its_end_stop_is_remarked_on(end, said) -> None:
-    scenario = dataclasses.replace(SCENARIO, imperfections=Imperfections(rail_half_length=end))
+    scenario = dataclasses.replace(SCENARIO, imperfections=Imperfections(end_stops={"z": end}))
     run = made(z=lambda t: -1.5 * (t == 2.0))
     found = remarks_on(run, scenario, afl.CONTROLLERS["fixed-retuned"])
     stopped = [one for one in found if one.startswith("the cart hits the end stop")]
@@ -258,9 +256,9 @@ def test_a_cart_at_its_end_stop_is_remarked_on(end, said) -> None:
 @pytest.mark.parametrize(
     ("hardware", "asked", "said"),
     [
-        ({"rail_half_length": 1.0}, {}, ["first at 0 s, short of max_position, 2 m"]),
-        ({"rail_half_length": 1.0}, {"max_position": 1.0}, ["from the middle, first at 0 s"]),
-        ({"rail_half_length": 2.0}, {}, []),
+        ({"end_stops.z": 1.0}, {}, ["first at 0 s, short of max.z, 2 m"]),
+        ({"end_stops.z": 1.0}, {"max.z": 1.0}, ["from the middle, first at 0 s"]),
+        ({"end_stops.z": 2.0}, {}, []),
     ],
     ids=str,
 )
@@ -269,7 +267,7 @@ def test_a_limit_of_the_hardware_is_remarked_on_where_a_run_reaches_it(
 ) -> None:
     scenario = dataclasses.replace(
         SCENARIO,
-        imperfections=Imperfections(**hardware),
+        imperfections=IDEAL.changed(hardware),
         requirements=dataclasses.replace(ALL, **asked),
     )
     run = made(z=lambda t: 1.5 * (t < 2.0), force=lambda t: -30.0 * (t < 0.02))
@@ -282,8 +280,10 @@ def test_a_limit_of_the_hardware_is_remarked_on_where_a_run_reaches_it(
     ("limit", "said"), [(5.0, "asks for up to 2"), (20.0, "asks for up to 2"), (1e3, None)]
 )
 def test_a_drive_that_cuts_the_command_off_is_remarked_on_and_said_in_the_row(limit, said) -> None:
-    asked = Requirements(max_force=40.0, max_command=25.0)
-    hardware = Imperfections(force_limit=limit)
+    asked = Requirements(
+        max={"force": 40.0, "force_command": 25.0},
+    )
+    hardware = Imperfections(input_limit=limit)
     scenario = afl.Scenario(
         name="limited", initial_state=(0.0, 0.3, 0.0, 0.0), duration=3.0,
         imperfections=hardware, requirements=asked,
@@ -330,17 +330,17 @@ def test_a_force_held_while_the_pole_falls_is_remarked_on() -> None:
     ids=str,
 )
 def test_a_change_of_the_plant_after_the_end_is_remarked_on(mass: afl.Schedule, said: str) -> None:
-    scenario = dataclasses.replace(SCENARIO, cart_mass=mass)
+    scenario = dataclasses.replace(SCENARIO, schedule={**SCENARIO.schedule, "cart_mass": mass})
     found = remarks_on(made(), scenario, afl.find_controller("fixed"))
     assert len(found) == bool(said)
     assert all(said in remark for remark in found)
 
 
 def test_noise_that_nothing_measures_is_remarked_on() -> None:
-    noise = {"noise_phi": 1e-3, "noise_phi_dot": 1.0}
+    noise = {"noise.phi": 1e-3, "noise.phi_dot": 1.0}
     for differentiated in (False, True):
         hardware = afl.Imperfections(differentiated=differentiated, **noise)
         scenario = dataclasses.replace(SCENARIO, imperfections=hardware)
         found = remarks_on(made(), scenario, afl.find_controller("fixed"))
-        said = "noise_phi_dot has no effect, because velocities are differentiated"
+        said = "noise.phi_dot has no effect, because velocities are differentiated"
         assert found == ([said] if differentiated else [])

@@ -181,10 +181,10 @@ def test_bad_settings_are_refused(odd_parameters):
     ("imperfections", "constrained"),
     [
         (Imperfections(), False),
-        (Imperfections(rail_damping=1.0), False),
-        (Imperfections(rail_friction=0.5), True),
-        (Imperfections(hinge_friction=0.001), True),
-        (Imperfections(rail_half_length=1.0), True),
+        (Imperfections(damping={"z": 1.0}), False),
+        (Imperfections(dry_friction={"z": 0.5}), True),
+        (Imperfections(dry_friction={"phi": 0.001}), True),
+        (Imperfections(end_stops={"z": 1.0}), True),
     ],
     ids=str,
 )

@@ -34,9 +34,7 @@ A1, B1, B2B, B3 = 1e-11, 1e-9, 1e-10, 1e-8
 MODES = ("exact", "continuous", "sampled")
 TIPPING = Scenario(
     name="tipping",
-    cart_mass=constant(20.0),
-    half_length=constant(0.05),
-    pole_mass=3.0,
+    schedule={"cart_mass": constant(20.0), "half_length": constant(0.05), "pole_mass": 3.0},
     duration=2.0,
 )
 
@@ -117,7 +115,11 @@ def test_b3_sampled_mode_is_the_held_loop(odd_scenario, controller, hold):
 def test_b3_holds_with_jumps_in_the_very_middle_of_steps(odd_scenario, adaptive):
     times = tuple(0.0505 + 0.05 * k for k in range(12))  # rounding may put each on either side
     masses = tuple(1.0 + 0.1 * (-1) ** k for k in range(13))
-    scenario = replace(odd_scenario, cart_mass=staircase(times, masses), disturbances=())
+    scenario = replace(
+        odd_scenario,
+        schedule={**odd_scenario.schedule, "cart_mass": staircase(times, masses)},
+        disturbances=(),
+    )
     run = simulate_mujoco(scenario, adaptive, mode="sampled")
     assert _difference(run, simulate_ode_held(scenario, adaptive)) <= B3
 
@@ -157,9 +159,12 @@ def test_all_of_a_pulse_acts_wherever_its_edges_lie(start, lasts):
 def test_an_impulse_acts_at_its_instant_wherever_it_lies(smooth_scenario, time):
     """The cart is free, so that it moves by a known way; held steps of 100 ms would hide 40 ms."""
     alone = replace(
-        smooth_scenario, pole_mass=1e-9, duration=0.8, initial_state=(0.0, 0.0, 0.0, 0.0),
-        disturbances=(Impulse(momentum=1.0, time=time),), cart_mass=constant(2.0),
-    )  # fmt: skip
+        smooth_scenario,
+        schedule={**smooth_scenario.schedule, "pole_mass": 1e-9, "cart_mass": constant(2.0)},
+        duration=0.8,
+        initial_state=(0.0, 0.0, 0.0, 0.0),
+        disturbances=(Impulse(momentum=1.0, time=time),),
+    )
     run = simulate_mujoco(alone, lambda t, x, b: 0.0, timestep=1e-3)
     after = np.maximum(run.time - time, 0.0)
     np.testing.assert_allclose(run.state[:, 0], 0.5 * after, rtol=0, atol=1e-7)
@@ -267,7 +272,7 @@ def test_friction_that_an_edit_adds_acts_as_that_of_the_scenario() -> None:
         spec.joint("slider").frictionloss = 2.0
 
     scenario = Scenario(name="short", initial_state=(0.0, 0.3, 0.0, 0.0), duration=1.0)
-    rough = replace(scenario, imperfections=Imperfections(rail_friction=2.0))
+    rough = replace(scenario, imperfections=Imperfections(dry_friction={"z": 2.0}))
     edited = simulate_mujoco(scenario, "fixed", mode="sampled", edit=rub)
     described = simulate_mujoco(rough, "fixed", mode="sampled")
     np.testing.assert_array_equal(edited.state, described.state)

@@ -11,9 +11,7 @@ from afl_mujoco.plant.energy import linear_momentum
 
 TIPPING = Scenario(
     name="tipping",
-    cart_mass=constant(20.0),
-    half_length=constant(0.05),
-    pole_mass=3.0,
+    schedule={"cart_mass": constant(20.0), "half_length": constant(0.05), "pole_mass": 3.0},
     duration=2.0,
 )
 """So far from nominal that a controller that assumes the nominal plant lets the pole fall."""

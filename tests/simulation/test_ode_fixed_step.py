@@ -142,7 +142,11 @@ def test_one_substep_is_enough_to_run_and_more_are_closer(kind, request, adaptiv
 
 def test_a_breakpoint_just_before_an_instant_is_not_that_instant(smooth_scenario, adaptive):
     heavier = staircase((0.5 - 5e-7,), (1.37, 1.6))
-    scenario = replace(smooth_scenario, cart_mass=heavier, initial_state=(0.0, 0.1, 2.0, 0.0))
+    scenario = replace(
+        smooth_scenario,
+        schedule={**smooth_scenario.schedule, "cart_mass": heavier},
+        initial_state=(0.0, 0.1, 2.0, 0.0),
+    )
     run = simulate_ode_held(scenario, adaptive, timestep=HELD_STEP, holds=Holds(), substeps=8)
     reference = simulate_ode(scenario, adaptive, sample_period=HELD_STEP)
     at = np.searchsorted(reference.time, run.time - 1e-9)
@@ -154,7 +158,10 @@ def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
     """M falls to a milligram under a force that is followed: the second step ends beyond limits."""
     lighter = staircase((0.02,), (1.0, 1e-6))
     scenario = Scenario(
-        name="lost", cart_mass=lighter, initial_state=(1.0, 0.1, 0.0, 0.0), duration=0.1
+        name="lost",
+        schedule={"cart_mass": lighter},
+        initial_state=(1.0, 0.1, 0.0, 0.0),
+        duration=0.1,
     )
     gains = GainGrid.constant((1e3, 0.0, 0.0, 0.0))
     spring = StateFeedback(name="spring", kind=LINEAR, gains=gains)

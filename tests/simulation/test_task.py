@@ -84,11 +84,21 @@ def _compare(scenario, controller, hold, integrator) -> None:
 
 
 ROUGH = Imperfections(
-    delay=0.0035, actuator_lag=0.004, slew_rate=2e3, force_limit=60.0, encoder_step_phi=1e-3,
-    noise_phi=1e-3, noise_z=5e-4, differentiated=True, velocity_filter=0.01, rail_damping=1.0,
-    rail_friction=0.5, hinge_damping=1e-3, tip_mass_share=0.1, parameter_delay=0.03,
-    rail_half_length=3.0, seed=5,
-)  # fmt: skip
+    delay=0.0035,
+    lag=0.004,
+    slew_rate=2e3,
+    input_limit=60.0,
+    encoder_step={"phi": 1e-3},
+    noise={"phi": 1e-3, "z": 5e-4},
+    differentiated=True,
+    velocity_filter=0.01,
+    damping={"z": 1.0, "phi": 1e-3},
+    dry_friction={"z": 0.5},
+    tip_mass_share=0.1,
+    parameter_delay=0.03,
+    end_stops={"z": 3.0},
+    seed=5,
+)
 AT_100_HZ = _short("step-step", 0.3, imperfections=Imperfections(control_period=0.01))
 
 

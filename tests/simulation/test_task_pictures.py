@@ -21,7 +21,7 @@ def _pole_pixels(picture: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("half_length", [0.2, 0.5, 1.0])
 def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(graphics, half_length):
-    scenario = replace(CALM, half_length=afl.constant(half_length))
+    scenario = replace(CALM, schedule={**CALM.schedule, "half_length": afl.constant(half_length)})
     physics = afl.load(scenario).physics
     extents = []
     for z in (0.0, 7.0):
@@ -35,7 +35,9 @@ def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(graphics, hal
 
 def test_a_picture_shows_the_length_of_its_instant(graphics):
     scenario = replace(
-        CALM, initial_state=(0, 0, 0, 0), half_length=afl.staircase((0.5,), (0.3, 0.9))
+        CALM,
+        initial_state=(0, 0, 0, 0),
+        schedule={**CALM.schedule, "half_length": afl.staircase((0.5,), (0.3, 0.9))},
     )
     environment = afl.load(scenario, control_period=0.1)
     environment.reset()

@@ -14,7 +14,7 @@ from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.report.blocks import Matrix
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.compare import Result, compare, report
 from afl_mujoco.studies.record import load_record
@@ -31,9 +31,9 @@ half_length = 1.5
 [imperfections]
 control_period = 0.01
 delay = 0.005
-noise_phi = 0.001
+noise.phi = 0.001
 [requirements]
-max_position = 1.0
+max.z = 1.0
 settling_time = 5.5
 """
 OWN = """
@@ -90,7 +90,7 @@ def test_remarks_are_of_gains_beyond_their_table_and_of_end_stops(result) -> Non
     assert "found for M 0.1 to 2 kg, and M reaches 8 kg here" in said
     assert "found for l 0.05 to 1 m, and l reaches 1.5 m here" in said
     for end, remark in ((3.0, "the cart hits the end stop, 3 m"), (30.0, "")):
-        rail = Imperfections(rail_half_length=end)
+        rail = Imperfections(end_stops={"z": end})
         scenario = replace(afl.SCENARIOS["nominal"], duration=2.0, imperfections=rail)
         found = compare(scenario, "fixed").remarks
         assert bool(found) == bool(remark) and remark in str(found)
@@ -144,7 +144,7 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     assert rows["compared.late"].failure == "controller failed"
     assert "rig/compared.late" not in record.result.curves
     data = json.loads((rig / "out" / "compare.json").read_text())
-    assert data["scenarios"][0]["requirements"]["max_position"] == 1.0
+    assert data["scenarios"][0]["requirements"]["max.z"] == 1.0
     assert [row["controller"] for row in data["rows"]] == [*names]
 
 
@@ -188,20 +188,23 @@ def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:
 
 @pytest.mark.parametrize(
     ("hardware", "draws", "count"),
-    [({}, None, 1), ({"noise_phi": 1e-4}, None, 10), ({"noise_phi": 1e-4}, 1, 1),
-     ({"encoder_step_phi": 1e-3}, 3, 3)],
+    [({}, None, 1), ({"noise.phi": 1e-4}, None, 10), ({"noise.phi": 1e-4}, 1, 1),
+     ({"encoder_step.phi": 1e-3}, 3, 3)],
 )  # fmt: skip
 def test_where_noise_or_encoders_act_a_controller_is_judged_by_several_draws(
     hardware, draws, count
 ) -> None:
     scenario = afl.Scenario(
-        name="drawn", duration=0.5, initial_state=(0.0, 0.1, 0.0, 0.0),
-        requirements=Requirements(max_angle=0.12), imperfections=Imperfections(**hardware, seed=7),
-    )  # fmt: skip
+        name="drawn",
+        duration=0.5,
+        initial_state=(0.0, 0.1, 0.0, 0.0),
+        requirements=Requirements(max={"phi": 0.12}),
+        imperfections=IDEAL.changed({**hardware, "seed": 7}),
+    )
     found = compare(scenario, "lqr", draws=draws)
     assert [row["draw"] for row in found.table] == list(range(count))
     peaks = {row["peak_phi"] for row in found.table}
-    assert len(peaks) == (count if "encoder_step_phi" in hardware else 1)
+    assert len(peaks) == (count if "encoder_step.phi" in hardware else 1)
     assert len({row["force_squared"] for row in found.table}) == count
     alone = afl.simulate_mujoco(scenario, "lqr").metrics
     assert found.table[0]["peak_z"] == alone["peak_z"]  # the first draw is the file's own
@@ -211,9 +214,12 @@ def test_where_noise_or_encoders_act_a_controller_is_judged_by_several_draws(
 
 def test_the_headline_counts_the_draws_that_pass_and_says_how_the_others_fail() -> None:
     noisy = afl.Scenario(
-        name="noisy", duration=2.0, initial_state=(0.0, 0.1, 0.0, 0.0),
-        requirements=Requirements(max_force=14.0), imperfections=Imperfections(noise_phi_dot=0.1),
-    )  # fmt: skip
+        name="noisy",
+        duration=2.0,
+        initial_state=(0.0, 0.1, 0.0, 0.0),
+        requirements=Requirements(max={"force": 14.0}),
+        imperfections=Imperfections(noise={"phi_dot": 0.1}),
+    )
     found = compare(noisy, "lqr")
     passing = sum(row["failure"] == "" for row in found.table)
     assert 0 < passing < 10 and not found.passed
@@ -314,7 +320,9 @@ def test_a_controller_that_fails_meets_nothing_even_where_nothing_is_asked() -> 
 
 def test_gains_without_a_value_are_a_row_and_not_the_end() -> None:
     believed = {"cart_mass": {"error": 0.5}}
-    heavy = afl.Scenario(name="heavy", cart_mass=afl.constant(70.0), duration=1.0, belief=believed)
+    heavy = afl.Scenario(
+        name="heavy", schedule={"cart_mass": afl.constant(70.0)}, duration=1.0, belief=believed
+    )
     found = afl.compare(heavy, ["lqr", "adaptive"])
     rows = {run.controller: run for run in found.rows}
     assert not rows["lqr"].message
@@ -323,7 +331,7 @@ def test_gains_without_a_value_are_a_row_and_not_the_end() -> None:
 
 def test_remarks_are_of_what_is_assumed_up_to_the_horizon() -> None:
     late = afl.staircase((0.5, 5.0), (1.0, 1.5, 50.0))
-    scenario = afl.Scenario(name="late", cart_mass=late, duration=1.0)
+    scenario = afl.Scenario(name="late", schedule={"cart_mass": late}, duration=1.0)
     assert scenario.plants.cart_mass == (1.0, 1.5)
     assert afl.find_controller("adaptive-estimated").remarks(scenario.assumed_plants) == []
     wrong = replace(scenario, belief={"cart_mass": {"error": 0.6}})

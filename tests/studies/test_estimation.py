@@ -83,7 +83,7 @@ def test_the_estimated_loop_is_as_good_as_the_one_with_the_true_parameters(resul
 
 def test_a_noisy_loop_is_the_median_of_its_own_runs_and_its_largest_force_their_largest(result):
     (loop,) = (x for x in result.cases[0].loops if (x.parameters, x.noise) == (TRUE, True))
-    noises = [Imperfections(noise_z=1e-4, noise_phi=5e-4, seed=seed) for seed in range(3)]
+    noises = [Imperfections(noise={"z": 1e-4, "phi": 5e-4}, seed=seed) for seed in range(3)]
     noisy = [replace(afl.SCENARIOS["step-step"], imperfections=noise) for noise in noises]
     runs = [afl.simulate_mujoco(one, afl.CONTROLLERS["adaptive"], "sampled") for one in noisy]
     peaks = sorted(float(np.abs(run.force).max()) for run in runs)

@@ -113,11 +113,11 @@ def test_what_is_changed_is_that_alone() -> None:
     base = with_values(one, one.values)
     touched = {
         "as it is": set(),
-        "rail x4": {"rail_half_length"},
-        "force x4": {"force_limit"},
-        "rail and force x4": {"rail_half_length", "force_limit"},
-        "exact sensors": {"encoder_step_z", "encoder_step_phi", "differentiated"},
-        "drive makes up for rail damping": {"rail_damping"},
+        "rail x4": {"end_stops.z"},
+        "force x4": {"input_limit"},
+        "rail and force x4": {"end_stops.z", "input_limit"},
+        "exact sensors": {"encoder_step.z", "encoder_step.phi", "differentiated"},
+        "drive makes up for rail damping": {"damping.z"},
     }
     found = changes(base)
     for name, expected in touched.items():

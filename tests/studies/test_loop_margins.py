@@ -300,13 +300,13 @@ def test_the_held_plant_with_a_delay_is_what_the_forces_do(delay: float) -> None
 def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
     lqr = afl.CONTROLLERS["lqr"]
     ideal = linearize(lqr, NOMINAL)
-    damped = linearize(lqr, NOMINAL, Imperfections(rail_damping=2.0))
+    damped = linearize(lqr, NOMINAL, Imperfections(damping={"z": 2.0}))
     assert damped.a[2, 2] == pytest.approx(ideal.a[2, 2] - 2.0 * ideal.b[2], rel=1e-6)
     wrong = linearize(lqr, NOMINAL, belief=Belief.of({"cart_mass": {"error": 0.5}}))
     np.testing.assert_allclose(wrong.a, ideal.a)
     heavier = replace(NOMINAL, cart_mass=1.5)
     np.testing.assert_allclose(wrong.k, linearize(lqr, heavier).k, rtol=1e-6)
-    lagging = linearize(lqr, NOMINAL, Imperfections(actuator_lag=0.002))
+    lagging = linearize(lqr, NOMINAL, Imperfections(lag=0.002))
     assert lagging.a.shape == (5, 5)
     one, other = loop_margins(ideal), loop_margins(lagging)
     assert one is not None and other is not None
@@ -316,10 +316,10 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
 @pytest.mark.parametrize(
     "hardware",
     [
-        Imperfections(delay=0.0123, actuator_lag=0.005, rail_damping=1.0),
+        Imperfections(delay=0.0123, lag=0.005, damping={"z": 1.0}),
         Imperfections(differentiated=True),
         Imperfections(velocity_filter=0.02),
-        Imperfections(differentiated=True, velocity_filter=0.01, delay=0.0123, actuator_lag=0.005),
+        Imperfections(differentiated=True, velocity_filter=0.01, delay=0.0123, lag=0.005),
     ],
     ids=str,
 )

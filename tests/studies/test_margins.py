@@ -108,10 +108,12 @@ def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> No
 def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> None:
     own = afl.Scenario(
         name="own",
-        pole_mass=0.2,
-        cart_mass=afl.staircase([1.0], [8.0, 10.0]),
-        half_length=afl.constant(1.5),
-        imperfections=Imperfections(control_period=0.01, delay=0.004, noise_phi=1e-3),
+        schedule={
+            "pole_mass": 0.2,
+            "cart_mass": afl.staircase([1.0], [8.0, 10.0]),
+            "half_length": afl.constant(1.5),
+        },
+        imperfections=Imperfections(control_period=0.01, delay=0.004, noise={"phi": 1e-3}),
     )
     afl.save_scenario(own, tmp_path / "own.toml")
     asked = Options(scenario=str(tmp_path / "own.toml"), controllers=("lqr",), measure=False)
@@ -123,7 +125,7 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert prepare(replace(asked, control_period=0.002)).deployed.period == 0.002
     assert prepare(replace(asked, pole_mass=0.3)).pole_mass == 0.3
     found = run(request._replace(cart_masses=(8.0,)))
-    assert (found.scenario, found.left_out) == ("own", ("noise_phi",))
+    assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
     said = report(found).blocks[0]
     assert "count: delay = 0.004; that a linear loop cannot have: noise\\_phi" in said
 
@@ -293,9 +295,15 @@ def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() 
         not_linear={"mine": "has a memory", "wild": "must be smooth", "biased": "pushes"},
         small_motions=(
             motion("mine", gain_decrease=0.25, gain_increase=8.0, delay=0.0),
-            replace(motion("mine", gain_decrease=0.5, delay=0.02), cart_mass=0.1),
+            replace(
+                motion("mine", gain_decrease=0.5, delay=0.02),
+                schedule={
+                    **motion("mine", gain_decrease=0.5, delay=0.02).schedule,
+                    "cart_mass": 0.1,
+                },
+            ),
             motion("wild", decays=False),
-            replace(motion("wild"), cart_mass=0.1),
+            replace(motion("wild"), schedule={**motion("wild").schedule, "cart_mass": 0.1}),
         ),
     )
     (rows,) = matrices(result)

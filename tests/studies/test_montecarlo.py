@@ -44,14 +44,14 @@ from tests.program import run as program
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 HEAVY = afl.Scenario(
     name="heavy",
-    pole_mass=0.2,
+    schedule={"pole_mass": 0.2, "cart_mass": afl.constant(8.0), "half_length": afl.constant(1.5)},
     duration=4.0,
     initial_state=(0.0, 0.2, 0.0, 0.0),
-    cart_mass=afl.constant(8.0),
-    half_length=afl.constant(1.5),
     imperfections=Imperfections(control_period=0.01, delay=0.004),
-    requirements=Requirements(max_position=0.5, max_force=150.0),
-    ranges=Ranges(varied={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)}, cart_mass_rate=4.0),
+    requirements=Requirements(
+        max={"z": 0.5, "force": 150.0},
+    ),
+    ranges=Ranges(varied={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)}, rates={"cart_mass": 4.0}),
 )
 SPACE = SampleSpace(HEAVY)
 
@@ -75,7 +75,7 @@ def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy: Res
     for i, one in enumerate(runs):
         alone = afl.simulate_mujoco(sample_scenario(SPACE, i, 1), LQR)
         far, hard = np.abs(alone.state[:, 0]).max(), alone.metrics["max_force"]
-        missed = ["max_position"] * bool(far > 0.5) + ["max_force"] * bool(hard > 150.0)
+        missed = ["max.z"] * bool(far > 0.5) + ["max_force"] * bool(hard > 150.0)
         assert [m.requirement for m in one.missed] == missed
         assert bool(one.failure) == bool(missed) == (one.severity(4.0) > 1.0)
         assert one.margin == pytest.approx(min(1.0 - far / 0.5, 1.0 - hard / 150.0))
@@ -306,7 +306,7 @@ def test_ctrl_c_is_one_line_exit_130_and_nothing_written(tmp_path: Path, workers
 @pytest.mark.slow
 def test_a_scenario_of_ones_own_is_drawn_from_and_its_hardest_sample_filmed(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(
-        "duration = 1.0\ninitial_state = [0, 0.2, 0, 0]\nrequirements.max_position = 0.6\n"
+        "duration = 1.0\ninitial_state = [0, 0.2, 0, 0]\nrequirements.max.z = 0.6\n"
         "[ranges]\ncart_mass = [0.5, 2.0]\nchanges = 4\ncart_mass_rate = 8.0\n"
     )
     result = program(

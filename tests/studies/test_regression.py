@@ -235,7 +235,9 @@ def test_workers_and_repetition_do_not_change_a_byte(fresh: dict[str, Baseline])
 
 
 def test_a_plant_a_hundred_thousandth_off_is_noticed(fresh: dict[str, Baseline]) -> None:
-    heavier = dataclasses.replace(SHORT, pole_mass=SHORT.pole_mass * (1 + 1e-5))
+    heavier = dataclasses.replace(
+        SHORT, schedule={**SHORT.schedule, "pole_mass": SHORT.pole_mass * (1 + 1e-5)}
+    )
     moved = regression.record_all([heavier], [afl.CONTROLLERS["adaptive"]])
     found = regression.compare(fresh, moved).changes["short.adaptive.json"]
     assert {change.run.rpartition(" / ")[2] for change in found} == set(REPORTED)

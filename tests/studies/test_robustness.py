@@ -10,7 +10,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.pool import in_process, open_executor
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
@@ -69,10 +69,10 @@ def test_a_threshold_is_where_single_runs_begin_to_fail(name: str) -> None:
     settings = Settings(seeds=1, scan=5, tolerance=0.1)
     found = sweep(SweepUnit(name, LQR, (LEANING,), settings)).survives
     assert found.bound == BRACKETED
-    key = {"delay": "delay", "rail": "rail_half_length"}[name]
+    key = {"delay": "delay", "rail": "end_stops.z"}[name]
     for level, survives in ((found.holds_at, True), (found.fails_at, False)):
         alone = afl.simulate_mujoco(
-            replace(LEANING, imperfections=Imperfections(**{key: level})), LQR
+            replace(LEANING, imperfections=IDEAL.changed({key: level})), LQR
         )
         reached = np.abs(alone.state[:, 0]).max() >= level if name == "rail" else False
         assert (alone.outcome.kind == "completed" and not reached) == survives

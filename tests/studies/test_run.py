@@ -37,7 +37,7 @@ def made(outcome: str = "completed", time: float = 20.0, **values) -> Run:
 
 
 def limited(*margins: float, **values) -> Run:
-    names = ("max_position", "max_force")
+    names = ("max.z", "max_force")
     found = tuple(
         Judgement(requirement=name, limit=2.0, value=2.0 - 2.0 * x, margin=x)
         for name, x in zip(names, margins, strict=False)
@@ -73,7 +73,7 @@ def test_severity_is_what_its_words_say() -> None:
 def test_a_row_is_of_the_run_of_the_simulator() -> None:
     late = Imperfections(delay=0.004)
     peak = np.abs(afl.simulate_mujoco(replace(NEAR, imperfections=late), LQR).state[:, 0]).max()
-    rail = replace(late, rail_half_length=0.999 * float(peak))
+    rail = replace(late, end_stops={"z": 0.999 * float(peak)})
     scenarios = [
         NEAR,
         replace(NEAR, imperfections=rail),
@@ -94,7 +94,7 @@ def test_a_row_is_of_the_run_of_the_simulator() -> None:
             assert run.metrics["iae_z"] is other.metrics["iae_z"] is None
     hit = run_all(LQR, scenarios)[1]
     assert hit.failure == "end_stops"
-    far = np.abs(afl.simulate_mujoco(scenarios[1], LQR).state[:, 0]) >= rail.rail_half_length
+    far = np.abs(afl.simulate_mujoco(scenarios[1], LQR).state[:, 0]) >= rail.at("end_stops.z")
     assert hit.time == pytest.approx(1e-3 * np.flatnonzero(far)[0])
 
 
@@ -122,7 +122,7 @@ def test_kept_runs_have_their_trajectories() -> None:
 
 
 def test_rows_come_back_from_their_file_and_what_is_no_row_is_refused() -> None:
-    asked = afl.Requirements(max_position=0.3, settling_time=2.9)
+    asked = afl.Requirements(max={"z": 0.3}, settling_time=2.9)
     runs = run_all(LQR, [replace(NEAR, requirements=asked), NEAR])
     axis = np.array([0.0])
     result = Map(

@@ -16,10 +16,10 @@ from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.imperfections import require_on_rail
-from afl_mujoco.scenario.parameters import CartPoleParameters, require_finite
-from afl_mujoco.scenario.ranges import SCHEDULES
+from afl_mujoco.scenario.parameters import SCHEDULES, CartPoleParameters
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.values import require_finite
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
@@ -208,7 +208,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         reseed(task, self.np_random)
         step = self.dm_environment.reset()
         if start is not None:
-            rail = self.scenario.imperfections.rail_half_length
+            rail = self.scenario.rail
             require_on_rail("z of initial_state", start[0], rail)
             physics.begin(start)
             step = step._replace(observation=task.get_observation(physics))

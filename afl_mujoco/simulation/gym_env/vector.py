@@ -188,7 +188,7 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
                 self._randoms[i], _ = np_random(seeds[i])
             scenario, start, episode = self._draw(i)
             if asked is not None:
-                rail = scenario.imperfections.rail_half_length
+                rail = scenario.rail
                 require_on_rail("z of initial_state", asked[0], rail)
             self._make_room(episode)
             self._begin(i, scenario, start if asked is None else asked, episode)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.parameters import COORDINATES, STATE
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.simulation.mujoco_model import read_state
 
@@ -127,13 +128,9 @@ def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
     """
     r = imperfections
     return Sensors(
-        noisy=any((r.noise_z, r.noise_phi, r.noise_z_dot, r.noise_phi_dot)),
-        noise_z=r.noise_z,
-        noise_phi=r.noise_phi,
-        noise_z_dot=r.noise_z_dot,
-        noise_phi_dot=r.noise_phi_dot,
-        step_z=r.encoder_step_z,
-        step_phi=r.encoder_step_phi,
+        noisy=r.noisy,
+        **{f"noise_{name}": r.at(f"noise.{name}") for name in STATE},
+        **{f"step_{name}": r.at(f"encoder_step.{name}") for name in COORDINATES},
         differentiated=r.differentiated,
         period=period,
         filter_share=1.0 if r.velocity_filter == 0.0 else -math.expm1(-period / r.velocity_filter),
@@ -150,11 +147,11 @@ def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Ac
     delay = min(r.delay / timestep, steps + 1.0)
     late = math.floor(delay + SNAP)
     return Actuator(
-        limit=math.inf if r.force_limit is None else r.force_limit,
+        limit=math.inf if r.input_limit is None else r.input_limit,
         slew=math.inf if r.slew_rate is None else r.slew_rate * timestep,
         late=late,
         later_share=delay - late if delay - late > SNAP else 0.0,
-        lag=r.actuator_lag / timestep,
+        lag=r.lag / timestep,
     )
 
 

@@ -17,7 +17,7 @@ from afl_mujoco.control.controller import compiled_force, force_from_inputs
 from afl_mujoco.control.estimator import filtered_state
 from afl_mujoco.control.estimator import start as begin_estimate
 from afl_mujoco.control.estimator import update as update_estimate
-from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.requirements import BANDS
 from afl_mujoco.simulation.mujoco_model import (
     impulse_jump,
     mj_reset_data,
@@ -37,7 +37,7 @@ from afl_mujoco.simulation.trajectory import (
     within_limits,
 )
 
-BAND_Z, BAND_PHI = NONE.position_band, NONE.angle_band
+BAND_Z, BAND_PHI = BANDS["z"], BANDS["phi"]
 """A run is settled while ``|z|`` and ``|phi|`` stay within these [m, rad]."""
 
 SETTLED = len(OUTCOMES)

@@ -283,7 +283,9 @@ MANUFACTURED_DURATION = 2.0
 SHORT_DURATION = 0.6
 
 _SHORT = replace(
-    SCENARIOS["step-trapezoid"], cart_mass=staircase((0.3,), (0.5, 1.0)), duration=SHORT_DURATION
+    SCENARIOS["step-trapezoid"],
+    schedule={**SCENARIOS["step-trapezoid"].schedule, "cart_mass": staircase((0.3,), (0.5, 1.0))},
+    duration=SHORT_DURATION,
 )
 
 

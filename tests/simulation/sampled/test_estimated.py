@@ -20,8 +20,8 @@ from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 from afl_mujoco.simulation.sampled.runs import prepare, simulate_estimated, timing_of
 
 REAL = Imperfections(
-    noise_z=1e-4, noise_phi=5e-4, control_period=0.002, delay=0.003, actuator_lag=0.004,
-    force_limit=8.0, seed=4,
+    noise={"z": 1e-4, "phi": 5e-4}, control_period=0.002, delay=0.003, lag=0.004,
+    input_limit=8.0, seed=4,
 )  # fmt: skip
 SETTINGS = EstimatorSettings(initial_cart_mass=0.9, initial_half_length=0.45)
 
@@ -151,9 +151,11 @@ def test_its_ghost_in_a_film_sees_the_true_parameters(odd_scenario, estimating, 
 def test_a_plant_far_from_the_paper_s_is_estimated_and_balanced(name):
     rig = afl.Scenario(
         name="rig",
-        cart_mass=afl.constant(8.0),
-        half_length=afl.constant(1.5),
-        pole_mass=0.2,
+        schedule={
+            "cart_mass": afl.constant(8.0),
+            "half_length": afl.constant(1.5),
+            "pole_mass": 0.2,
+        },
         initial_state=(0.0, 0.2, 0.0, 0.0),
         duration=12.0,
     )

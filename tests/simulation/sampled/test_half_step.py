@@ -14,8 +14,10 @@ LEVELS = 7
 FAST = afl.Scenario(
     name="fast",
     duration=2.0,
-    cart_mass=afl.staircase([0.5], [0.1, 0.3]),
-    half_length=afl.staircase([1.0], [0.05, 0.1]),
+    schedule={
+        "cart_mass": afl.staircase([0.5], [0.1, 0.3]),
+        "half_length": afl.staircase([1.0], [0.05, 0.1]),
+    },
     initial_state=(0.0, 0.2, 0.0, 0.0),
     imperfections=Imperfections(control_period=0.002),
 )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CartPoleModel
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.sampled.hardware import (
     actuate,
     actuator_of,
@@ -64,8 +64,8 @@ def test_ideal_sensors_read_the_state(model, states):
 
 def test_noise_is_added_at_the_scale_of_its_channel(model, states):
     scales = np.array([0.01, 0.02, 0.3, 0.4])
-    names = ("noise_z", "noise_phi", "noise_z_dot", "noise_phi_dot")
-    noisy = Imperfections(**dict(zip(names, scales.tolist(), strict=True)), seed=5)
+    names = ("noise.z", "noise.phi", "noise.z_dot", "noise.phi_dot")
+    noisy = IDEAL.changed({**dict(zip(names, scales.tolist(), strict=True)), "seed": 5})
     drawn = np.array([normals(5, tick) for tick in range(len(states))])
     np.testing.assert_allclose(
         measured(model, noisy, states) - states, scales * drawn, rtol=0, atol=1e-14
@@ -73,14 +73,20 @@ def test_noise_is_added_at_the_scale_of_its_channel(model, states):
 
 
 def test_noise_on_one_channel_leaves_the_others_and_is_the_same_alone(model, states):
-    both = measured(model, Imperfections(noise_z=0.01, noise_phi=0.02, seed=5), states)
-    alone = measured(model, Imperfections(noise_phi=0.02, seed=5), states)
+    both = measured(model, Imperfections(noise={"z": 0.01, "phi": 0.02}, seed=5), states)
+    alone = measured(model, Imperfections(noise={"phi": 0.02}, seed=5), states)
     assert (both[:, 1] == alone[:, 1]).all()
     assert (alone[:, [0, 2, 3]] == states[:, [0, 2, 3]]).all()
 
 
 def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
-    seen = measured(model, Imperfections(encoder_step_z=0.01, encoder_step_phi=0.03), states)
+    seen = measured(
+        model,
+        Imperfections(
+            encoder_step={"z": 0.01, "phi": 0.03},
+        ),
+        states,
+    )
     for column, size in ((0, 0.01), (1, 0.03)):
         counts = seen[:, column] / size
         np.testing.assert_allclose(counts, np.round(counts), rtol=0, atol=1e-9)
@@ -90,14 +96,18 @@ def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
 
 
 def test_an_encoder_treats_both_signs_alike(model, states):
-    coarse = Imperfections(encoder_step_z=0.01, encoder_step_phi=0.03)
+    coarse = Imperfections(
+        encoder_step={"z": 0.01, "phi": 0.03},
+    )
     assert (measured(model, coarse, -states) == -measured(model, coarse, states)).all()
 
 
 def test_differentiated_velocities_are_differences_of_what_the_encoders_say(model, states):
-    encoders = {"encoder_step_z": 0.01, "noise_z": 0.002, "encoder_step_phi": 0.03}
-    seen = measured(model, Imperfections(**encoders, noise_z_dot=9.0, differentiated=True), states)
-    positions = measured(model, Imperfections(**encoders), states)[:, :2]
+    encoders = {"encoder_step.z": 0.01, "noise.z": 0.002, "encoder_step.phi": 0.03}
+    seen = measured(
+        model, IDEAL.changed({**encoders, "noise.z_dot": 9.0, "differentiated": True}), states
+    )
+    positions = measured(model, IDEAL.changed(encoders), states)[:, :2]
     np.testing.assert_allclose(seen[1:, 2:], np.diff(positions, axis=0) / T, rtol=1e-12)
     assert seen[0, 2:].tolist() == [0.0, 0.0]
 
@@ -130,14 +140,14 @@ def test_an_ideal_actuator_exerts_the_command():
 
 def test_the_force_limit_cuts_off_both_signs():
     commands = [3.0, -70.0, math.inf, -math.inf, 12.5]
-    assert forces(Imperfections(force_limit=12.5), commands).tolist() == [
+    assert forces(Imperfections(input_limit=12.5), commands).tolist() == [
         3.0,
         -12.5,
         12.5,
         -12.5,
         12.5,
     ]
-    assert math.isnan(within_reach(actuator_of(Imperfections(force_limit=12.5), H, 9), math.nan))
+    assert math.isnan(within_reach(actuator_of(Imperfections(input_limit=12.5), H, 9), math.nan))
 
 
 @pytest.mark.parametrize("delay", [0.0005, 0.001, 0.003, 0.0034, 0.1 + 0.2 - 0.29, 0.05], ids=str)
@@ -165,7 +175,7 @@ def test_a_delay_beyond_the_run_lets_nothing_through():
 def test_a_step_rises_with_the_lag_of_the_actuator(lag):
     ends = H * np.arange(1, 101)
     np.testing.assert_allclose(
-        delivered(forces(Imperfections(actuator_lag=lag), np.full(100, 7.0))),
+        delivered(forces(Imperfections(lag=lag), np.full(100, 7.0))),
         7.0 * (ends + lag * np.expm1(-ends / lag)),
         rtol=1e-11,
     )
@@ -182,24 +192,24 @@ def test_the_slew_rate_limits_every_change():
 
 def test_a_limited_force_comes_back_at_once_where_an_unlimited_one_must_first_unwind():
     commands = np.array([100.0] * 20 + [-100.0] * 4)
-    real = Imperfections(slew_rate=1000.0, force_limit=10.0)
+    real = Imperfections(slew_rate=1000.0, input_limit=10.0)
     assert forces(real, commands)[19:].tolist() == [10.0, 9.5, 8.5, 7.5, 6.5]
 
 
 CHAINS = {
-    "fractional delay and lag": Imperfections(delay=0.0035, actuator_lag=0.004),
-    "less than a step": Imperfections(delay=0.0005, actuator_lag=0.001),
+    "fractional delay and lag": Imperfections(delay=0.0035, lag=0.004),
+    "less than a step": Imperfections(delay=0.0005, lag=0.001),
     "slew": Imperfections(slew_rate=5000.0),
-    "slew and lag": Imperfections(slew_rate=5000.0, actuator_lag=0.002),
+    "slew and lag": Imperfections(slew_rate=5000.0, lag=0.002),
     "everything": Imperfections(
-        delay=0.0035, slew_rate=5000.0, actuator_lag=0.004, force_limit=8.0
+        delay=0.0035, slew_rate=5000.0, lag=0.004, input_limit=8.0
     ),
 }  # fmt: skip
 
 
 def fine_chain(real, commands, fine):
     """The force in `fine` parts of every step, by a simulation with that many steps."""
-    limit = math.inf if real.force_limit is None else real.force_limit
+    limit = math.inf if real.input_limit is None else real.input_limit
     slew = math.inf if real.slew_rate is None else real.slew_rate * H / fine
     held = np.repeat(np.clip(commands, -limit, limit), fine)
     late = np.concatenate([np.zeros(round(real.delay / H * fine)), held])[: len(held)]
@@ -207,8 +217,8 @@ def fine_chain(real, commands, fine):
     found = np.empty(len(held))
     for i, wanted in enumerate(late):
         demand += min(max(wanted - demand, -slew), slew)
-        if real.actuator_lag > 0.0:
-            force += (demand - force) * -math.expm1(-H / fine / real.actuator_lag)
+        if real.lag > 0.0:
+            force += (demand - force) * -math.expm1(-H / fine / real.lag)
         else:
             force = demand
         found[i] = force
@@ -239,7 +249,7 @@ def test_peak_square_and_variation_are_those_of_the_force_within_the_steps(name,
 
 def test_a_run_of_equal_commands_squares_and_varies_as_the_closed_form():
     lag, n = 0.004, 50
-    actuator = actuator_of(Imperfections(actuator_lag=lag), H, n)
+    actuator = actuator_of(Imperfections(lag=lag), H, n)
     run, pending = new_run(), no_commands(actuator)
     for k in range(n):
         actuate(actuator, run, pending, 7.0, k, 1.0)
@@ -253,7 +263,7 @@ def test_delay_and_lag_in_a_chain_deliver_the_delayed_lagged_step():
     delay, lag = 0.004, 0.006
     after = np.maximum(H * np.arange(1, 101) - delay, 0.0)
     np.testing.assert_allclose(
-        delivered(forces(Imperfections(delay=delay, actuator_lag=lag), np.full(100, 7.0))),
+        delivered(forces(Imperfections(delay=delay, lag=lag), np.full(100, 7.0))),
         7.0 * (after + lag * np.expm1(-after / lag)),
         rtol=1e-11,
         atol=1e-16,

@@ -1,14 +1,15 @@
 """Nothing before an instant depends on what comes after it: of every controller, in every mode."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.names import ESTIMATED, INFORMED, NAMES
+from afl_mujoco.scenario.belief import ERRORS
 from afl_mujoco.scenario.disturbances import ForcePulse
-from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL
 
 CHANGE = 0.6
 """When the futures part [s]."""
@@ -18,19 +19,20 @@ ESTIMATING = tuple(f"{name}{ESTIMATED}" for name in INFORMED)
 
 def imperfect():
     """Every field of `Imperfections` alone, at its reference level, and all of them together."""
-    plain = {"velocity_filter": 0.01, "hinge_friction": 1e-3, "seed": 3}
-    found = {}
-    for field in fields(Imperfections):
-        declaration = DECLARATIONS[field.name]
+    plain = {"velocity_filter": 0.01, "dry_friction.phi": 1e-3}
+    found = {"seed": {"seed": 3}}
+    for path, declaration in DECLARATIONS.items():
+        if path in ERRORS:
+            continue
         if declaration.swept:
-            found[field.name] = declaration.swept[0].options(declaration.swept[0].reference)
+            found[path] = declaration.swept[0].options(declaration.swept[0].reference)
         elif declaration.drawn is not None:
-            found[field.name] = {field.name: declaration.drawn.range[1]}
+            found[path] = {path: declaration.drawn.range[1]}
         else:
-            found[field.name] = {field.name: plain[field.name]}
+            found[path] = {path: plain[path]}
     together = {name: value for one in found.values() for name, value in one.items()}
     return {"ideal": IDEAL} | {
-        name: Imperfections(**options) for name, options in {**found, "all": together}.items()
+        name: IDEAL.changed(options) for name, options in {**found, "all": together}.items()
     }
 
 
@@ -40,15 +42,20 @@ NEAR = afl.Scenario(
     name="near",
     duration=0.9,
     initial_state=(0.0, 0.1, 0.0, 0.0),
-    cart_mass=afl.staircase((CHANGE,), (3.0, 3.0001)),
-    half_length=afl.staircase((CHANGE,), (1.2, 1.2001)),
+    schedule={
+        "cart_mass": afl.staircase((CHANGE,), (3.0, 3.0001)),
+        "half_length": afl.staircase((CHANGE,), (1.2, 1.2001)),
+    },
 )
 FAR = replace(
     NEAR,
     name="far",
     duration=1.2,
-    cart_mass=afl.staircase((CHANGE,), (3.0, 12.0)),
-    half_length=afl.staircase((CHANGE,), (1.2, 0.3)),
+    schedule={
+        **NEAR.schedule,
+        "cart_mass": afl.staircase((CHANGE,), (3.0, 12.0)),
+        "half_length": afl.staircase((CHANGE,), (1.2, 0.3)),
+    },
     disturbances=(ForcePulse(force=60.0, start=0.7, duration=0.1),),
 )
 

@@ -16,19 +16,16 @@ HEAVY = CartPoleParameters(cart_mass=1e7, pole_mass=0.083, half_length=0.29, gra
 """So heavy a cart that the pole hangs from a fixed hinge."""
 
 FULL = Imperfections(
-    rail_damping=0.21,
-    hinge_damping=0.0011,
-    rail_friction=0.31,
-    rail_armature=0.041,
-    hinge_armature=0.00051,
-    rail_half_length=1.9,
+    damping={"z": 0.21, "phi": 0.0011},
+    dry_friction={"z": 0.31, "phi": 0.0007},
+    armature={"z": 0.041, "phi": 0.00051},
+    end_stops={"z": 1.9},
     tip_mass_share=0.23,
-    hinge_friction=0.0007,
 )
 PASSIVE = {
-    "friction": Imperfections(rail_friction=0.31),
-    "friction of the hinge": Imperfections(hinge_friction=0.0007),
-    "stops": Imperfections(rail_half_length=1.9),
+    "friction": Imperfections(dry_friction={"z": 0.31}),
+    "friction of the hinge": Imperfections(dry_friction={"phi": 0.0007}),
+    "stops": Imperfections(end_stops={"z": 1.9}),
     "everything": FULL,
 }
 
@@ -57,21 +54,22 @@ def _by_hand(p, r):
     about_com += s * m * (2 * length - com) ** 2
     friction, hinge_friction = (
         f'frictionloss="{loss!r}" solimpfriction=".99 .9999 .001 .5 2" solreffriction=".004 1"'
-        for loss in (r.rail_friction, r.hinge_friction)
+        for loss in (r.at("dry_friction.z"), r.at("dry_friction.phi"))
     )
-    stops = f'range="{-r.rail_half_length!r} {r.rail_half_length!r}" solreflimit=".005 1"'
+    rail = r.at("end_stops.z")
+    stops = f'range="{-rail!r} {rail!r}" solreflimit=".005 1"'
     return f"""
     <mujoco>
       <compiler angle="radian" inertiafromgeom="false" autolimits="true"/>
       <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/>
       <worldbody>
         <body name="cart">
-          <joint name="slider" type="slide" axis="1 0 0" damping="{r.rail_damping!r}"
-                 armature="{r.rail_armature!r}" {friction} {stops}/>
+          <joint name="slider" type="slide" axis="1 0 0" damping="{r.at("damping.z")!r}"
+                 armature="{r.at("armature.z")!r}" {friction} {stops}/>
           <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
           <body name="pole">
-            <joint name="hinge" type="hinge" axis="0 -1 0" damping="{r.hinge_damping!r}"
-                   armature="{r.hinge_armature!r}" {hinge_friction}/>
+            <joint name="hinge" type="hinge" axis="0 -1 0" damping="{r.at("damping.phi")!r}"
+                   armature="{r.at("armature.phi")!r}" {hinge_friction}/>
             <inertial pos="0 0 {com!r}" mass="{m!r}"
                       diaginertia="{about_com!r} {about_com!r} {0.01 * about_com!r}"/>
           </body>
@@ -123,7 +121,7 @@ def test_imperfections_adds_to_what_an_edit_put_there(odd_parameters):
         spec.joint("slider").armature = 0.5
 
     model = CartPoleModel(
-        odd_parameters, edit=drive, imperfections=Imperfections(rail_armature=0.25)
+        odd_parameters, edit=drive, imperfections=Imperfections(armature={"z": 0.25})
     )
     assert model.mj_model.joint("slider").armature[0] == 0.75
 
@@ -136,7 +134,7 @@ def test_imperfections_adds_to_what_an_edit_put_there(odd_parameters):
 def test_dry_friction_stops_a_sliding_cart_where_its_energy_is_spent(integrator, direction):
     friction, speed = 2.2, 1.1
     start = (0, HANGING, direction * speed, 0)
-    states = motion(LIGHT, Imperfections(rail_friction=friction), start, 1.0, integrator)
+    states = motion(LIGHT, Imperfections(dry_friction={"z": friction}), start, 1.0, integrator)
     distance = LIGHT.cart_mass * speed**2 / (2 * friction)
     # Euler is of order one: half a step at full speed
     assert direction * states[-1, 0] == pytest.approx(distance, abs=0.5 * H * speed * 1.05)
@@ -145,7 +143,7 @@ def test_dry_friction_stops_a_sliding_cart_where_its_energy_is_spent(integrator,
 
 @INTEGRATORS
 def test_dry_friction_holds_below_break_away_and_slides_above(integrator):
-    real, still = Imperfections(rail_friction=2.2), (0, HANGING, 0, 0)
+    real, still = Imperfections(dry_friction={"z": 2.2}), (0, HANGING, 0, 0)
     assert abs(motion(LIGHT, real, still, 1.0, integrator, force=2.0)[-1, 2]) < 4e-5  # creep
     sliding = motion(LIGHT, real, still, 1.0, integrator, force=3.0)[-1, 2]
     assert sliding == pytest.approx((3.0 - 2.2) / LIGHT.cart_mass, rel=2e-6)
@@ -155,7 +153,7 @@ def test_dry_friction_holds_below_break_away_and_slides_above(integrator):
 def test_damping_of_the_rail_decays_exponentially(integrator):
     damping = 0.8
     states = motion(
-        LIGHT, Imperfections(rail_damping=damping), (0, HANGING, 1.1, 0), 1.0, integrator
+        LIGHT, Imperfections(damping={"z": damping}), (0, HANGING, 1.1, 0), 1.0, integrator
     )
     expected = 1.1 * np.exp(-damping / LIGHT.cart_mass)
     assert states[-1, 2] == pytest.approx(expected, rel=1e-6 if integrator == "RK4" else 3e-4)
@@ -166,7 +164,7 @@ def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
     damping, m, length, g = 0.002, HEAVY.pole_mass, HEAVY.half_length, HEAVY.gravity
     inertia = m * (2 * length) ** 2 / 3
     states = motion(
-        HEAVY, Imperfections(hinge_damping=damping), (0, HANGING - 1e-3, 0, 0), 8.0, integrator
+        HEAVY, Imperfections(damping={"phi": damping}), (0, HANGING - 1e-3, 0, 0), 8.0, integrator
     )
     swing = states[:, 1] - HANGING
     energy = 0.5 * inertia * states[:, 3] ** 2 + 0.5 * m * g * length * swing**2
@@ -177,7 +175,7 @@ def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
 @INTEGRATORS
 def test_an_end_stop_holds_the_cart(integrator):
     states = motion(
-        LIGHT, Imperfections(rail_half_length=0.3), (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0
+        LIGHT, Imperfections(end_stops={"z": 0.3}), (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0
     )
     assert 0.3 < states[:, 0].max() < 0.304  # it gives by a few millimetres at a metre per second
     assert states[-1, 0] == pytest.approx(0.3, abs=2e-5)
@@ -190,7 +188,7 @@ def test_an_end_stop_holds_the_cart(integrator):
 def pivot_inertia(imperfections):
     """Inertia about a fixed hinge over m l^2, and the first moment over m l, by hand."""
     share = imperfections.tip_mass_share
-    armature = imperfections.hinge_armature / (HEAVY.pole_mass * HEAVY.half_length**2)
+    armature = imperfections.at("armature.phi") / (HEAVY.pole_mass * HEAVY.half_length**2)
     return (1 - share) * 4 / 3 + share * 4 + armature, (1 - share) + 2 * share
 
 
@@ -200,7 +198,7 @@ def pivot_inertia(imperfections):
         Imperfections(),
         Imperfections(tip_mass_share=0.3),
         Imperfections(tip_mass_share=0.95),
-        Imperfections(hinge_armature=0.004),
+        Imperfections(armature={"phi": 0.004}),
     ],
     ids=["rod", "tip 30 %", "tip 95 %", "armature"],
 )
@@ -216,7 +214,7 @@ def test_a_hanging_pole_swings_at_the_frequency_of_its_mass_distribution(imperfe
 
 
 def test_armature_of_the_rail_is_mass_that_gravity_and_the_pole_do_not_see():
-    real = Imperfections(rail_armature=0.63)
+    real = Imperfections(armature={"z": 0.63})
     states = motion(LIGHT, real, (0, HANGING, 0, 0), 0.5, "RK4", force=2.0)
     assert states[-1, 2] == pytest.approx(0.5 * 2.0 / (LIGHT.cart_mass + 0.63), rel=1e-5)
 
@@ -248,7 +246,10 @@ def test_a_thin_pole_is_a_rod(odd_parameters):
 def test_an_impulse_outruns_friction_and_feels_armature(odd_parameters):
     p, real = (
         odd_parameters,
-        Imperfections(rail_friction=5.0, hinge_armature=0.01, rail_armature=0.4),
+        Imperfections(
+            dry_friction={"z": 5.0},
+            armature={"phi": 0.01, "z": 0.4},
+        ),
     )
     phi, impulse = 0.3, 0.21
     coupling = -p.pole_mass * p.half_length * np.cos(phi)

@@ -36,11 +36,10 @@ def drawn(rng, count):
     for i in range(count):
         mass, length = rng.uniform(0.2, 1.5), rng.uniform(0.1, 0.8)
         imperfections = Imperfections(
-            noise_z=rng.uniform(0, 1e-3),
-            noise_phi=rng.uniform(0, 1e-2),
-            rail_friction=rng.choice([0.0, 0.4]),
-            rail_damping=rng.choice([0.0, 0.3]),
-            rail_half_length=[None, 1.5][i % 2],
+            noise={"z": rng.uniform(0, 1e-3), "phi": rng.uniform(0, 1e-2)},
+            dry_friction={"z": rng.choice([0.0, 0.4])},
+            damping={"z": rng.choice([0.0, 0.3])},
+            end_stops={"z": [None, 1.5][i % 2]},
             delay=rng.uniform(0.0, 0.02),
             tip_mass_share=rng.uniform(0.0, 0.3),
             seed=i,
@@ -48,8 +47,10 @@ def drawn(rng, count):
         scenarios.append(
             Scenario(
                 name=f"drawn-{i}",
-                cart_mass=staircase((0.3,), (mass, 1.3 * mass)),
-                half_length=piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
+                schedule={
+                    "cart_mass": staircase((0.3,), (mass, 1.3 * mass)),
+                    "half_length": piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
+                },
                 initial_state=(0.0, rng.uniform(-1.3, 1.3), 0.0, rng.normal()),
                 duration=[1.0, 1.5][i % 2],
                 imperfections=imperfections if i % 3 else Imperfections(),
@@ -126,7 +127,7 @@ def test_the_command_line_replays_a_failure_from_its_file(scenarios, adaptive, t
 
 def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
     wide = Scenario(name="wide", duration=15.0)
-    narrow = replace(wide, imperfections=Imperfections(rail_half_length=1.0))
+    narrow = replace(wide, imperfections=Imperfections(end_stops={"z": 1.0}))
     brief = replace(wide, duration=1.0)
     many = run_rollouts([wide, narrow, brief], adaptive)
     run = simulate_mujoco(wide, adaptive, "sampled")
@@ -192,7 +193,7 @@ def test_no_scenarios_are_no_runs(adaptive):
 def test_an_error_in_one_run_is_raised(scenarios, adaptive):
     with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
         run_rollouts(scenarios, adaptive, threads=0)
-    tiny = Scenario(name="tiny", half_length=constant(0.001))
+    tiny = Scenario(name="tiny", schedule={"half_length": constant(0.001)})
     with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
         run_rollouts([*scenarios, tiny], CONTROLLERS["adaptive"], threads=2)
     with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
@@ -200,8 +201,8 @@ def test_an_error_in_one_run_is_raised(scenarios, adaptive):
 
 
 def test_requirements_are_judged_as_of_the_single_run(adaptive):
-    asked = Requirements(max_position=2.0, max_force=80.0, settling_time=5.0, angle_band=0.1)
-    noisy = Imperfections(noise_phi=1e-3, delay=0.003)
+    asked = Requirements(max={"z": 2.0, "force": 80.0}, settling_time=5.0, bands={"phi": 0.1})
+    noisy = Imperfections(noise={"phi": 1e-3}, delay=0.003)
     with_them = Scenario(name="asked", duration=6.0, imperfections=noisy, requirements=asked)
     without = Scenario(name="plain", duration=6.0, imperfections=noisy)
     many = run_rollouts([without, with_them], adaptive, **SETTINGS)

@@ -28,21 +28,18 @@ from afl_mujoco.simulation.sampled.runs import simulate_sampled
 ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
 REAL = Imperfections(
     control_period=0.002,
-    force_limit=40.0,
+    input_limit=40.0,
     slew_rate=5000.0,
-    actuator_lag=0.003,
+    lag=0.003,
     delay=0.0025,
-    encoder_step_z=1e-4,
-    encoder_step_phi=1e-3,
-    noise_z=1e-4,
-    noise_phi=1e-3,
+    encoder_step={"z": 1e-4, "phi": 1e-3},
+    noise={"z": 1e-4, "phi": 1e-3},
     differentiated=True,
     velocity_filter=0.004,
-    rail_damping=0.1,
-    hinge_damping=1e-4,
-    rail_friction=0.3,
-    hinge_armature=1e-4,
-    rail_half_length=2.0,
+    damping={"z": 0.1, "phi": 1e-4},
+    dry_friction={"z": 0.3},
+    armature={"phi": 1e-4},
+    end_stops={"z": 2.0},
     tip_mass_share=0.1,
     parameter_delay=0.02,
     seed=7,
@@ -212,9 +209,7 @@ def test_a_controller_in_python_without_a_force_ends_the_run(smooth_scenario):
 
 ALONE = Scenario(
     name="alone",
-    cart_mass=constant(1.37),
-    half_length=constant(0.29),
-    pole_mass=1e-9,
+    schedule={"cart_mass": constant(1.37), "half_length": constant(0.29), "pole_mass": 1e-9},
     initial_state=(0.0, 0.0, 0.0, 0.0),
     duration=0.2,
 )
@@ -228,13 +223,13 @@ PUSHING = PythonController(name="constant", function=lambda time, state, belief:
     [
         (Imperfections(), lambda t: t),
         (Imperfections(delay=0.0234), lambda t: np.maximum(t - 0.0234, 0.0)),
-        (Imperfections(actuator_lag=0.03), lambda t: t + 0.03 * np.expm1(-t / 0.03)),
-        (Imperfections(force_limit=1.75), lambda t: 0.25 * t),
+        (Imperfections(lag=0.03), lambda t: t + 0.03 * np.expm1(-t / 0.03)),
+        (Imperfections(input_limit=1.75), lambda t: 0.25 * t),
     ],
     ids=["ideal", "delay", "lag", "limit"],
 )
 def test_the_cart_gets_the_momentum_of_the_closed_form(imperfections, momentum, integrator):
-    scenario = replace(ALONE, imperfections=replace(imperfections, rail_armature=0.0))
+    scenario = replace(ALONE, imperfections=replace(imperfections, armature={"z": 0.0}))
     run = simulate_sampled(scenario, PUSHING, integrator=integrator)
     np.testing.assert_allclose(
         run.state[:, 2], 7.0 * momentum(run.time) / 1.37, rtol=0, atol=1e-8
@@ -246,7 +241,7 @@ def test_the_lag_is_mujoco_s_own_filter_as_the_step_shrinks(smooth_scenario, ada
     lag, control_period = 0.006, 0.004
     errors = []
     for h in (2e-3, 1e-3, 5e-4):
-        real = Imperfections(actuator_lag=lag, control_period=control_period)
+        real = Imperfections(lag=lag, control_period=control_period)
         scenario = replace(smooth_scenario, imperfections=real)
         run = simulate_mujoco(scenario, adaptive, "sampled", timestep=h)
         states = _filtered_by_mujoco(smooth_scenario, adaptive, lag, control_period, h)
@@ -274,7 +269,7 @@ def _filtered_by_mujoco(scenario, controller, lag, control_period, h):
 
 
 def test_the_controller_gets_what_the_sensors_say(smooth_scenario):
-    real = Imperfections(encoder_step_z=0.02, encoder_step_phi=0.05, noise_z_dot=0.1, seed=3)
+    real = Imperfections(encoder_step={"z": 0.02, "phi": 0.05}, noise={"z_dot": 0.1}, seed=3)
     seen = []
 
     def function(time, state, belief):
@@ -293,8 +288,10 @@ def test_the_controller_gets_what_the_sensors_say(smooth_scenario):
 def test_assumed_parameters_can_be_late_and_wrong():
     scenario = Scenario(
         name="late",
-        cart_mass=staircase((0.05,), (1.0, 2.0)),
-        half_length=piecewise_linear((0.0, 0.1), (0.4, 0.5)),
+        schedule={
+            "cart_mass": staircase((0.05,), (1.0, 2.0)),
+            "half_length": piecewise_linear((0.0, 0.1), (0.4, 0.5)),
+        },
         duration=0.2,
         imperfections=Imperfections(parameter_delay=0.03),
         belief={"cart_mass": {"error": 0.1}, "half_length": {"error": -0.2}},
@@ -315,7 +312,9 @@ def test_assumed_parameters_can_be_late_and_wrong():
 
 
 def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
-    changing = Scenario(name="x", cart_mass=staircase((0.05,), (1.0, 2.0)), duration=0.2)
+    changing = Scenario(
+        name="x", schedule={"cart_mass": staircase((0.05,), (1.0, 2.0))}, duration=0.2
+    )
     never = Imperfections(parameter_delay=1e306)
     found = simulate_mujoco(replace(changing, imperfections=never), adaptive, "sampled")
     longer = Imperfections(parameter_delay=0.2)
@@ -334,7 +333,11 @@ def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
 
     scenario = Scenario(
         name="late",
-        cart_mass=staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]),
+        schedule={
+            "cart_mass": staircase(
+                [1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]
+            )
+        },
         duration=0.3,
         imperfections=Imperfections(parameter_delay=1e-3 * late),
     )
@@ -353,11 +356,11 @@ def test_constant_assumed_parameters_stay_constant(odd_scenario):
 
 def test_passive_physics_reaches_the_run(odd_scenario, adaptive):
     ideal = simulate_mujoco(odd_scenario, adaptive, "sampled").state[-1]
-    for name in ("rail_damping", "hinge_damping", "rail_friction", "rail_armature"):
-        real = replace(odd_scenario, imperfections=Imperfections(**{name: 0.1}))
+    for name in ("damping.z", "damping.phi", "dry_friction.z", "armature.z"):
+        real = replace(odd_scenario, imperfections=IDEAL.changed({name: 0.1}))
         assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-3
-    for name in ("hinge_armature", "tip_mass_share", "pole_radius"):
-        real = replace(odd_scenario, imperfections=Imperfections(**{name: 0.01}))
+    for name in ("armature.phi", "tip_mass_share", "pole_radius"):
+        real = replace(odd_scenario, imperfections=IDEAL.changed({name: 0.01}))
         assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-4
 
 

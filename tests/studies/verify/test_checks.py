@@ -120,7 +120,11 @@ def test_runs_that_fell_are_compared_until_the_pole_is_nearly_down() -> None:
 def test_b1_sees_a_cart_that_is_one_part_in_a_million_too_heavy() -> None:
     schedule = SHORT.cart_mass
     heavier = afl.Schedule(schedule.times, tuple(v * (1.0 + 1e-6) for v in schedule.values))
-    exact = afl.simulate_mujoco(dataclasses.replace(SHORT, cart_mass=heavier), FIXED, "exact")
+    exact = afl.simulate_mujoco(
+        dataclasses.replace(SHORT, schedule={**SHORT.schedule, "cart_mass": heavier}),
+        FIXED,
+        "exact",
+    )
     difference = checks.state_difference(exact, afl.simulate_ode(SHORT, FIXED))
     assert not CRITERIA["B1"].judge(difference).passed
 
@@ -128,9 +132,12 @@ def test_b1_sees_a_cart_that_is_one_part_in_a_million_too_heavy() -> None:
 def test_a5_and_b3_see_a_schedule_half_a_step_late() -> None:
     late = dataclasses.replace(
         SHORT,
-        half_length=afl.Schedule(
-            tuple(t + 5e-4 for t in SHORT.half_length.times), SHORT.half_length.values
-        ),
+        schedule={
+            **SHORT.schedule,
+            "half_length": afl.Schedule(
+                tuple(t + 5e-4 for t in SHORT.half_length.times), SHORT.half_length.values
+            ),
+        },
     )
     runs = closed_loop_runs(SHORT, FIXED, Settings())
     runs["mujoco sampled"] = afl.simulate_mujoco(late, FIXED, "sampled")
@@ -175,7 +182,9 @@ def test_every_reference_check_holds() -> None:
 
 
 def test_a10_sees_that_a_fresh_process_gives_other_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    nudged = dataclasses.replace(checks._SHORT, pole_mass=0.05 * (1.0 + 1e-15))
+    nudged = dataclasses.replace(
+        checks._SHORT, schedule={**checks._SHORT.schedule, "pole_mass": 0.05 * (1.0 + 1e-15)}
+    )
     monkeypatch.setattr(checks, "_SHORT", nudged)
     assert checks.differing_runs() == 4
 

@@ -28,7 +28,10 @@ SHORT = dataclasses.replace(
     afl.SCENARIOS["step-trapezoid"],
     name="short",
     duration=1.2,
-    cart_mass=afl.staircase((0.6,), (0.5, 1.0)),
+    schedule={
+        **afl.SCENARIOS["step-trapezoid"].schedule,
+        "cart_mass": afl.staircase((0.6,), (0.5, 1.0)),
+    },
     disturbances=(afl.ForcePulse(force=-10.0, start=0.8, duration=0.1),),
 )
 ADAPTIVE = afl.CONTROLLERS["adaptive"]

@@ -26,7 +26,10 @@ SHORT = dataclasses.replace(
     afl.SCENARIOS["step-trapezoid"],
     name="short",
     duration=2.0,
-    cart_mass=afl.staircase((0.3,), (0.5, 1.0)),
+    schedule={
+        **afl.SCENARIOS["step-trapezoid"].schedule,
+        "cart_mass": afl.staircase((0.3,), (0.5, 1.0)),
+    },
     disturbances=(
         afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
         afl.Impulse(momentum=0.3, time=0.7),

@@ -1,0 +1,216 @@
+"""Checks of values: the type of a field says its rule, and one function applies it.
+
+A field annotated ``Annotated[float, require_positive]`` is checked and stored by `check_fields`,
+wherever its dataclass is made: from a file, from Python, or by `replace`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from functools import cache
+from types import UnionType
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError
+
+Check = Callable[[str, Any], Any]
+"""``check(thing, value)`` returns the value as it is stored, or raises."""
+
+Value = TypeVar("Value")
+
+
+def require_type(thing: str, value: object, kind: type | UnionType) -> None:
+    """Raise unless `value` is an instance of `kind`."""
+    if not isinstance(value, kind):
+        names = [
+            one.__name__ for one in (kind.__args__ if isinstance(kind, UnionType) else (kind,))
+        ]
+        raise InvalidValueError(thing, f"must be of type {' or '.join(names)}", repr(value))
+
+
+def require_finite(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless it is a finite real number."""
+    boolean = isinstance(value, bool) or getattr(value, "dtype", None) == "bool"  # NumPy's too
+    if boolean or isinstance(value, str | bytes):
+        raise InvalidValueError(thing, "must be a number", repr(value))
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InvalidValueError(thing, "must be a number", repr(value)) from None
+    except OverflowError:
+        raise InvalidValueError(thing, "must be finite", "a number too large for a float") from None
+    if not math.isfinite(number):
+        raise InvalidValueError(thing, "must be finite", number)
+    return number
+
+
+def require_positive(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless it is finite and above zero."""
+    number = require_finite(thing, value)
+    if number <= 0.0:
+        raise InvalidValueError(thing, "must be positive", number)
+    return number
+
+
+def require_not_negative(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless it is finite and zero or above."""
+    number = require_finite(thing, value)
+    if number < 0.0:
+        raise InvalidValueError(thing, "must not be negative", number)
+    return number
+
+
+PER_SECOND = 1e12
+"""Instants that a second has: times within a picosecond are one."""
+
+
+def instant(time: float) -> float:
+    """Return a time [s] to the picosecond, so that times that differ by round-off are equal."""
+    return round(time * PER_SECOND) / PER_SECOND if abs(time) < 1e9 else time
+
+
+def require_time(thing: str, value: object) -> float:
+    """Return `value` as an instant [s], or raise unless it is finite and not negative."""
+    return instant(require_not_negative(thing, value))
+
+
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Bounds of a plant's numbers in SI units; beyond them, products overflow."""
+
+
+def require_plausible(thing: str, value: object) -> float:
+    """Return `value` as a float, or raise unless it is positive and within the bounds."""
+    number = require_positive(thing, value)
+    if not SMALLEST <= number <= LARGEST:
+        raise InvalidValueError(thing, f"must lie in {SMALLEST:g} to {LARGEST:g}", number)
+    return number
+
+
+def require_switch(thing: str, value: object) -> bool:
+    """Return `value`, or raise unless it is true or false."""
+    require_type(thing, value, bool)
+    return bool(value)
+
+
+def require_whole(thing: str, value: object, least: int, most: int, said: str = "") -> int:
+    """Return `value`, or raise unless it is a whole number in a range; `said` writes its end."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InvalidValueError(thing, "must be a whole number", repr(value))
+    if not least <= value <= most:
+        raise InvalidValueError(thing, f"must lie in {least} to {said or most}", value)
+    return value
+
+
+def require_distinct(thing: str, names: Sequence[str], hint: str = "") -> None:
+    """Raise if there is no name, or a name occurs twice; a hint says what then to do."""
+    if not names:
+        raise InvalidValueError(f"{thing}s", "must be at least one", 0)
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InvalidValueError(f"{thing} names", "must differ", f"{name!r} twice{hint}")
+
+
+Finite = Annotated[float, require_finite]
+Positive = Annotated[float, require_positive]
+NotNegative = Annotated[float, require_not_negative]
+Time = Annotated[float, require_time]
+Plausible = Annotated[float, require_plausible]
+Switch = Annotated[bool, require_switch]
+
+
+class ByName(dict[str, Value]):
+    """Values by the plant's names; it can be hashed, and is not changed."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        """Return a hash, for a scenario is hashable."""
+        return hash(frozenset(self.items()))
+
+    def ordered(self, names: Sequence[str]) -> ByName[Value]:
+        """Return the values in the order of the names, and raise if one is not among them."""
+        for name in self:
+            if name not in names:
+                raise UnknownNameError.among("name", name, names)
+        return ByName({name: self[name] for name in names if name in self})
+
+
+EMPTY: ByName[Any] = ByName()
+
+
+def by_name(check: Check) -> Check:
+    """Return the check of one value for everything, or of a table of values by name."""
+
+    def checked(thing: str, value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return check(thing, value)
+        return ByName({str(name): check(f"{thing}.{name}", x) for name, x in value.items()})
+
+    return checked
+
+
+def table_of(check: Check) -> Check:
+    """Return the check of a table of values by name."""
+
+    def checked(thing: str, value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            raise InvalidValueError(thing, "must be a table by name", repr(value))
+        return by_name(check)(thing, value)
+
+    return checked
+
+
+def check_fields(one: Any) -> None:
+    """Check every field of a dataclass by its type, and store it; called by ``__post_init__``."""
+    for name, check in checks(one.__class__).items():
+        object.__setattr__(one, name, check(name, getattr(one, name)))
+
+
+class Checked:
+    """A dataclass whose fields are checked by their types."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Check every field and store it."""
+        check_fields(self)
+
+
+@cache
+def checks(kind: Any) -> Mapping[str, Check]:
+    """Return the check of each field of a dataclass whose type has one."""
+    hints = get_type_hints(kind, include_extras=True)
+    found: dict[str, Check] = {}
+    for one in fields(kind):
+        hint = hints[one.name]
+        for part in (hint, *get_args(hint)):  # of ``Positive | None``, the part with the check
+            if check := next(filter(callable, getattr(part, "__metadata__", ())), None):
+                found[one.name] = _optional(check) if type(None) in get_args(hint) else check
+    return found
+
+
+def _optional(check: Check) -> Check:
+    """Return the check of a value that may be None."""
+    return lambda thing, value: None if value is None else check(thing, value)
+
+
+def departures(table: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that differ from their defaults, by name."""
+    values = {field.name: (getattr(table, field.name), field.default) for field in fields(table)}
+    return {name: value for name, (value, default) in values.items() if value != default}
+
+
+def short_repr(table: Any) -> str:
+    """Return the call that makes a dataclass, defaults left out, for ``__repr__``."""
+    given = (f"{name}={value!r}" for name, value in departures(table).items())
+    return f"{type(table).__name__}({', '.join(given)})"
+
+
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """Put a place before the thing that an error raised in the block names."""
+    try:
+        yield
+    except AflMujocoError as error:
+        raise error.within(place) from None
