@@ -40,7 +40,6 @@ STEP = 1e-4  # of central differences: their error is of the order of its square
 
 
 def differences(rate, point):
-    """The derivative of a function by central differences, one column an input."""
     steps = STEP * np.eye(len(point))
     return np.stack([(rate(point + d) - rate(point - d)) / (2.0 * STEP) for d in steps], axis=-1)
 
@@ -148,7 +147,6 @@ def linearised_gains(p, gains, step):
 
 
 def window(name, plant):
-    """The gains that a baseline has for one plant."""
     grid = CONTROLLERS[name].gains.over(PlantRange.of(plant))
     return grid.gains(plant.cart_mass, plant.half_length)
 

@@ -43,13 +43,11 @@ def controller_of(function, **settings):
 
 
 def limited(function, seconds):
-    """Return a controller none of whose calls may take longer, its first included."""
     return controller_of(function, call_limit=seconds, first_call_limit=seconds)
 
 
 @pytest.fixture
 def module(tmp_path, monkeypatch):
-    """Write a module into a working directory of its own."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [p for p in sys.path if p != str(tmp_path)])
 

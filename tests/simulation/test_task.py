@@ -423,8 +423,6 @@ def test_the_viewers_loop_runs_pauses_and_restarts_it():
 
 
 class TestContract(test_utils.EnvironmentTestMixin, absltest.TestCase):
-    """The contract of `dm_env.Environment`, past the end of an episode."""
-
     def make_object_under_test(self):
         return afl.load("step-step-impulse", control_period=0.02, initial_noise=0.1, random=1)
 
@@ -434,8 +432,6 @@ class TestContract(test_utils.EnvironmentTestMixin, absltest.TestCase):
 
 
 class TestContractOfAPerfectBalance(TestContract):
-    """The same where the time limit ends the episode."""
-
     def make_object_under_test(self):
         scenario = _short("nominal", 0.5, initial_state=(0, 0, 0, 0))
         return afl.load(scenario, control_period=0.01, parameters="hidden")

@@ -25,7 +25,6 @@ TRUTH = Truth()
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    """A folder with a log and its description."""
     (tmp_path / "logs").mkdir()
     c = swing(TRUTH, 4, 1.6)
     write_log(tmp_path / "logs" / "one.csv", c["time"], c["phi"], c["z"], c["command"])
@@ -70,7 +69,6 @@ def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> N
 
 
 def identify_logs(folder: Path, command_line, columns: dict) -> str:
-    """Write logs and identify them; return the error, which there must be."""
     for name, c in columns.items():
         write_log(folder / "logs" / f"{name}.csv", c["time"], c["phi"], c["z"], c["command"])
     code, output, errors = command_line(

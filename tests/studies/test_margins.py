@@ -202,8 +202,6 @@ def test_the_plants_that_are_measured_are_of_the_grid():
 
 
 class Remembering:
-    """An LQR that counts its calls."""
-
     def __init__(self, bias: float = 0.0) -> None:
         self.calls, self.bias = 0, bias
         self.gains = linearize(LQR, NOMINAL).k.tolist()
@@ -256,7 +254,6 @@ MADE_UP = study_results.margins()
 
 
 def matrices(result: Result) -> list[list[list[str]]]:
-    """The texts of the cells of each matrix."""
     found = [block for block in report(result).blocks if isinstance(block, Matrix)]
     return [[[cell.marked for cell in row] for row in matrix.cells] for matrix in found]
 

@@ -49,7 +49,6 @@ def made(scenario="step-step", run=None, **versions) -> Baseline:
 
 
 def figures(run: Recording) -> list[str]:
-    """What differs between a baseline and the same with another run in it."""
     return [change.figure for change in changes(made(), made(run=run))]
 
 
@@ -63,13 +62,11 @@ def by_name(*baselines: Baseline) -> dict[str, Baseline]:
 
 @pytest.fixture
 def baselines(tmp_path: Path) -> Path:
-    """A folder with the baselines of two scenarios."""
     update_baselines(tmp_path, {}, by_name(made(), made("nominal")))
     return tmp_path
 
 
 def shifted(column: int, by: float) -> Recording:
-    """The run with one number of its last row moved."""
     last = [*ROWS[1]]
     last[column] += by
     return recording(rows=(ROWS[0], tuple(last)))
@@ -253,7 +250,6 @@ def test_a_run_that_fell_is_recorded_up_to_its_end() -> None:
 
 @pytest.fixture
 def short_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the command run one short scenario with one controller."""
     monkeypatch.setattr("afl_mujoco.scenario.catalogue.SCENARIOS", {"short": SHORT})
     monkeypatch.setattr(regression, "REGRESSED", ("adaptive",))
 
