@@ -89,7 +89,6 @@ def adaptive():
 
 @pytest.fixture
 def random_states(rng):
-    """States all over the controller's domain, shape (200, 4)."""
     low, high = np.array([-3.0, -1.4, -5.0, -6.0]), np.array([3.0, 1.4, 5.0, 6.0])
     return rng.uniform(low, high, size=(200, 4))
 

@@ -72,8 +72,6 @@ NOT_COMPILED = frozenset(
 
 
 class Fault(Protocol):
-    """A change of one file."""
-
     @property
     def name(self) -> str: ...
 
@@ -123,7 +121,6 @@ class Copies:
             shutil.rmtree(root, ignore_errors=True)
 
     def keep_compiled(self) -> None:
-        """Keep the compiled code of the copy without a fault."""
         shutil.rmtree(KEPT, ignore_errors=True)
         for pattern in ("*.nbi", "*.nbc"):
             for path in (self.pristine / "afl_mujoco").rglob(pattern):
@@ -132,14 +129,12 @@ class Copies:
                 shutil.copy2(path, kept)
 
     def stop(self) -> None:
-        """End the running processes and start no other."""
         with self._lock:
             self._stopped = True
             for process in self._running:
                 os.killpg(process.pid, signal.SIGKILL)  # it leads a group of its own
 
     def verdict(self, root: Path, command: Sequence[str] = VERDICT) -> str:
-        """Return the checks of `afl-mujoco validate` that fail."""
         out = root / "renders" / "faults"
         code, said = self._run(root, TIME_LIMIT, "afl_mujoco", *command, "--out", str(out))
         _require_environment(said)
@@ -151,7 +146,6 @@ class Copies:
         return ", ".join(failed) or ("a requirement of a scenario" if code else "")
 
     def tests(self, root: Path, tests: Sequence[str], limit: float = TIME_LIMIT) -> str:
-        """Return the first test that fails, of some files, folders or tests."""
         if not tests:
             return ""
         quiet = ("-q", "-x", "--no-header", "-p", "no:cacheprovider")
@@ -163,7 +157,6 @@ class Copies:
         return failed[1] if failed else f"pytest ends with an error: {_last_line(said)}"
 
     def _run(self, root: Path, limit: float, module: str, *arguments: str) -> tuple[int, str]:
-        """Run a Python module on a copy and return its exit code and what it said."""
         environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
         environment |= {
             "PYTHONPATH": str(root),
@@ -196,7 +189,6 @@ class Copies:
         return process.returncode, said
 
     def _write_outline(self, root: Path, file: Path) -> None:
-        """Write what compiled code can depend on of a source, beside it."""
         text = (root / file).read_text(encoding="utf-8")
         try:
             kept = outline(text, self._ran.get(str(file), set()))
@@ -225,17 +217,14 @@ def outline(text: str, ran: Set[int]) -> str:
 
 
 def _may_compile(function: ast.FunctionDef) -> bool:
-    """Return whether a decorator of a function may compile it."""
     return any(_last_name(one) not in NOT_COMPILED for one in function.decorator_list)
 
 
 def _first_line(function: ast.FunctionDef) -> int:
-    """Return the line on which a function begins, its decorators included."""
     return min(one.lineno for one in (function, *function.decorator_list))
 
 
 def _last_name(node: ast.AST) -> str:
-    """Return the last name of an expression such as ``a.b(c)``."""
     if isinstance(node, ast.Call):
         return _last_name(node.func)
     return getattr(node, "attr", getattr(node, "id", ""))
@@ -324,7 +313,6 @@ def check_all(
 
 
 def files_of(tests: Sequence[str] = TESTS) -> list[str]:
-    """Return the files of some tests."""
     found = []
     for name in tests:
         path = REPOSITORY / name
@@ -334,7 +322,6 @@ def files_of(tests: Sequence[str] = TESTS) -> list[str]:
 
 
 def run_command_line(main: Callable[[], int], name: str) -> None:
-    """Run a command line and exit: 130 if it is interrupted, 1 for an error."""
     signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
@@ -355,7 +342,6 @@ def _interrupt(*_: object) -> None:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy what the checks need, without compiled code."""
     target.mkdir(exist_ok=True)
     for name in NEEDED:
         if (source / name).is_dir():
@@ -374,7 +360,6 @@ def _link_compiled(source: str, target: str) -> None:
 
 
 def _last_line(text: str) -> str:
-    """Return the last line that says something."""
     return next((line for line in reversed(text.splitlines()) if line.strip()), "nothing said")
 
 

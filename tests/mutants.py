@@ -153,7 +153,6 @@ class Place:
         return hashlib.blake2b(repr(known_by).encode(), digest_size=16).digest()
 
     def mutant(self) -> Mutant | None:
-        """Return the mutant, None if what changes is no Python or means the same."""
         before = (REPOSITORY / self.file).read_text(encoding="utf-8")
         after = mutated(before, self.operator, self.occurrence)
         assert after is not None
@@ -168,19 +167,15 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True)
 class Mutant:
-    """A source with a change in one line."""
-
     place: Place
     now: str
 
     @property
     def file(self) -> str:
-        """What changes."""
         return self.place.file
 
     @property
     def name(self) -> str:
-        """What changes how."""
         return f"{self.file}: {self.place.was}  ->  {self.now}"
 
     @property
@@ -189,7 +184,6 @@ class Mutant:
         return self.file, self.place.was, self.now, self.place.nth
 
     def plant(self, root: Path) -> None:
-        """Make the change in a copy."""
         path = root / self.file
         before = path.read_text(encoding="utf-8")
         after = mutated(before, self.place.operator, self.place.occurrence)
@@ -199,7 +193,6 @@ class Mutant:
 
 
 def mutated(text: str, operator: str, occurrence: int) -> str | None:
-    """Return a source with a change, None if the operator finds less."""
     from cosmic_ray.mutating import mutate_code
 
     changed: str | None = mutate_code(text, operators()[operator](), occurrence)
@@ -220,7 +213,6 @@ def number_replacer() -> Any:
 
 
 def operators() -> Mapping[str, Any]:
-    """Return the operators of Cosmic Ray by name."""
     from cosmic_ray.operators.provider import OperatorProvider
 
     provider = OperatorProvider()
@@ -228,7 +220,6 @@ def operators() -> Mapping[str, Any]:
 
 
 def places_in(file: str, area: str) -> Iterator[Place]:
-    """Yield every place of a source."""
     from cosmic_ray.ast import ast_nodes, get_ast
 
     text = (REPOSITORY / file).read_text(encoding="utf-8")
@@ -252,7 +243,6 @@ def places_in(file: str, area: str) -> Iterator[Place]:
 
 
 def _left_out(node: Any) -> bool:
-    """Return whether a node of Cosmic Ray's tree stands where nothing is changed."""
     child, parent = node, node.parent
     if parent is not None and parent.type == "parameters":  # the bare star
         return True
@@ -268,12 +258,10 @@ def _left_out(node: Any) -> bool:
 
 
 def _meaning(text: str) -> str:
-    """Return what a source means."""
     return ast.dump(ast.parse(text))
 
 
 def all_places() -> list[Place]:
-    """Return every place in the files of `AREAS`."""
     package = REPOSITORY / "afl_mujoco"
     drawn = {package / name for name in DRAWN}
     found = []
@@ -298,8 +286,6 @@ def equivalents() -> dict[tuple[str, str, str], str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What became of a mutant."""
-
     area: str
     file: str
     was: str
@@ -326,22 +312,18 @@ class Tests:
 
     @cached_property
     def files(self) -> list[str]:
-        """All that may run."""
         found = [*files_of(TESTS), *files_of(("tests/studies/verify",))]
         return sorted(found, key=lambda name: LATE.index(name) if name in LATE else -1)
 
     @cached_property
     def _texts(self) -> dict[str, str]:
-        """What the files say."""
         return {name: (REPOSITORY / name).read_text(encoding="utf-8") for name in self.files}
 
     def learn(self, file: str, by: str) -> None:
-        """Keep which test noticed a mutant of a file."""
         if "::" in by:
             self._noticed[file][f"tests/{by.partition('::')[0]}"] += 1
 
     def likely(self, file: str) -> list[str]:
-        """Return the test files for a source that run first."""
         module = file.removesuffix(".py").replace("/", ".")
         package, _, stem = module.rpartition(".")
         imports = re.compile(
@@ -356,15 +338,12 @@ class Tests:
         return list(dict.fromkeys([*noticed[:3], *own, *importers, *noticed, *beside]))[:LIKELY]
 
     def rest(self, file: str) -> list[str]:
-        """Return the others, those beside the likely ones first."""
         first = self.likely(file)
         mine = "verify" in file
         others = [name for name in self.files if name not in first]
         return [name for name in others if mine or "verify" not in name]
 
     def checks(self, copies: Copies, mutant: Mutant) -> Callable[[Path], Iterator[str]]:
-        """Return the checks for a mutant."""
-
         def checks(root: Path) -> Iterator[str]:
             yield copies.tests(root, self.likely(mutant.file), LIKELY_LIMIT)
             yield copies.verdict(root)
@@ -383,7 +362,6 @@ class Tests:
 
 
 def found_of(mutant: Mutant, by: str, *, same: bool = False) -> Found:
-    """Return what became of a mutant that was noticed by something, or is the same for a reason."""
     outcome = SAME if same else KILLED if by else SURVIVED
     at = mutant.place
     words = {"area": at.area, "file": at.file, "was": at.was, "now": mutant.now}
@@ -391,7 +369,6 @@ def found_of(mutant: Mutant, by: str, *, same: bool = False) -> Found:
 
 
 def load(path: Path) -> dict[Key, Found]:
-    """Return what an earlier run found."""
     if not path.is_file():
         return {}
     rows = json.loads(path.read_text(encoding="utf-8"))["mutants"]
@@ -418,14 +395,12 @@ def save(path: Path, found: Sequence[Found], of: int, seed: int) -> None:
 
 
 def command(arguments: Sequence[str]) -> str:
-    """Return how the command was called; where it wrote to is of no interest."""
     said = " ".join(arguments)
     said = re.sub(r" ?--out[ =]\S+", "", said).strip()
     return f'make mutants ARGS="{said}"' if said else "make mutants"
 
 
 def summary(found: Sequence[Found]) -> dict[str, Any]:
-    """Return the counts and the score with its interval."""
     count = Counter(one.outcome for one in found)
     asked = count[KILLED] + count[SURVIVED]
     killed = [True] * count[KILLED] + [False] * count[SURVIVED]
@@ -467,7 +442,6 @@ def decided(
 
 
 def options_of_command_line() -> argparse.Namespace:
-    """Return the options."""
     parser = argparse.ArgumentParser(description="Plant mutants and see how many are noticed.")
     parser.add_argument("--count", type=int, default=400, help="how many mutants")
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
@@ -482,7 +456,6 @@ def options_of_command_line() -> argparse.Namespace:
 
 
 def main() -> int:
-    """Run the command line and return the exit code."""
     options = options_of_command_line()
     places = all_places()
     sample = draw(places, options.count, options.seed)
@@ -498,7 +471,6 @@ def main() -> int:
     found = decided(sample, before, kept)
 
     def keep() -> None:
-        """Write what was found so far; a part of the sample is only shown."""
         if not options.only:
             save(options.out, list(found.values()), len(places), options.seed)
 
@@ -518,7 +490,6 @@ def main() -> int:
 
 
 def say(line: str) -> None:
-    """Print a line at once."""
     print(line, flush=True)
 
 

@@ -42,8 +42,6 @@ RESULT = REPOSITORY / "docs" / "results" / "faults.json"
 
 @dataclass(frozen=True, kw_only=True)
 class PlantedFault:
-    """One replacement in one file."""
-
     name: str
     file: str
     old: str
@@ -51,7 +49,6 @@ class PlantedFault:
     tests: tuple[str, ...] = ()  # likely to object: they run first
 
     def plant(self, root: Path) -> None:
-        """Make the replacement in a copy, or raise if the text does not stand there once."""
         path = root / self.file
         text = path.read_text(encoding="utf-8") if path.exists() else ""
         count = text.count(self.old)
@@ -61,7 +58,6 @@ class PlantedFault:
 
 
 def load_faults() -> list[PlantedFault]:
-    """Return the list, or raise if it does not fit the repository."""
     table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     faults = [PlantedFault(**row) for row in table["fault"]]
     if len({fault.name for fault in faults}) != len(faults):
@@ -114,14 +110,12 @@ def save(results: Mapping[str, str], path: Path) -> None:
 
 
 def as_text(results: Mapping[str, str]) -> str:
-    """Return the table for a terminal."""
     rows = [HEADER, *((name, by or "NOT CAUGHT") for name, by in results.items())]
     width = max(len(name) for name, _ in rows)
     return "".join(f"{name:<{width}}  {by}\n" for name, by in rows)
 
 
 def main() -> int:
-    """Run the command line and return the exit code."""
     parser = argparse.ArgumentParser(description="Plant faults and see which check catches each.")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="parts of the names of faults")
     parser.add_argument("--jobs", type=int, default=2, help="how many faults at a time")

@@ -15,7 +15,6 @@ COMMAND = (sys.executable, "-m", "afl_mujoco")
 
 
 def run(*arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end in a working folder; its lines of progress are left out."""
     done = subprocess.run(
         [*COMMAND, *arguments],
         cwd=cwd,
@@ -30,7 +29,6 @@ def run(*arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedPro
 
 
 def without_progress(said: str) -> str:
-    """Return what was said on stderr, but how far a command that takes long had come."""
     return re.sub(r"^[^:\n]+: \d+ of \d+\n", "", said, flags=re.MULTILINE)
 
 

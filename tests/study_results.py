@@ -36,7 +36,6 @@ USED = [afl.CONTROLLERS[name] for name in CONTROLLERS]
 
 @cache
 def thresholds() -> thresholds_study.Result:
-    """Return thresholds of a run that is soon over, on a scenario with a nasty name."""
     settings = Settings(seeds=1, scan=2, tolerance=1.0)
     scenario = replace(SHORT, name=NASTY)
     return thresholds_study.run(
@@ -46,7 +45,6 @@ def thresholds() -> thresholds_study.Result:
 
 @cache
 def monte_carlo() -> montecarlo.Result:
-    """Return samples, some of which fail, and worst cases; controllers were asked for nastily."""
     asked = Requirements(max={"z": 0.12})
     ranges = Ranges(varied={"phi": (-0.4, 0.4), "delay": (0.0, 0.004)})
     space = SampleSpace(replace(SHORT, name=NASTY, requirements=asked, ranges=ranges))
@@ -58,14 +56,12 @@ def monte_carlo() -> montecarlo.Result:
 
 @cache
 def attraction() -> attraction_study.Result:
-    """Return a map of three rows and five columns."""
     axes = np.linspace(-1.0, 1.0, 5), np.linspace(-2.0, 2.0, 3)
     return attraction_study.run(attraction_study.Request(SHORT, USED, *axes))
 
 
 @cache
 def compare() -> compare_study.Result:
-    """Return two controllers on a scenario with a nasty name, one of which computes no force."""
     asked = Requirements(max={"z": 1.0}, settling_time=0.39)
 
     def broken(time: float, state: Any, belief: Any) -> float:
@@ -75,7 +71,6 @@ def compare() -> compare_study.Result:
 
 
 def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
-    """Return margins of two masses and three lengths; one plant is not stable where held."""
     table = ((0.4, 0.5, 0.6), (0.4, 0.5, None))
     held = margins_study.LoopGrid(
         stable=((True, True, True), (True, True, False)),
@@ -109,7 +104,6 @@ def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
 
 
 def estimation() -> estimation_study.Result:
-    """Return one schedule."""
     time = np.linspace(0.0, 12.0, 50)
     mass = estimation_study.Tracking(
         rms={"0.05-1 s": 0.01, "1-6 s": 0.02, "6 s to the end": None},
@@ -157,7 +151,6 @@ def estimation() -> estimation_study.Result:
 
 
 def identified() -> identify_study.Result:
-    """Return the shipped estimates beside a made-up log."""
     time = np.linspace(0.0, 2.0, 100)
     z, phi = 0.1 * np.sin(3.0 * time), np.cos(4.0 * time)
     phi[40:44] = np.nan
@@ -170,7 +163,6 @@ def identified() -> identify_study.Result:
 
 
 def hardware() -> hardware_study.Result:
-    """Return a validation in which one statement does not hold."""
     errors = tuple(
         Errors(
             horizon=h, rms_phi=0.02 * h, rms_z=0.01 * h, counts_phi=13.0 * h, counts_z=118.0 * h,
@@ -228,13 +220,11 @@ RESULTS = {
 
 
 def record(name: str) -> Record:
-    """Return a made-up record of a study."""
     study = find_study(name)
     return Record(study=study, result=RESULTS[name](), command=f"afl-mujoco {name} --made-up")
 
 
 def write_records(folder: Path) -> Path:
-    """Write a record of every study."""
     for name in RESULTS:
         save_record(record(name), folder)
     return folder

@@ -41,7 +41,6 @@ def archive(flags: int = 0, method: int = 0) -> io.BytesIO:
 
 
 def array(header: str) -> io.BytesIO:
-    """An npy file of nothing but a header."""
     return io.BytesIO(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header.encode())
 
 

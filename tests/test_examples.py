@@ -69,7 +69,6 @@ def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def arguments_of(command: str, controller: str, scenario: Path, out: Path) -> list[str]:
-    """Return the arguments of a command."""
     controller = f"fixed,{controller}" if command == "render" else controller
     name, *rest = COMMANDS[command]
     return [name, str(scenario), *rest, controller, "--out", str(out)]

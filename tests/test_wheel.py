@@ -25,7 +25,6 @@ print(afl_mujoco.CartPoleModel(parameters).mj_model.body_mass.sum())
 
 
 def python(*arguments: str | Path, **options: object) -> str:
-    """Run this interpreter; its standard output."""
     run = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, **options)
     assert run.returncode == 0, run.stdout + run.stderr
     return run.stdout

@@ -74,7 +74,6 @@ def make_result(
     fell_at: int | None = None,
     outcome: str = "completed",
 ) -> Result:
-    """Return a verification; it fails if `b3` exceeds its limit."""
     places = [{"scenario": s.name, "controller": c} for s in scenarios for c in CONTROLLERS]
     checks = make_checks(places, b3)
     curves = [make_curves(s, c, fell_at=fell_at) for s in scenarios for c in CONTROLLERS]
@@ -115,7 +114,6 @@ def make_result(
 
 
 def make_checks(places: Sequence[dict[str, str]], b3: float | None) -> tuple[Check, ...]:
-    """Return checks of the equations and of every case."""
     values = {"A5": 8.9e-16, "B1": 5.8e-12, "B2": 4.6e-6, "B3": b3, "B5": 5.2e-4}
     return (
         CRITERIA["A1"].judge(1.0e-13),
@@ -129,12 +127,10 @@ def make_checks(places: Sequence[dict[str, str]], b3: float | None) -> tuple[Che
 
 
 def comparison(share: float, interval: tuple[float, float]) -> Comparison:
-    """Return how adaptive gains did on a thousand schedules."""
     return Comparison(schedules=1000, share=share, interval=interval, quantiles=_QUANTILES)
 
 
 def make_budget(size: int, **place: str) -> ErrorBudget:
-    """Return an error budget, the first of a list the smallest."""
     signed = {name: -0.1 * size * value for name, value in _PARTS.items()}
     sizes = {name: abs(value) for name, value in signed.items()}
     signed["residual"] = 2.0 * signed["total"] - sum(signed.values()) + signed["residual"]
@@ -144,7 +140,6 @@ def make_budget(size: int, **place: str) -> ErrorBudget:
 
 
 def make_study(name: str, order: float, **place: str) -> Refinement:
-    """Return a refinement study of an order."""
     errors = tuple(3.0 * step**order for step in STEPS)
     return Refinement(
         study=name, steps=STEPS, errors=errors, order=order, expected=order, **place
@@ -152,7 +147,6 @@ def make_study(name: str, order: float, **place: str) -> Refinement:
 
 
 def make_claim(number: int) -> Claim:
-    """Return one row of the claims ledger."""
     return Claim(
         id=f"C{number}",
         claim=f"claim {number} has |F| & <angles>",
@@ -167,7 +161,6 @@ def make_claim(number: int) -> Claim:
 def make_curves(
     scenario: afl.Scenario = OWN, controller: str = "fixed", *, fell_at: int | None = None
 ) -> Curves:
-    """Return curves of a case; MuJoCo's end early if they `fell_at` an instant."""
     step = 1e-3 if scenario.duration <= 2.0 else 1e-2
     time = step * np.arange(round(scenario.duration / step) + 1)
     ideal = np.stack(
@@ -197,7 +190,6 @@ def make_curves(
 
 
 def film_entry(file: str, **changes: Any) -> Entry:
-    """Return an entry of films.json."""
     values: dict[str, Any] = {
         "file": file, "poster": "none.png", "title": f"the film {file}",
         "scenario": "step-step", "controllers": ("adaptive",), "width": 64, "height": 48,
@@ -207,5 +199,4 @@ def film_entry(file: str, **changes: Any) -> Entry:
 
 
 def write_listing(folder: Path, *entries: Entry) -> None:
-    """Write films.json."""
     write_json(folder / LISTING, Listing(films=entries))

@@ -152,7 +152,6 @@ BELIEF = "A controller has its own model of the plant"
 
 
 def broken_contracts(folder: Path) -> set[str]:
-    """Names of the import contracts that the package in `folder` breaks."""
     run = subprocess.run(
         [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"],
         cwd=folder,

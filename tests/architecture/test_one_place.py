@@ -64,18 +64,15 @@ for name in ("thresholds", "margins"):
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """A copy of the package."""
     return shutil.copytree(ROOT / "afl_mujoco", tmp_path / "afl_mujoco")
 
 
 def insert(source: Path, before: str, text: str) -> None:
-    """Put a text before another that stands once in a file."""
     first, second = source.read_text().split(before)
     source.write_text(first + text + before + second)
 
 
 def run(package: Path, *arguments: str) -> str:
-    """Return what Python prints with that package."""
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=package.parent,

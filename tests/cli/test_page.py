@@ -61,7 +61,6 @@ class Outline(HTMLParser):
 
 
 def written(folder: Path, result: Result, films: Path = Path("nowhere"), **more: bool) -> str:
-    """Write a verification and its page; return the page."""
     study = find_study("validate")
     record = Record(study=study, result=result, command="afl-mujoco validate 'my scenario.toml'")
     save_record(record, folder, **more)
@@ -238,8 +237,6 @@ def test_a_film_is_played_linked_or_said_to_be_missing(outline: Outline) -> None
 
 
 def contrast(one: str, other: str) -> float:
-    """Return the contrast of two colours, as WCAG 2 defines it."""
-
     def luminance(colour: str) -> float:
         parts = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
         linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts]

@@ -77,7 +77,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
-    """One Chromium for all tests, with a profile of its own."""
     if missing:
         pytest.fail(f"AFL_MUJOCO_REQUIRE_BROWSER is set, but there is no {', '.join(missing)}")
     options = webdriver.ChromeOptions()
@@ -94,7 +93,6 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chro
 
 @pytest.fixture
 def opened(browser: webdriver.Chrome, page: Path) -> webdriver.Chrome:
-    """The browser with the page freshly loaded, light, 1440 pixels wide."""
     resize(browser, 1440)
     prefer(browser, "light")
     browser.get(page.as_uri())
@@ -117,7 +115,6 @@ def ask(browser: webdriver.Chrome, script: str, *arguments: Any) -> Any:
 
 
 def wait(browser: webdriver.Chrome, script: str, *arguments: Any) -> Any:
-    """Wait until a script returns something true, and return it."""
     return WebDriverWait(browser, PATIENCE, 0.05).until(lambda b: ask(b, script, *arguments))
 
 
@@ -131,7 +128,6 @@ def charts(browser: webdriver.Chrome) -> WebElement:
 
 
 def shown(browser: webdriver.Chrome, found: WebElement) -> tuple[float, float]:
-    """Return the stretch of time that the charts show [s]."""
     low, high = ask(browser, "[arguments[0].dataset.low, arguments[0].dataset.high]", found)
     return float(low), float(high)
 

@@ -31,27 +31,6 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (0, f"afl-mujoco {__version__}\n")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("comapre",), "got 'comapre'; did you mean compare?"),
-        (
-            ("compare", "--no-pages"),
-            "--no-pages is not an option of compare; did you mean --no-page?",
-        ),
-        (("margins", "--masses", "1"), "of margins; did you mean --cart-masses or --pole-mass?"),
-        (("montecarlo", "--sed=1"), "--sed is not an option of montecarlo; did you mean --seed?"),
-        (("validate", "--quik"), "--quik is not an option of validate"),  # which has no --quick
-    ],
-)
-def test_a_typo_is_one_line_with_what_was_meant(
-    arguments: tuple[str, ...], message: str, tmp_path: Path
-) -> None:
-    done = run(*arguments, cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.rstrip().endswith(message) and done.stderr.count("\n") == 1
-
-
 def test_nothing_is_meant_by_an_option_of_another_command(tmp_path: Path) -> None:
     assert "did you mean" not in run("report", "--out", "x", cwd=tmp_path).stderr
 

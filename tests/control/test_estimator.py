@@ -16,10 +16,8 @@ import afl_mujoco as afl
 from afl_mujoco.control import estimator
 from afl_mujoco.control.estimator import (
     EstimatorSettings,
-    accelerations,
     fill_transition,
     linearise,
-    moved,
 )
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
@@ -158,25 +156,6 @@ def driven(rng, x, count, push=8.0, known=(0.05, 9.81), walk=0.0):
 
 
 # The model
-
-
-def test_the_estimator_s_model_is_p3_and_p4(random_states, rng):
-    plant = (1.37, 0.083, 0.29, 9.65)
-    for state, force in zip(random_states, rng.uniform(-50, 50, len(random_states)), strict=True):
-        x = np.array([*state, math.log(plant[0]), math.log(plant[2])])
-        expected = flow(x, force, plant[1], plant[3])[2:4]
-        # rounding, relative to the size of the terms
-        np.testing.assert_allclose(
-            accelerations(state[1], state[3], force, plant), expected, rtol=1e-12, atol=1e-10
-        )
-
-
-def test_it_moves_by_one_step_of_rk4(random_states, rng):
-    plant = (1.37, 0.083, 0.29, 9.65)
-    for state, force in zip(random_states, rng.uniform(-50, 50, len(random_states)), strict=True):
-        x = np.array([*state, math.log(plant[0]), math.log(plant[2])])
-        expected = rk4(x, force, plant[1], plant[3], 5e-3)[:4]
-        np.testing.assert_allclose(moved(*state, force, plant, 5e-3), expected, rtol=0, atol=1e-12)
 
 
 def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(random_states, rng):
@@ -389,40 +368,29 @@ def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():
     assert assumed == PlantRange((0.08, 16.0), (0.04, 3.0), 0.2, 3.7)
     assert (record["pole_mass"], record["gravity"]) == (0.2, 3.7)
     np.testing.assert_allclose(np.exp(record["ln_highest"]), (16.0, 3.0))
+    given = EstimatorSettings(cart_mass_range=(0.1, 3.0), pole_mass=0.07).on(heavy)
+    assert (given[1].cart_mass, given[0]["pole_mass"]) == ((0.1, 3.0), 0.07)
     light = replace(NOMINAL, cart_mass=0.1, half_length=0.05)
     assert EstimatorSettings().on(light)[1][:2] == ((0.05, 2.5), (0.025, 1.25))
-
-
-def test_what_is_given_is_kept_for_any_plant():
-    given = EstimatorSettings(cart_mass_range=(0.1, 3.0), pole_mass=0.07)
-    record, assumed = given.on(replace(NOMINAL, cart_mass=8.0))
-    assert (assumed.cart_mass, record["pole_mass"]) == ((0.1, 3.0), 0.07)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"angle_noise": 0.0}, "angle_noise must be positive, got 0.0"),
-        ({"speed_spread": math.nan}, "speed_spread must be finite, got nan"),
+        ({"angle_noise": 0.0}, "must be positive, got 0.0"),
+        ({"speed_spread": math.nan}, "must be finite, got nan"),
+        ({"cart_mass_range": (1.0, 0.5)}, "must be two increasing numbers, got (1.0, 0.5)"),
+        ({"half_length_range": (1.0,)}, "must be two increasing numbers, got (1.0,)"),
         (
-            {"cart_mass_range": (1.0, 0.5)},
-            "cart_mass_range must be two increasing numbers, got (1.0, 0.5)",
-        ),
-        (
-            {"half_length_range": (0.1, 0.2, 0.3)},
-            "half_length_range must be two increasing numbers, got (0.1, 0.2, 0.3)",
-        ),
-        (
-            {"initial_cart_mass": 3.0, "cart_mass_range": (0.08, 2.5)},
-            "initial_cart_mass must lie in cart_mass_range, 0.08 to 2.5, got 3.0",
+            {"initial_cart_mass": 3.0, "cart_mass_range": (0.1, 2.5)},
+            "must lie in cart_mass_range, 0.1 to 2.5, got 3.0",
         ),
     ],
-    ids=["zero", "nan", "falling", "three", "outside"],
 )
 def test_a_setting_that_breaks_its_rule_is_refused_in_one_line(changes, message):
     with pytest.raises(InvalidValueError) as caught:
         EstimatorSettings(**changes)
-    assert str(caught.value) == message
+    assert str(caught.value) == f"{next(iter(changes))} {message}"
 
 
 def test_a_filter_that_starts_over_keeps_what_it_knows_of_the_plant():

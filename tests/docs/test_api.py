@@ -15,7 +15,6 @@ NAME = re.compile(r"(?<!`)`(?:[a-z_]+\.)*([A-Z]\w+|as_\w+)`(?!`)")  # of a class
 
 
 def documented() -> Iterator[tuple[str, object]]:
-    """Yield what the page documents, by name."""
     module = ""
     for kind, name in re.findall(r"\.\. (currentmodule|auto\w+):: ([\w.]+)", PAGE):
         if kind == "currentmodule":
@@ -26,7 +25,6 @@ def documented() -> Iterator[tuple[str, object]]:
 
 
 def docstrings(thing: object) -> Iterator[str]:
-    """Yield the docstrings of a thing and of its public parts."""
     parts = [v for k, v in vars(thing).items() if k[0] != "_"] if inspect.isclass(thing) else []
     for one in (thing, *parts):
         if callable(one) or isinstance(one, property):

@@ -13,13 +13,11 @@ ROOT = Path(__file__).parents[2]
 
 
 def snippet(page: str) -> str:
-    """Return the first Python of a page."""
     text = (ROOT / page).read_text(encoding="utf-8")
     return text.split("```python\n")[1].split("```")[0]
 
 
 def run(text: str, folder: Path) -> str:
-    """Return what Python prints."""
     done = subprocess.run(
         [sys.executable, "-c", text], cwd=folder, capture_output=True, text=True, timeout=300
     )

@@ -160,7 +160,6 @@ def test_a_module_that_only_this_process_has_is_named_with_the_worker(
 
 
 def listener(behaviour: str) -> tuple[socket.socket, str]:
-    """A server that is no scheduler, and its address."""
     server = socket.create_server(("127.0.0.1", 0))
     address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
 

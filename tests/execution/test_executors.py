@@ -36,7 +36,6 @@ from tests.execution.units import (
 def computed(
     function: Callable[[Any], Any], folder: Path, workers: int, kept: dict[int, Any] | None = None
 ) -> list[Any]:
-    """Results of units that leave their marks in the folder ``tried``."""
     (tried := folder / "tried").mkdir(exist_ok=True)
     with open_executor(workers) as executor:
         return compute_all(function, [(tried, i) for i in range(COUNT)], executor, kept=kept)
@@ -50,7 +49,6 @@ def test_the_results_are_the_serial_ones_bit_for_bit(tmp_path: Path, workers: in
 
 
 def pids_of(folder: Path) -> set[str]:
-    """Processes that computed the units since the last call."""
     files = list((folder / "tried").iterdir())
     for file in files:
         file.unlink()

@@ -77,7 +77,6 @@ def doomed_once(unit: tuple[Path, int]) -> list[object]:
 
 
 def doomed_always(unit: int) -> int:
-    """Kill the worker of one unit."""
     if unit == VICTIM:
         os.kill(os.getpid(), signal.SIGKILL)
     return unit
@@ -107,7 +106,6 @@ def kept(file: Path) -> set[int]:
 
 
 def awaited(found: Callable[[], Any]) -> Any:
-    """Wait until something is there, and return it."""
     deadline = time.monotonic() + PATIENCE
     while not (value := found()):
         assert time.monotonic() < deadline

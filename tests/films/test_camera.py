@@ -34,7 +34,6 @@ def wild(replay, seed, gap=0.0):
 
 
 def corners(path, index, state, half_length):
-    """Return where hinge, track below it and tip of a cart-pole appear, shape (3, 2) [px]."""
     z, phi = state[:2]
     x = np.array([z, z, z - 2.0 * half_length * np.sin(phi)])
     height = np.array([0.0, TRACK, 2.0 * half_length * np.cos(phi)])

@@ -68,7 +68,6 @@ def test_the_entry_of_a_film_says_which_scenarios_and_controllers_it_is_of() -> 
 
 
 def entry(**changes: Any) -> str:
-    """Return a list with one entry, changed."""
     plain = asdict(film_entry("a.mp4")) | changes
     return json.dumps({"schema": 1, "films": [plain]})
 

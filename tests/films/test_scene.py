@@ -40,14 +40,12 @@ def segments(scene, replay, index, path):
 
 
 def centre(mask):
-    """Return the centre of the pixels of a mask, (column, row)."""
     assert mask.any(), "nothing of it is seen"
     rows, columns = np.nonzero(mask)
     return np.array([columns.mean() + 0.5, rows.mean() + 0.5])
 
 
 def seen_tip(scene, picture):
-    """Return where the tip's sphere is seen."""
     site = scene.model.mj_model.site("tip").id
     kind = mujoco.mjtObj.mjOBJ_SITE
     return centre((picture[..., 0] == site) & (picture[..., 1] == kind))
@@ -68,7 +66,6 @@ def seen_ghost(scene, picture):
 
 @pytest.fixture(scope="module")
 def stage(replay):
-    """A scene and a camera path for every test of this file."""
     path = follow(replay, 30, SIZE, Frame())
     with open_scene(replay, SIZE) as scene:
         yield scene, path

@@ -26,7 +26,6 @@ CONTROLLERS = [afl.CONTROLLERS[name] for name in NAMES]
 
 
 def decode(path):
-    """Return what ffmpeg says of a film, and its frames, shape (N, height, width, 3)."""
     ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
     mediapy.set_ffmpeg(ffmpeg)
     about = subprocess.run([ffmpeg, "-i", path], capture_output=True, text=True, check=False).stderr

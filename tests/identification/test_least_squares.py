@@ -19,7 +19,6 @@ def parameter(name: str, start: float, low: float = -10.0, high: float = 10.0) -
 
 
 def decays(rng: np.random.Generator, windows: int, rate: float = 2.0, noise: float = 0.01):
-    """Windows of exp(-rate t), each from an amplitude of its own."""
     amplitudes = rng.uniform(0.5, 1.5, (windows, 1))
     return amplitudes * np.exp(-rate * T) + noise * rng.normal(size=(windows, len(T)))
 

@@ -19,8 +19,6 @@ from tests.synthetic_logs import RIG
 
 
 class Lead:
-    """A controller with memory, in Python."""
-
     def __init__(self) -> None:
         self.before = 0.0
 

@@ -18,7 +18,6 @@ FLAT = sp.symbols("q0 q1 v0 v1", real=True)
 
 
 def _flat(expression):
-    """Replace the functions of time by plain symbols (z, phi, z_dot, phi_dot)."""
     return expression.subs(dict(zip(RATES, FLAT[2:], strict=True))).subs(
         dict(zip(COORDINATES, FLAT[:2], strict=True))
     )

@@ -14,7 +14,6 @@ from afl_mujoco.report.page import SMALL, show_films
 
 @pytest.fixture
 def folders(tmp_path: Path) -> tuple[Path, Path]:
-    """Folders of the films and of the page."""
     page = tmp_path / "renders" / "validation"
     page.mkdir(parents=True)
     return page.parent, page

@@ -48,7 +48,6 @@ def stopped(file: Path, evaluated: int) -> None:
 
 
 def bits(result: SearchResult) -> tuple[object, ...]:
-    """All of a result, comparable to the last bit."""
     arrays = (result.best.tobytes(), result.history.tobytes(), result.cost.hex())
     return (*arrays, result.evaluations, result.generations)
 
@@ -60,7 +59,6 @@ def file(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def whole() -> SearchResult:
-    """The search without a break."""
     return searched()
 
 
@@ -115,7 +113,6 @@ def searched_long(file: Path | None = None, progress=None) -> SearchResult:
 
 
 def killed(file: Path, after: int) -> None:
-    """Kill a search so many generations after its first report."""
     command = [sys.executable, "-c", PROGRAM, file]
     root = Path(__file__).parents[2]
     with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as process:

@@ -35,7 +35,6 @@ class Given:
 
 
 def crossed(chromosomes, costs, rng, groups=None):
-    """Children of a population that is one group."""
     groups = [range(len(costs))] if groups is None else groups
     return multiple_crossover(np.array(chromosomes), np.array(costs), np.array(groups), rng)
 
@@ -136,7 +135,6 @@ def rosenbrock(x):
 
 
 def told(generations: int, seed=1, settings=SMALL, cost=sphere) -> MultipleCrossoverGA:
-    """A search that has bred so many generations."""
     search = MultipleCrossoverGA(BOX, settings, seed)
     for _ in range(generations + 1):
         search.tell(cost(search.ask()))

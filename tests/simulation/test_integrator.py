@@ -16,7 +16,6 @@ TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of orde
 
 
 def _particle(state, mass, length, push):
-    """A mass on a rail, without a pole: linear, solved by hand."""
     return state[2], state[3], push / mass, 0.0
 
 

@@ -33,7 +33,6 @@ EDITS = {"plain": None, "friction, limits and contact": _friction_limits_and_con
 
 @pytest.fixture
 def plants(rng):
-    """Random plants over the box of verification.md, A1."""
     rows = rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), size=(12, 4)).tolist()
     return [CartPoleParameters(**dict(zip(NAMES, row, strict=True))) for row in rows]
 

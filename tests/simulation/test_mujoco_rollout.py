@@ -41,8 +41,6 @@ TIPPING = Scenario(
 
 @contextmanager
 def at_most(seconds):
-    """Fail instead of hanging."""
-
     def give_up(*_):
         pytest.fail(f"still running after {seconds} s")
 
@@ -56,7 +54,6 @@ def at_most(seconds):
 
 
 def _plants(rng, count):
-    """Yield a model and its parameters at random places of the box of A1."""
     model = CartPoleModel(CartPoleParameters())
     names = ("cart_mass", "pole_mass", "half_length", "gravity")
     for row in rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), (count, 4)).tolist():

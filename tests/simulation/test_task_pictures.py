@@ -14,7 +14,6 @@ CALM = replace(afl.SCENARIOS["nominal"], duration=1.0)
 
 
 def _pole_pixels(picture: np.ndarray) -> np.ndarray:
-    """Return where a picture shows the pole: it alone is orange. Shape (N, 2), (row, column)."""
     red, _, blue = picture.astype(int).transpose(2, 0, 1)
     return np.argwhere(red - blue > 60)  # cart, track and sky are bluish or grey
 

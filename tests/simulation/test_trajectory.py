@@ -81,54 +81,29 @@ def test_not_finite_numbers_survive_the_file(tmp_path):
     assert Trajectory.load(tmp_path / "run.npz").force.tobytes() == run.force.tobytes()
 
 
-def _missing(path, whole):
-    path.unlink()
-
-
-def _folder(path, whole):
+def _folder(path):
     path.unlink()
     path.mkdir()
 
 
-def _pickled(path, whole):
-    path.write_bytes(pickle.dumps({"time": [0.0]}))
+NO_TRAJECTORY = "is not a saved trajectory"
+OBJECTS = {name: np.array([object()]) for name in ARRAYS}
+SPOILED = {
+    "missing": (lambda p: p.unlink(), "cannot be read: no such file or directory"),
+    "folder": (_folder, "cannot be read: is a directory"),
+    "empty": (lambda p: p.write_bytes(b""), NO_TRAJECTORY),
+    "garbage": (lambda p: p.write_bytes(bytes(range(256))), NO_TRAJECTORY),
+    "pickle": (lambda p: p.write_bytes(pickle.dumps({"time": [0.0]})), NO_TRAJECTORY),
+    "pickled array": (lambda p: np.savez(p, **OBJECTS, meta=np.array("{}")), NO_TRAJECTORY),
+    "cut off": (lambda p: p.write_bytes(p.read_bytes()[:5000]), NO_TRAJECTORY),
+    "other npz": (lambda p: np.savez(p, time=np.zeros(3)), NO_TRAJECTORY),
+}
 
 
-def _object_array(path, whole):
-    fields = {name: np.array([object()]) for name in ARRAYS}
-    np.savez(path, **fields, meta=np.array("{}"))
-
-
-def _half(path, whole):
-    path.write_bytes(whole[: len(whole) // 2])
-
-
-def _single_array(path, whole):
-    with path.open("wb") as stream:
-        np.save(stream, np.zeros(3))
-
-
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        pytest.param(_missing, "cannot be read: no such file or directory", id="missing"),
-        pytest.param(_folder, "cannot be read: is a directory", id="folder"),
-        pytest.param(lambda p, w: p.write_bytes(b""), "is not a saved trajectory", id="empty"),
-        pytest.param(
-            lambda p, w: p.write_bytes(bytes(range(256))), "is not a saved trajectory", id="garbage"
-        ),
-        pytest.param(_pickled, "is not a saved trajectory", id="pickle"),
-        pytest.param(_object_array, "is not a saved trajectory", id="pickled array inside"),
-        pytest.param(_half, "is not a saved trajectory", id="cut off"),
-        pytest.param(_single_array, "is not a saved trajectory", id="npy"),
-        pytest.param(
-            lambda p, w: np.savez(p, time=np.zeros(3)), "is not a saved trajectory", id="other npz"
-        ),
-    ],
-)
+@pytest.mark.parametrize(("spoil", "message"), SPOILED.values(), ids=SPOILED)
 def test_a_file_that_holds_no_trajectory_is_said_so(spoil, message, saved):
     _, path = saved
-    spoil(path, path.read_bytes() if path.is_file() else b"")
+    spoil(path)
     with pytest.raises(FileError) as caught:
         Trajectory.load(path)
     said = str(caught.value)
@@ -151,28 +126,18 @@ def test_a_file_with_one_wrong_byte_is_refused_or_read_but_never_crashes(saved):
     assert refused > 10
 
 
-@pytest.fixture
-def full_disk(monkeypatch):
+def test_a_full_disk_is_said_in_one_line_and_leaves_the_old_file_whole(saved, monkeypatch):
     def half_written(stream, **arrays):
         stream.write(b"half a file")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", half_written)
-
-
-def test_a_save_that_fails_leaves_nothing_behind_and_the_old_file_whole(saved, full_disk):
     run, path = saved
     before = path.read_bytes()
-    with pytest.raises((OSError, FileError)):
+    with pytest.raises(FileError, match=r"cannot be written: no space left on device$"):
         run.save(path)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
-
-
-def test_a_full_disk_is_said_in_one_line(saved, full_disk):
-    run, path = saved
-    with pytest.raises(FileError, match=r"cannot be written: no space left on device$"):
-        run.save(path)
 
 
 def test_a_save_into_a_missing_folder_is_an_error(tmp_path):
@@ -180,17 +145,9 @@ def test_a_save_into_a_missing_folder_is_an_error(tmp_path):
         _made().save(tmp_path / "missing" / "run.npz")
 
 
-@pytest.mark.parametrize(
-    ("outcome", "text"),
-    [
-        (Outcome("completed", 20.0), "completed"),
-        (Outcome("fell", 1.25), "fell at t = 1.25 s"),
-        (Outcome("diverged", 3.0), "diverged at t = 3 s"),
-    ],
-    ids=["completed", "fell", "diverged"],
-)
-def test_an_outcome_says_how_and_when(outcome, text):
-    assert str(outcome) == text
+def test_an_outcome_says_how_and_when():
+    assert str(Outcome("completed", 20.0)) == "completed"
+    assert str(Outcome("fell", 1.25)) == "fell at t = 1.25 s"
 
 
 @pytest.mark.parametrize("axis", range(4))

@@ -29,7 +29,6 @@ def takes_scenarios(study: Study) -> bool:
 
 
 def controllers_option(study: Study) -> str:
-    """The option that names controllers, if there is one."""
     names = {field.name for field in fields(study.configuration)}
     return next((f"--{n}" for n in ("controllers", "controller") if n in names), "")
 
@@ -50,8 +49,6 @@ FILES = {
 
 @pytest.fixture
 def refuses(command_line, tmp_path: Path):
-    """Runs a command that must fail; returns what it said."""
-
     def check(*arguments: str) -> str:
         before = sorted(tmp_path.rglob("*"))
         code, output, errors = command_line(*arguments)

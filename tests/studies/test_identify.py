@@ -25,7 +25,6 @@ TRUTH = Truth()
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    """A folder with a log and its description."""
     (tmp_path / "logs").mkdir()
     c = swing(TRUTH, 4, 1.6)
     write_log(tmp_path / "logs" / "one.csv", c["time"], c["phi"], c["z"], c["command"])
@@ -70,7 +69,6 @@ def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> N
 
 
 def identify_logs(folder: Path, command_line, columns: dict) -> str:
-    """Write logs and identify them; return the error, which there must be."""
     for name, c in columns.items():
         write_log(folder / "logs" / f"{name}.csv", c["time"], c["phi"], c["z"], c["command"])
     code, output, errors = command_line(
@@ -81,7 +79,7 @@ def identify_logs(folder: Path, command_line, columns: dict) -> str:
 
 
 def test_logs_of_two_poles_are_told_apart(rig: Path, command_line) -> None:
-    other = replace(TRUTH, half_length=0.24)
+    other = replace(TRUTH, schedule={**TRUTH.schedule, "half_length": 0.24})
     errors = identify_logs(rig, command_line, {"other": swing(other, 7, 1.6)})
     assert re.search(
         r"logs must be of one cart-pole, got gravity term w2 3\d.* in other and 3\d.* in one",

@@ -6,7 +6,6 @@ import itertools
 import math
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -18,7 +17,6 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.studies.loop_margins import Loop, held_plant, linearize, loop_margins
 from afl_mujoco.studies.margins import Deployment, measure
 
@@ -135,52 +133,6 @@ def test_a_held_loop_bears_delays_of_whole_periods_up_to_its_margin(name, plant)
     whole = math.floor(loop_margins(loop, period).delay / period)
     assert delayed_radius(loop, period, whole) < 1.0
     assert delayed_radius(loop, period, whole + 1) > 1.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_bisection_on_a_simulated_delay_finds_the_delay_margin(name):
-    """March x' = A x - B K x(t - delay) in steps of a 50th of the delay."""
-    loop, steps = linearize(CONTROLLERS[name], NOMINAL), 50
-
-    def grows(delay):
-        step = delay / (steps + 0.5)  # holding the force delays it by another half step
-        a, b = held_plant(loop, step)
-        x, forces = np.array([0.0, 1.0, 0.0, 0.0]), np.zeros(steps)
-        peaks = []
-        for k in range(300 * steps):
-            x, forces[k % steps] = a @ x + b * forces[k % steps], -loop.k @ x
-            peaks.append(np.abs(x[1]))
-        return max(peaks[-40 * steps :]) > max(peaks[200 * steps : 240 * steps])
-
-    low, high = 0.01, 0.3
-    while high / low > 1.0005:
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if grows(middle) else (middle, high)
-    assert loop_margins(loop).delay == pytest.approx(low, rel=1e-3)
-
-
-def tilts(name, plant, delay, period=1e-3, duration=12.0):
-    """Largest tilt in the last second of MuJoCo's run, of a microradian at the start."""
-    controller, model = CONTROLLERS[name], CartPoleModel(plant, timestep=period)
-    m, d = model.mj_model, model.mj_data
-    d.qpos[1] = 1e-6
-    waiting, seen = [0.0] * delay, []
-    for _ in range(round(duration / period)):
-        waiting.append(controller.force([*d.qpos, *d.qvel], plant))
-        d.ctrl[0] = waiting.pop(0)
-        mujoco.mj_step(m, d)
-        seen.append(abs(d.qpos[1]))
-        if seen[-1] > 0.1:
-            return math.inf
-    return max(seen[-round(1.0 / period) :])
-
-
-@pytest.mark.parametrize("name", ["fixed", "lqr"])
-def test_mujoco_itself_loses_the_pole_at_the_delay_margin(name):
-    margin = loop_margins(linearize(CONTROLLERS[name], NOMINAL), 1e-3).delay
-    assert tilts(name, NOMINAL, math.floor(0.95 * margin / 1e-3)) < 1e-6
-    assert tilts(name, NOMINAL, math.ceil(1.05 * margin / 1e-3)) > 1e-5
 
 
 # Linearisation

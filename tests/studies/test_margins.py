@@ -123,7 +123,7 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert (request.deployed.period, request.pole_mass) == (0.01, 0.2)
     assert request.deployed.imperfections == Imperfections(control_period=0.01, delay=0.004)
     assert prepare(replace(asked, control_period=0.002)).deployed.period == 0.002
-    assert prepare(replace(asked, pole_mass=0.3)).pole_mass == 0.3
+    assert prepare(replace(asked, schedule={**asked.schedule, "pole_mass": 0.3})).pole_mass == 0.3
     found = run(request._replace(cart_masses=(8.0,)))
     assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
     said = report(found).blocks[0]
@@ -204,8 +204,6 @@ def test_the_plants_that_are_measured_are_of_the_grid():
 
 
 class Remembering:
-    """An LQR that counts its calls."""
-
     def __init__(self, bias: float = 0.0) -> None:
         self.calls, self.bias = 0, bias
         self.gains = linearize(LQR, NOMINAL).k.tolist()
@@ -258,7 +256,6 @@ MADE_UP = study_results.margins()
 
 
 def matrices(result: Result) -> list[list[list[str]]]:
-    """The texts of the cells of each matrix."""
     found = [block for block in report(result).blocks if isinstance(block, Matrix)]
     return [[[cell.marked for cell in row] for row in matrix.cells] for matrix in found]
 

@@ -8,8 +8,6 @@ import hashlib
 import json
 import math
 import signal
-import tracemalloc
-import zipfile
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -87,17 +85,10 @@ def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path: 
     assert "margins-delay.svg" not in names(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "[]",
-        '{"files": 3}',
-        json.dumps(
-            {"files": dict.fromkeys(["../margins-x.svg", "thresholds.png", "margins-a/x.svg"], "")}
-        ),
-    ],
-)
+FOREIGN = dict.fromkeys(["../margins-x.svg", "thresholds.png", "margins-a/x.svg"], "")
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"files": 3}', json.dumps({"files": FOREIGN})])
 def test_a_list_that_names_what_is_no_file_of_the_study_removes_nothing(
     tmp_path: Path, text: str
 ) -> None:
@@ -121,6 +112,21 @@ def stopped(error: type[BaseException]) -> Callable[..., None]:
     return stop
 
 
+def broken_off(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, part: str, error: type[BaseException]
+) -> None:
+    """Save a new record, of which a part cannot be made."""
+    new = replace(study_results.record("margins"), command="the new one")
+    later = {"film": "film", "page": "finish"}.get(part)
+    with monkeypatch.context() as patch, pytest.raises(error):
+        if part == "figures":
+            patch.setattr(style, "save_figure", stopped(error))
+        if part == "text":
+            patch.setattr(record_module, "write_text", stopped(error))
+        save_record(new, folder, **({later: stopped(error)} if later else {}))
+    assert all(path.is_file() for path in folder.iterdir())  # nothing is left of what was staged
+
+
 @pytest.mark.parametrize(
     ("error", "older"), [(ValueError, False), (ValueError, True), (KeyboardInterrupt, False)]
 )
@@ -130,38 +136,30 @@ def test_what_cannot_be_made_does_not_cost_the_numbers(
 ) -> None:
     if older:
         save_record(study_results.record("margins"), tmp_path)
-    new = replace(study_results.record("margins"), command="the new one")
-    later = {"film": "film", "page": "finish"}.get(part)
-    with monkeypatch.context() as patch, pytest.raises(error):
-        if later is None:
-            patch.setattr(style, "save_figure", stopped(error))
-        save_record(new, tmp_path, **({later: stopped(error)} if later else {}))
+    broken_off(tmp_path, monkeypatch, part, error)
     numbers = {"margins.json", "margins.md"}
-    assert names(tmp_path) >= numbers if later else names(tmp_path) == numbers
-    assert all(path.is_file() for path in tmp_path.iterdir())  # nothing is left of what was staged
-    assert load_record(new.study, tmp_path).command == "the new one"
+    assert names(tmp_path) == numbers if part == "figures" else names(tmp_path) >= numbers
+    assert load_record(find_study("margins"), tmp_path).command == "the new one"
 
 
-@pytest.mark.parametrize("part", ["figures", "film", "page"])
+def contents(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in names(folder)}
+
+
+@pytest.mark.parametrize("part", ["text", "figures", "film", "page"])
 def test_a_ctrl_c_leaves_the_older_record_its_figures_and_its_page(
     tmp_path: Path, monkeypatch, part: str
 ) -> None:
     save_record(study_results.record("margins"), tmp_path)
     (tmp_path / "report.html").write_text("the page")
-    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
-    new = replace(study_results.record("margins"), command="the new one")
-    later = {"film": "film", "page": "finish"}.get(part)
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        if later is None:
-            patch.setattr(style, "save_figure", stopped(KeyboardInterrupt))
-        save_record(new, tmp_path, **({later: stopped(KeyboardInterrupt)} if later else {}))
-    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
-    assert all(path.is_file() for path in tmp_path.iterdir())
+    before = contents(tmp_path)
+    broken_off(tmp_path, monkeypatch, part, KeyboardInterrupt)
+    assert contents(tmp_path) == before
 
 
 def test_a_ctrl_c_that_a_library_made_another_error_leaves_the_older_record(tmp_path: Path) -> None:
     save_record(study_results.record("margins"), tmp_path, figures=False)
-    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
+    before = contents(tmp_path)
 
     def film() -> None:
         with contextlib.suppress(KeyboardInterrupt):
@@ -170,7 +168,7 @@ def test_a_ctrl_c_that_a_library_made_another_error_leaves_the_older_record(tmp_
 
     with interrupts_noted(), pytest.raises(ctypes.ArgumentError):
         save_record(study_results.record("margins"), tmp_path, figures=False, film=film)
-    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
+    assert contents(tmp_path) == before
     with pytest.raises(ctypes.ArgumentError):  # none came since: it is an error like others
         save_record(
             replace(study_results.record("margins"), command="the new one"), tmp_path,
@@ -204,19 +202,6 @@ def test_a_list_that_someone_planted_removes_no_file_of_a_user(tmp_path: Path) -
     (tmp_path / "margins.json").write_text(json.dumps(data))
     save_record(study_results.record("margins"), tmp_path, figures=False)
     assert names(tmp_path) == {"margins.json", "margins.md", *users}
-
-
-def test_a_write_that_is_broken_off_leaves_the_older_record(tmp_path: Path, monkeypatch) -> None:
-    save_record(study_results.record("margins"), tmp_path)
-    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
-
-    def interrupted(*arguments: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(record_module, "write_text", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        save_record(study_results.record("margins"), tmp_path)
-    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
 
 
 @pytest.mark.parametrize("name", ["margins.md", "report.html", "margins-delay.svg"])
@@ -259,16 +244,11 @@ BARE = {"schema": 4, "study": "margins", "command": "", "versions": {}, "inputs"
         ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 4, got 'mar"),
         ('{"schema": 4, "study": "ladder"}', "must be of 'margins' and have schema 4, got 'ladder"),
         ('{"schema": 4, "study": "margins"}', "'command' is missing"),
-        ('{"schema": 4, "study": "margins", "command": 3}', "command must be a string"),
-        (
-            '{"schema": 4, "study": "margins", "command": "", "versions": {}, "files": {}, '
-            '"control_period": "long"}',
-            "control_period must be a number, got 'long'",
-        ),
-        *(
-            (json.dumps(BARE | {key: value}), f"{key} must be an object, got {value!r}")
-            for key, value in (("versions", []), ("inputs", "x"), ("inputs", None), ("files", 3))
-        ),
+        (json.dumps(BARE | {"command": 3}), "command must be a string"),
+        (json.dumps(BARE | {"control_period": "long"}), "control_period must be a number, got 'lo"),
+        (json.dumps(BARE | {"versions": []}), "versions must be an object, got []"),
+        (json.dumps(BARE | {"inputs": None}), "inputs must be an object, got None"),
+        (json.dumps(BARE | {"files": 3}), "files must be an object, got 3"),
         ('{"schema": NaN}', "NaN is not a JSON number"),
     ],
 )
@@ -289,30 +269,14 @@ def test_a_folder_need_not_be_there_or_hold_a_record(tmp_path: Path) -> None:
     assert names(tmp_path) == set()
 
 
-def _truncated(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:500])
-
-
-def _of_objects(path: Path) -> None:
-    np.savez(path, **{"curves/x/time": np.array([{}], dtype=object)})
-
-
-def _of_one_array(path: Path) -> None:
-    with path.open("wb") as stream:
-        np.save(stream, np.ones(2))
-
-
 @pytest.mark.parametrize(
     "spoil",
     [
-        _truncated,
-        _of_objects,
-        lambda path: path.write_text("no zip file"),
+        lambda path: path.write_bytes(path.read_bytes()[:500]),
         lambda path: np.savez(path, other=np.ones(2)),
-        _of_one_array,
         lambda path: path.unlink(),
     ],
-    ids=["truncated", "objects", "text", "other names", "npy", "gone"],
+    ids=["truncated", "other names", "gone"],
 )
 def test_arrays_that_are_spoilt_are_one_line_with_what_mends_it(tmp_path: Path, spoil) -> None:
     save_record(study_results.record("compare"), tmp_path, figures=False)
@@ -331,27 +295,6 @@ def test_arrays_are_called_by_their_place(tmp_path: Path) -> None:
         assert {"curves/step-step/fixed/time", "curves/step-step/fixed/states/ode"} <= set(
             file.files
         )
-
-
-def test_arrays_that_no_result_names_are_not_read(tmp_path: Path) -> None:
-    record = study_results.record("compare")
-    save_record(record, tmp_path, figures=False)
-    path = tmp_path / "compare.npz"
-    with np.load(path) as file:
-        known = dict(file)
-    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("other.npy", "w") as stream:
-            np.save(stream, np.zeros(20_000_000))  # 160 MB, a file of 0.2 MB
-    data = json.loads((tmp_path / "compare.json").read_text())
-    data["files"]["compare.npz"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    (tmp_path / "compare.json").write_text(json.dumps(data))
-    tracemalloc.start()
-    try:
-        again = load_record(record.study, tmp_path)
-        assert tracemalloc.get_traced_memory()[1] < 50e6
-    finally:
-        tracemalloc.stop()
-    assert same(again.result, record.result) and known
 
 
 def test_arrays_that_would_fill_the_memory_are_refused_by_their_headers(

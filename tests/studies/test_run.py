@@ -24,7 +24,6 @@ UNDONE = Judgement(requirement="completes", limit=20.0, value=15.0, margin=-0.25
 
 
 def made(outcome: str = "completed", time: float = 20.0, **values) -> Run:
-    """A run made by hand; one that ended early did not complete."""
     early = outcome not in ("completed", CONTROLLER_FAILED)
     given = {"peak_phi": 0.1, "iae_phi": 0.1} | values.pop("metrics", {})
     missed = [one for one in values.get("requirements", ()) if not one.met]

@@ -101,14 +101,12 @@ def test_nothing_runs_where_the_pole_starts_beyond_its_fall(command_line, tmp_pa
 
 
 def matrix(result: Result, caption: str) -> list[list[Cell]]:
-    """Return the cells of the only matrix whose caption has some words."""
     walked = Section("", "", report(result).blocks).walk()
     (found,) = (one for one in walked if isinstance(one, Matrix) and caption in one.caption)
     return found.cells
 
 
 def missed(failure: str = "fell") -> Row:
-    """A run that did not complete."""
     whole = Judgement(requirement="completes", limit=2.0, value=0.7, margin=-0.65)
     return Row(
         scenario="step-step", controller="adaptive", outcome=failure, failure=failure,
@@ -298,7 +296,6 @@ def test_figures_are_the_same_files_from_any_number_of_workers(tmp_path: Path) -
 
 
 def write(result: Result, folder: Path) -> Path:
-    """Write a verification without its figures; return its JSON."""
     return save_record(replace(record("validate"), result=result), folder, figures=False)[0]
 
 

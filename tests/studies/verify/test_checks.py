@@ -32,7 +32,6 @@ SHORT = dataclasses.replace(
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[float]]:
-    """What MuJoCo is asked: z, phi, z', phi' and the force."""
     found: list[list[float]] = []
     forward = checks.forward
 

@@ -61,8 +61,6 @@ class SecondEngine:
 
 
 class MuJoCo:
-    """The cart-pole under test."""
-
     def __init__(self):
         self.cart_pole = CartPoleModel(CartPoleParameters())
         self.set_parameters = self.cart_pole.set_parameters
@@ -85,8 +83,6 @@ class MuJoCo:
 
 
 class Paper:
-    """The analytic equations, for which the second engine is as good."""
-
     def set_parameters(self, p):
         self.p = p
 
@@ -111,7 +107,6 @@ def second():
 
 
 def _worst(judged, second, rng, values):
-    """Return the largest scaled difference over random states, forces and plants."""
     worst = 0.0
     for _ in range(STATES):
         p = random_plant(rng)
