@@ -395,6 +395,8 @@ def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
             key, here = f"{key}[{part}]", _bare(get_args(here)[0]) if get_args(here) else None
         elif is_dataclass(here) and part in (hints := get_type_hints(here, include_extras=True)):
             key, here = _joined(key, part), _bare(hints[part])
+        elif get_origin(here) is dict:
+            key, here = _joined(key, part), _bare(get_args(here)[1])
         elif members := [one for one in get_args(here) if is_dataclass(one) and _tag(one) == part]:
             here = members[0]
         else:

@@ -22,11 +22,13 @@ def near_laboratory(
     varied = dict(LABORATORY.ranges.varied)
     if imperfections is not None:
         varied = {n: r for n, r in varied.items() if n not in HARDWARE} | dict(imperfections)
-    settings = {n: changes.pop(n, getattr(LABORATORY.ranges, n)) for n in SETTINGS}
+    table = {**LABORATORY.ranges.table, **changes}
+    settings = {n: table[n] for n in SETTINGS if n in table}
+    varied |= {n: r for n, r in changes.items() if n not in SETTINGS}
     scenario = replace(
         LABORATORY,
         duration=duration,
         imperfections=replace(LABORATORY.imperfections, control_period=control_period),
-        ranges=Ranges(varied=varied | changes, **settings),
+        ranges=Ranges.of({**varied, **settings}),
     )
     return SampleSpace(scenario)

@@ -43,8 +43,8 @@ def test_a_jump_one_rounding_after_a_tick_is_learned_at_the_tick() -> None:
 
 def test_a_joined_schedule_jumps_at_the_instant_that_its_pieces_say(tmp_path: Path) -> None:
     head = (
-        "duration = 2.0\npole_mass = 0.2\ninitial_state = [0.0, 0.15, 0.0, 0.0]\n"
-        "[imperfections]\ncontrol_period = 0.02\n[schedule]\nhalf_length = 0.3\ncart_mass = "
+        "duration = 2.0\ninitial_state = [0.0, 0.15, 0.0, 0.0]\n"
+        "[imperfections]\ncontrol_period = 0.02\n[schedule]\npole_mass = 0.2\nhalf_length = 0.3\ncart_mass = "
     )
     piece = "{shape = 'staircase', times = [0.2], values = [8.0, 1.0]}"
     joined = f"{{shape = 'joined', starts = [0.0, 0.1], pieces = [8.0, {piece}]}}"
@@ -64,8 +64,8 @@ def test_a_pulse_may_end_one_rounding_after_the_horizon() -> None:
 def test_any_control_period_runs_in_every_study(period: float, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("hz.toml").write_text(
-        "pole_mass = 0.2\nduration = 0.5\ninitial_state = [0.0, 0.1, 0.0, 0.0]\n"
-        "[schedule]\ncart_mass = 4.0\nhalf_length = 0.6\n"
+        "duration = 0.5\ninitial_state = [0.0, 0.1, 0.0, 0.0]\n"
+        "[schedule]\npole_mass = 0.2\ncart_mass = 4.0\nhalf_length = 0.6\n"
         f"[imperfections]\ncontrol_period = {period}\n"
     )
     run = afl.simulate_mujoco("hz.toml", "lqr")

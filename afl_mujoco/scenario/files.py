@@ -222,6 +222,13 @@ def as_scenarios(
     return [as_scenario(scenarios)]  # whatever else it is, it is refused as one
 
 
+def scenario_from_table(table: Mapping[str, Any]) -> Scenario:
+    """Return the scenario of the table of a TOML file, which has to name it."""
+    if not isinstance(table, Mapping):
+        raise InvalidValueError("scenario", "must be a table", repr(table))
+    return _scenario(parse_json(json.dumps(table), _File), default_name="")
+
+
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario as the table of a TOML file.
 
@@ -318,7 +325,7 @@ def _scenario(file: _File, default_name: str) -> Scenario:
     schedule = {}
     for name, table in file.schedule.items():
         with within(f"schedule.{name}."):
-            schedule[name] = _built(table)
+            schedule[name] = table.value if table.shape == "constant" else _built(table)
     disturbances = []
     for i, disturbance in enumerate(file.disturbances):
         with within(f"disturbances[{i}]."):

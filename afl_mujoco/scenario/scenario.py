@@ -99,7 +99,8 @@ def _state(thing: str, value: Any) -> tuple[float, ...]:
         with within(f"{thing} "):
             given = ByName(value).ordered([*STATE])
         value = [given.get(name, 0.0) for name in STATE]
-    require_type(thing, value, Iterable)
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InvalidValueError(thing, "must be a table by name or a list", repr(value))
     state = tuple(require_finite(thing, x) for x in value)
     if len(state) != len(STATE):
         raise InvalidValueError(thing, "must hold four numbers", len(state))
@@ -203,26 +204,38 @@ class Scenario:
 
     __repr__ = short_repr
 
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        """Return how a record keeps a scenario: as the table of its file."""
+        from pydantic_core import core_schema
+
+        from afl_mujoco.scenario.files import scenario_from_table, scenario_to_table
+
+        return core_schema.no_info_plain_validator_function(
+            lambda value: value if isinstance(value, cls) else scenario_from_table(value),
+            serialization=core_schema.plain_serializer_function_ser_schema(scenario_to_table),
+        )
+
     @property
     def cart_mass(self) -> Schedule:
-        """M [kg]."""
+        """The schedule of the cart's mass M [kg]."""
         found: Schedule = self.schedule["cart_mass"]
         return found
 
     @property
     def half_length(self) -> Schedule:
-        """L [m]."""
+        """The schedule of the pole's half-length l [m]."""
         found: Schedule = self.schedule["half_length"]
         return found
 
     @property
     def pole_mass(self) -> float:
-        """M [kg]."""
+        """The pole's mass m [kg]."""
         return float(self.schedule["pole_mass"].values[0])
 
     @property
     def gravity(self) -> float:
-        """G [m/s^2]."""
+        """Gravity g [m/s^2]."""
         return float(self.schedule["gravity"].values[0])
 
     def with_schedule(self, **schedule: Schedule | float) -> Scenario:

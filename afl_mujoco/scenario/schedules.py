@@ -73,6 +73,12 @@ class Schedule:
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "_rates", (*rates, 0.0))
 
+    def __repr__(self) -> str:
+        """Return the call that makes it, of `constant` where that is shorter."""
+        if self.times == (0.0,):
+            return f"constant({self.values[0]!r})"
+        return f"Schedule(times={self.times!r}, values={self.values!r})"
+
     @property
     def knots(self) -> NDArray[np.float64]:
         """Time [s] and value of each knot, shape (knots, 2)."""

@@ -28,7 +28,7 @@ def wild(replay, seed, gap=0.0):
         time=np.arange(count) / FPS,
         state=state,
         ideal=ideal,
-        schedule={**replay.schedule, "half_length": lengths},
+        half_length=lengths,
         **arrays,
     )
 
@@ -68,7 +68,7 @@ def test_the_camera_moves_more_smoothly_than_the_cart(replay):
         wild(replay, 0),
         state=jerky,
         ideal=jerky,
-        schedule={**wild(replay, 0).schedule, "half_length": np.full(count, 0.5)},
+        half_length=np.full(count, 0.5),
     )
     path = follow(run, FPS, (1280, 720), Frame())
     assert np.abs(np.diff(path.x)).max() < 0.1

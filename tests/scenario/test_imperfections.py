@@ -67,8 +67,7 @@ def test_a_file_holds_only_what_is_not_ideal(tmp_path):
 def test_an_ideal_scenario_has_the_table_it_always_had(name):
     assert SCENARIOS[name].imperfections == IDEAL
     assert list(scenario_to_table(SCENARIOS[name])) == [
-        *("name", "pole_mass", "gravity", "duration"),
-        *("initial_state", "schedule", "disturbances"),
+        *("name", "duration", "initial_state", "schedule", "disturbances"),
     ]
 
 
@@ -76,8 +75,8 @@ def test_an_ideal_scenario_has_the_table_it_always_had(name):
     ("text", "message"),
     [
         (
-            "lag = 1",
-            "imperfections.lag is not a known key; known keys: control_period, delay, ",
+            "drag = 1",
+            "imperfections.drag is not a known key; known keys: control_period, delay, ",
         ),
         (
             "encoder_step.z = 1e-13",

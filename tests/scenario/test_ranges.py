@@ -19,10 +19,10 @@ from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.schedules import Schedule, slew_limited, staircase
 
 RIG = """
-pole_mass = 0.2
 duration = 12.0
 initial_state = [0.0, 0.2, 0.0, 0.0]
 [schedule]
+pole_mass = 0.2
 cart_mass = 8.0
 half_length = 1.5
 [imperfections]
@@ -161,7 +161,9 @@ def test_a_table_that_breaks_a_rule_is_refused(tmp_path: Path, text: str, messag
 def test_a_space_in_which_nothing_varies_is_refused() -> None:
     with pytest.raises(AflMujocoError, match=r"scenario 'nominal' must say in \[ranges\] what"):
         SampleSpace(afl.SCENARIOS["nominal"])
-    with pytest.raises(AflMujocoError, match="initial_state z must lie within the shortest rail"):
+    with pytest.raises(
+        AflMujocoError, match="initial_state z must lie within the shortest end_stops.z"
+    ):
         ranges = Ranges(varied={"z": (-2.0, 2.0)})
         rail = Imperfections(end_stops={"z": 1.0})
         SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))

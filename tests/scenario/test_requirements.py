@@ -27,8 +27,8 @@ duration = 0.1
 [requirements]
 completes = false
 max.z = 1.0
-max_angle = 0.3
-max_force = 150
+max.phi = 0.3
+max.force = 150
 settling_time = 5.5
 recover_within = 3.0
 bands.z = 0.1
@@ -60,18 +60,20 @@ def test_to_complete_is_what_every_scenario_requires() -> None:
     ("text", "message"),
     [
         ("max.z = -1", "requirements.max.z must be positive, got -1"),
-        ("max_angle = nan", "requirements.max_angle must be"),
+        ("max.phi = nan", "requirements.max.phi must be"),
         (
-            "max_angle = 15",
-            "requirements.max_angle must be less than pi/2, where the pole lies (15 degrees is",
+            "max.phi = 15",
+            "requirements.max.phi must be less than pi/2, where the pole lies (15 degrees is",
         ),
         (
             "bands.phi = 2",
             "requirements.bands.phi must be less than pi/2, where the pole lies (2 degrees",
         ),
-        ('max_force = "weak"', "requirements.max_force must be a number, got 'weak'"),
+        ('max.force = "weak"', "requirements.max.force must be a number, got 'weak'"),
         ("bands.phi = 0", "requirements.bands.phi must be positive, got 0"),
         ("completes = 1", "requirements.completes must be true or false, got 1"),
+        ("max_force = 1", "requirements.max_force is not a known key; it is now max = { force"),
+        ("max.y = 1", "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),
         ("max_positon = 1", "requirements.max_positon is not a known key; known keys: completes, "),
         (
             "settling_time = 20",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco import Scenario, constant, staircase, trapezoid
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.schedules import Schedule
 
@@ -129,13 +129,26 @@ def test_what_is_left_out_is_nominal():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"pole_mass": -0.1}, "pole_mass must be positive, got -0.1"),
-        ({"gravity": 0.0}, "gravity must be positive, got 0.0"),
+        ({"schedule": {"pole_mass": -0.1}}, "schedule.pole_mass must be positive, got -0.1"),
+        ({"schedule": {"gravity": 0.0}}, "schedule.gravity must be positive, got 0.0"),
         ({"duration": float("inf")}, "duration must be finite, got inf"),
-        ({"cart_mass": constant(-1.0)}, "schedule.cart_mass must be positive, got -1.0"),
         (
-            {"half_length": staircase((1,), (0.5, 0.0))},
+            {"schedule": {"cart_mass": constant(-1.0)}},
+            "schedule.cart_mass must be positive, got -1.0",
+        ),
+        (
+            {"schedule": {"half_length": staircase((1,), (0.5, 0.0))}},
             "schedule.half_length must be positive, got 0.0",
+        ),
+        (
+            {"schedule": {"gravity": staircase((1,), (9.81, 1.62))}},
+            "schedule.gravity must be one number: only cart_mass and half_length change during a "
+            "run, got [9.81, 1.62]",
+        ),
+        ({"schedule": 3}, "schedule must be a table by name, got 3"),
+        (
+            {"initial_state": {"psi": 1}},
+            "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; did you mean phi?",
         ),
         ({"initial_state": (0, 0, 0)}, "initial_state must hold four numbers, got 3"),
         ({"initial_state": (0, math.nan, 0, 0)}, "initial_state must be finite, got nan"),
@@ -150,7 +163,7 @@ def test_what_is_left_out_is_nominal():
     ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
 )
 def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
-    with pytest.raises(InvalidValueError) as caught:
+    with pytest.raises(AflMujocoError) as caught:
         Scenario(**{"name": "x", **fields})
     assert str(caught.value) == message
 

@@ -252,7 +252,7 @@ def test_an_action_beyond_1_is_that_of_1_and_one_that_is_no_number_is_refused() 
 @needs_gymnasium
 def test_a_state_that_diverges_is_observed_within_the_space() -> None:
     light = replace(
-        afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-3), pole_mass=1e-5, duration=1.0
+        afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-3, pole_mass=1e-5), duration=1.0
     )
     environment = CartPoleEnv(light, force_limit=9e5, control_period=0.1, **SI)
     environment.reset()
@@ -327,7 +327,7 @@ def test_scaled_observations_are_shares_of_powers_of_two() -> None:
         (one, _, fallen, *_), (other, *_) = plain.step([0.05]), scaled.step([0.05])
         if fallen:
             plain.reset(), scaled.reset()
-    heavy = replace(afl.SCENARIOS["nominal"], cart_mass=afl.constant(9.0))
+    heavy = afl.SCENARIOS["nominal"].with_schedule(cart_mass=9.0)
     assert CartPoleEnv(heavy).scale.tolist() == [4.0, 2.0, 8.0, 8.0, 16.0, 0.5]
 
 
@@ -374,13 +374,13 @@ VECTORS = {
     },
     "blows up": {
         "scenario": replace(
-            afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-6), pole_mass=1e-6, duration=1.0
+            afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-6, pole_mass=1e-6), duration=1.0
         ),
         "force_limit": 9e5, "control_period": 0.1,
     },
     "diverges": {
         "scenario": replace(
-            afl.SCENARIOS["nominal"], cart_mass=afl.constant(1e-3), pole_mass=1e-5, duration=1.0
+            afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-3, pole_mass=1e-5), duration=1.0
         ),
         "force_limit": 9e5, "control_period": 0.1,
     },
@@ -525,7 +525,7 @@ def test_a_policy_with_memory_is_refused() -> None:
 
 @needs_gymnasium
 def test_a_picture_shows_the_cart_the_pole_and_the_force(graphics: None) -> None:
-    heavy = replace(afl.SCENARIOS["nominal"], cart_mass=afl.constant(2.0))
+    heavy = afl.SCENARIOS["nominal"].with_schedule(cart_mass=2.0)
     shape = {"render_mode": "rgb_array", "width": 320, "height": 240}
     pictures = []
     for scenario, action in ((afl.SCENARIOS["nominal"], 0.0), (heavy, 0.0), (heavy, 0.2)):

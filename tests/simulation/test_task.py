@@ -51,8 +51,7 @@ CASES = {
             afl.Impulse(momentum=0.3, time=1.2345),  # between two instants
         ),
     ),
-    "off-grid breakpoints": replace(
-        _short("nominal", 2.0),
+    "off-grid breakpoints": _short("nominal", 2.0).with_schedule(
         cart_mass=afl.staircase((0.3337,), (1.0, 2.0)),
         half_length=afl.piecewise_linear((0.1003, 0.9999), (0.5, 0.2)),
         pole_mass=0.07,
@@ -306,7 +305,7 @@ def test_an_episode_ends_where_the_pole_falls_with_discount_zero():
 
 
 def test_an_episode_ends_where_the_state_diverges_with_reward_zero():
-    light = replace(_short("nominal", 1.0), cart_mass=afl.constant(1e-3), pole_mass=1e-5)
+    light = _short("nominal", 1.0).with_schedule(cart_mass=1e-3, pole_mass=1e-5)
     environment = afl.load(light, force_limit=9e5, control_period=0.1)
     step = environment.reset()
     while not step.last():

@@ -22,10 +22,10 @@ from afl_mujoco.studies.registry import find_study
 
 RIG = """
 name = "rig"
-pole_mass = 0.2
 duration = 6.0
 initial_state = [0.0, 0.2, 0.0, 0.0]
 [schedule]
+pole_mass = 0.2
 cart_mass = 8.0
 half_length = 1.5
 [imperfections]

@@ -36,7 +36,7 @@ of these it is stability that is asked, which passive physics decides."""
 def test_at_half_the_step_a_run_ends_the_same_way(name: str, integrator: str) -> None:
     (imperfection,) = (one for one in IMPERFECTIONS if one.name == name)
     for level in np.geomspace(imperfection.benign, imperfection.harsh, LEVELS).tolist():
-        scenario = FAST.changed(**imperfection.options(level))
+        scenario = FAST.changed(imperfection.options(level))
         run = afl.simulate_mujoco(scenario, "lqr", integrator=integrator)
         step = 0.5 * run.provenance["settings"]["timestep"]
         finer = afl.simulate_mujoco(scenario, "lqr", timestep=step, integrator=integrator)

@@ -69,7 +69,7 @@ def _by_hand(p, r):
           <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
           <body name="pole">
             <joint name="hinge" type="hinge" axis="0 -1 0" damping="{r.at("damping.phi")!r}"
-                   armature="{r.at("armature.phi")!r}" {dry_friction.phi}/>
+                   armature="{r.at("armature.phi")!r}" {hinge_friction}/>
             <inertial pos="0 0 {com!r}" mass="{m!r}"
                       diaginertia="{about_com!r} {about_com!r} {0.01 * about_com!r}"/>
           </body>

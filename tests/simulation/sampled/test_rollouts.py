@@ -39,7 +39,7 @@ def drawn(rng, count):
             noise={"z": rng.uniform(0, 1e-3), "phi": rng.uniform(0, 1e-2)},
             dry_friction={"z": rng.choice([0.0, 0.4])},
             damping={"z": rng.choice([0.0, 0.3])},
-            end_stops={"z": [None, 1.5][i % 2]},
+            end_stops=[{}, {"z": 1.5}][i % 2],
             delay=rng.uniform(0.0, 0.02),
             tip_mass_share=rng.uniform(0.0, 0.3),
             seed=i,

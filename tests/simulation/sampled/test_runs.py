@@ -146,7 +146,7 @@ BEYOND = piecewise_linear((-0.3, 1.4), (0.6, 1.1))
 )
 @pytest.mark.parametrize("name", ["fixed-nominal", "adaptive"])
 def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, name, changes):
-    scenario, controller = replace(odd_scenario, **changes), CONTROLLERS[name]
+    scenario, controller = odd_scenario.with_schedule(**changes), CONTROLLERS[name]
     run = simulate_mujoco(scenario, controller, "sampled")
     try:
         rows = plain_loop(scenario, controller, 1, "RK4")

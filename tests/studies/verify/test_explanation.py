@@ -176,9 +176,8 @@ NOTHING = afl.StateFeedback(
     name="nothing", kind=LINEAR, gains=afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
 )
 GLIDING = dataclasses.replace(
-    afl.SCENARIOS["nominal"],
+    afl.SCENARIOS["nominal"].with_schedule(cart_mass=afl.staircase((0.101,), (0.5, 1.0))),
     initial_state=(0.0, 0.0, 2.0, 0.0),
-    cart_mass=afl.staircase((0.101,), (0.5, 1.0)),
     duration=0.4,
 )
 
