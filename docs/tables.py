@@ -10,18 +10,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby, pairwise
 from pathlib import Path
+from typing import Any
 
 from afl_mujoco.control.scheduled import ANGLES, slope_at
 from afl_mujoco.scenario.catalogue import LABORATORY, REASONS
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
-from afl_mujoco.scenario.requirements import BANDS, SWITCHES, UNITS, Requirements
+from afl_mujoco.scenario.parameters import STATE
+from afl_mujoco.scenario.requirements import BANDS, PEAKS, UNITS, Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.robustness import COMBINED, RAIL, added
 from afl_mujoco.studies.thresholds import level_text
 from docs.sources import SOURCES
-
-REQUIREMENT_UNITS = {**UNITS, **BANDS}
 
 
 def tables() -> dict[str, str]:
@@ -186,21 +186,32 @@ def fields_table() -> str:
     said = _docstrings(Imperfections)
     rows = []
     for name in (field.name for field in fields(Imperfections)):
-        ideal = getattr(IDEAL, name)
-        default = "none" if ideal is None else json.dumps(ideal)
-        rows.append((f"`{name}`", DECLARATIONS[name].unit or "–", default, said[name]))
+        units = [one.unit for path, one in DECLARATIONS.items() if path.partition(".")[0] == name]
+        unit = ", ".join(filter(None, units)) or "–"
+        rows.append((f"`{name}`", unit, _default(getattr(IDEAL, name)), said[name]))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 
 
 def requirements_table() -> str:
     """Return the fields of `Requirements`: key, unit, default, meaning."""
     said = _attributes(Requirements)
+    several = {
+        "max": ", ".join(dict.fromkeys(PEAKS.values())),
+        "bands": ", ".join(STATE[name] for name in BANDS),
+    }
     rows = []
     for field in fields(Requirements):
-        default = "none" if field.default is None else json.dumps(field.default)
-        unit = "–" if field.name in SWITCHES else REQUIREMENT_UNITS[field.name]
-        rows.append((f"`{field.name}`", unit, default, said[field.name]))
+        unit = "–" if isinstance(field.default, bool) else several.get(field.name)
+        default = _default(BANDS if field.name == "bands" else field.default)
+        rows.append((f"`{field.name}`", unit or UNITS[field.name], default, said[field.name]))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
+
+
+def _default(value: Any) -> str:
+    """Return a default as a file has it."""
+    if isinstance(value, Mapping) and value:
+        return f"{{ {', '.join(f'{name} = {x:g}' for name, x in value.items())} }}"
+    return "none" if value is None or value == {} else json.dumps(value)
 
 
 def thresholds_table() -> str:

@@ -44,7 +44,8 @@ def test_a_jump_one_rounding_after_a_tick_is_learned_at_the_tick() -> None:
 def test_a_joined_schedule_jumps_at_the_instant_that_its_pieces_say(tmp_path: Path) -> None:
     head = (
         "duration = 2.0\ninitial_state = [0.0, 0.15, 0.0, 0.0]\n"
-        "[imperfections]\ncontrol_period = 0.02\n[schedule]\npole_mass = 0.2\nhalf_length = 0.3\ncart_mass = "
+        "[imperfections]\ncontrol_period = 0.02\n"
+        "[schedule]\npole_mass = 0.2\nhalf_length = 0.3\ncart_mass = "
     )
     piece = "{shape = 'staircase', times = [0.2], values = [8.0, 1.0]}"
     joined = f"{{shape = 'joined', starts = [0.0, 0.1], pieces = [8.0, {piece}]}}"

@@ -148,7 +148,8 @@ def test_what_is_left_out_is_nominal():
         ({"schedule": 3}, "schedule must be a table by name, got 3"),
         (
             {"initial_state": {"psi": 1}},
-            "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; did you mean phi?",
+            "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; "
+            "did you mean phi?",
         ),
         ({"initial_state": (0, 0, 0)}, "initial_state must hold four numbers, got 3"),
         ({"initial_state": (0, math.nan, 0, 0)}, "initial_state must be finite, got nan"),

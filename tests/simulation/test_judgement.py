@@ -161,7 +161,7 @@ def test_a_controller_that_failed_meets_nothing() -> None:
 
 
 def test_there_is_no_other_requirement() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean max.phi"):
+    with pytest.raises(UnknownNameError, match=r"did you mean max\.phi"):
         Judgement(requirement="max.phy", limit=1.0, value=1.0, margin=0.0)
 
 
