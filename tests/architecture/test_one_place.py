@@ -13,15 +13,15 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-TOY = '''    stiction: float = _declared(
-        0.0, _not_negative, "N",
-        Imperfection(name="stiction", title="stiction", unit="mN", fields={"stiction": 1.0},
-            scale=1e3, reference=0.1, benign=0.01, harsh=10.0),
-        why="dust",
-        drawn=Draw(11, (0.0, 0.5), "swept, to dusty", "stiction [mN]", 1e3),
-    )
+TOY = '''    stiction: NotNegative = 0.0
     """A toy."""
 '''
+DECLARED = """    "stiction": Declaration("N",
+        (Imperfection(name="stiction", title="stiction", unit="mN", fields={"stiction": 1.0},
+            scale=1e3, reference=0.1, benign=0.01, harsh=10.0),),
+        why="dust",
+        drawn=Draw(11, (0.0, 0.5), "swept, to dusty", "stiction [mN]", 1e3)),
+"""
 
 LOOK = """
 from pathlib import Path
@@ -84,8 +84,10 @@ def run(package: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def test_an_imperfection_is_declared_once(package: Path) -> None:
-    insert(package / "scenario" / "imperfections.py", "    seed: int =", TOY)
+def test_an_imperfection_touches_one_file(package: Path) -> None:
+    source = package / "scenario" / "imperfections.py"
+    insert(source, "    seed: Annotated", TOY)
+    insert(source, '})  # fmt: skip\n"""The declaration of each number', DECLARED)
     run(package, "-c", LOOK)
 
 

@@ -66,7 +66,7 @@ def with_line(old: str, new: str) -> str:
 BAD_FILES = {
     "unknown key": (
         with_line("half_length", "half_lenght"),
-        "schedule.half_lenght is not a known key; known keys: cart_mass, half_length",
+        "schedule name must be one of cart_mass, pole_mass, half_length, gravity, got ",
     ),
     "negative mass": (
         with_line("[0.5, 1.0]", "[0.5, -1.0]"),

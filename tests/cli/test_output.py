@@ -24,7 +24,7 @@ WRITTEN = {"short.toml", "short-lqr-sampled.npz"}
 def folder(tmp_path: Path) -> Path:
     """A working folder with a scenario that asks nothing, and one that no controller meets."""
     (tmp_path / "short.toml").write_text(SHORT)
-    (tmp_path / "fails.toml").write_text(SHORT + "[requirements]\nmax_force = 1e-9\n")
+    (tmp_path / "fails.toml").write_text(SHORT + "[requirements]\nmax.force = 1e-9\n")
     return tmp_path
 
 

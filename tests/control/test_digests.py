@@ -19,7 +19,7 @@ def test_a_digest_changes_with_any_value_of_a_scenario_and_with_nothing_else() -
     one = afl.Scenario(name="rig", initial_state=(0.0, 0.1, 0.0, 0.0))
     changes = (
         {"duration": 9.0},
-        {"cart_mass": afl.constant(2.0)},
+        {"schedule": {"cart_mass": 2.0}},
         {"imperfections": afl.Imperfections(delay=0.01)},
         {"requirements": afl.Requirements(max={"z": 1.0})},
         {"disturbances": (afl.Impulse(momentum=1.0, time=1.0),)},

@@ -120,7 +120,7 @@ def test_dry_friction_does_not_bias_the_masses(number: int) -> None:
 
 @pytest.mark.slow
 def test_logs_of_two_carts_are_told_apart() -> None:
-    heavy = replace(TRUTH, schedule={**TRUTH.schedule, "cart_mass": 1.1})
+    heavy = replace(TRUTH, cart_mass=1.1)
     some = [log_of(f"a{i}", swing(TRUTH, i, 3.0), TRUTH.description) for i in range(2)]
     some += [log_of(f"b{i}", swing(heavy, 9 + i, 3.0), TRUTH.description) for i in range(2)]
     with pytest.raises(AflMujocoError, match="logs must be of one cart-pole, got acceleration of"):

@@ -40,7 +40,7 @@ FILES = {
     "missing file": ("missing.toml", None, "missing.toml"),
     "directory for a file": ("folder.toml", None, "folder.toml"),
     "broken TOML": ("bad.toml", "duration = = 1", "bad.toml is not valid TOML"),
-    "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "half_lenght is not a known key"),
+    "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "got 'half_lenght'; did"),
     "NaN": ("bad.toml", "duration = nan", "bad.toml"),
     "endless number": ("bad.toml", f"duration = {5000 * '1'}", "whole number of so many digits"),
     "NUL in a name": ("a\0b.toml", None, "argument must not contain a NUL character, got a\\x00b"),

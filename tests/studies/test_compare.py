@@ -144,7 +144,7 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     assert rows["compared.late"].failure == "controller failed"
     assert "rig/compared.late" not in record.result.curves
     data = json.loads((rig / "out" / "compare.json").read_text())
-    assert data["scenarios"][0]["requirements"]["max.z"] == 1.0
+    assert data["scenarios"][0]["requirements"]["max"]["z"] == 1.0
     assert [row["controller"] for row in data["rows"]] == [*names]
 
 

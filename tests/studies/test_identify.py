@@ -79,7 +79,7 @@ def identify_logs(folder: Path, command_line, columns: dict) -> str:
 
 
 def test_logs_of_two_poles_are_told_apart(rig: Path, command_line) -> None:
-    other = replace(TRUTH, schedule={**TRUTH.schedule, "half_length": 0.24})
+    other = replace(TRUTH, half_length=0.24)
     errors = identify_logs(rig, command_line, {"other": swing(other, 7, 1.6)})
     assert re.search(
         r"logs must be of one cart-pole, got gravity term w2 3\d.* in other and 3\d.* in one",

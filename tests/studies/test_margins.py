@@ -123,11 +123,11 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert (request.deployed.period, request.pole_mass) == (0.01, 0.2)
     assert request.deployed.imperfections == Imperfections(control_period=0.01, delay=0.004)
     assert prepare(replace(asked, control_period=0.002)).deployed.period == 0.002
-    assert prepare(replace(asked, schedule={**asked.schedule, "pole_mass": 0.3})).pole_mass == 0.3
+    assert prepare(replace(asked, pole_mass=0.3)).pole_mass == 0.3
     found = run(request._replace(cart_masses=(8.0,)))
     assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
     said = report(found).blocks[0]
-    assert "count: delay = 0.004; that a linear loop cannot have: noise\\_phi" in said
+    assert "count: delay = 0.004; that a linear loop cannot have: noise.phi" in said
 
 
 def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> None:
@@ -292,15 +292,9 @@ def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() 
         not_linear={"mine": "has a memory", "wild": "must be smooth", "biased": "pushes"},
         small_motions=(
             motion("mine", gain_decrease=0.25, gain_increase=8.0, delay=0.0),
-            replace(
-                motion("mine", gain_decrease=0.5, delay=0.02),
-                schedule={
-                    **motion("mine", gain_decrease=0.5, delay=0.02).schedule,
-                    "cart_mass": 0.1,
-                },
-            ),
+            replace(motion("mine", gain_decrease=0.5, delay=0.02), cart_mass=0.1),
             motion("wild", decays=False),
-            replace(motion("wild"), schedule={**motion("wild").schedule, "cart_mass": 0.1}),
+            replace(motion("wild"), cart_mass=0.1),
         ),
     )
     (rows,) = matrices(result)

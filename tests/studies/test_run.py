@@ -36,7 +36,7 @@ def made(outcome: str = "completed", time: float = 20.0, **values) -> Run:
 
 
 def limited(*margins: float, **values) -> Run:
-    names = ("max.z", "max_force")
+    names = ("max.z", "max.force")
     found = tuple(
         Judgement(requirement=name, limit=2.0, value=2.0 - 2.0 * x, margin=x)
         for name, x in zip(names, margins, strict=False)

@@ -243,7 +243,7 @@ def test_where_a_scenario_has_requirements_they_decide() -> None:
             max={"phi": 0.09, "force": 1.0},
         ),
     )
-    assert run_all(ADAPTIVE, [hard])[0].failure == "max_force"  # the angle only by 11 %
+    assert run_all(ADAPTIVE, [hard])[0].failure == "max.force"  # the angle only by 11 %
 
 
 def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
@@ -268,7 +268,7 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
     found = run(Request(controllers, (near,), settings, ["delay"]))
     assert found.controllers == [] and found.sweeps == ()
     failures = {name: found.runs(places)[0].failure for name, places in found.bare.items()}
-    assert failures == {"lqr": "max_force", "mine": CONTROLLER_FAILED, "weak": "fell"}
+    assert failures == {"lqr": "max.force", "mine": CONTROLLER_FAILED, "weak": "fell"}
     text = report(found).headline + to_text(report(found).blocks)
     assert "No controller survives step-step as it is." in text
     assert "my own problem" in text and "misses “|F| exerted at most”" in text
