@@ -332,7 +332,7 @@ class CartPoleModel:
         parameters
             The plant.
         """
-        joints = self.mj_model.joint("slider"), self.mj_model.joint("hinge")
+        joints = self.mj_model.joint("z"), self.mj_model.joint("phi")
         for name, array in passive_arrays(self._compiled, imperfections, *joints).items():
             getattr(self.mj_model, name)[:] = array
         self._shape[:] = imperfections.tip_mass_share, imperfections.pole_radius
@@ -395,7 +395,7 @@ def _addresses(
 
     cart, pole = model.body("cart").id, model.body("pole").id
     geom, tip = model.geom("pole").id, model.site("tip").id
-    slider, hinge = model.joint("slider"), model.joint("hinge")
+    slider, hinge = model.joint("z"), model.joint("phi")
     z, phi = slider.qposadr[0], hinge.qposadr[0]
     z_dof, phi_dof = slider.dofadr[0], hinge.dofadr[0]
     addresses = np.zeros(1, ADDRESSES)

@@ -13,11 +13,11 @@ NAMES = ("cart_mass", "pole_mass", "half_length", "gravity")
 
 def _friction_limits_and_contact(spec):
     """Add what the paper leaves out: a rail with friction and ends, and a floor for the pole."""
-    slider = spec.joint("slider")
+    slider = spec.joint("z")
     slider.frictionloss = 0.7
     slider.range = [-0.4, 0.4]
     slider.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-    spec.joint("hinge").frictionloss = 0.01
+    spec.joint("phi").frictionloss = 0.01
     pole = spec.geom("pole")
     pole.contype = pole.conaffinity = 1
     floor = spec.worldbody.add_geom()
@@ -79,7 +79,7 @@ def _by_hand(p):
       <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/>
       <worldbody>
         <body>
-          <joint name="slider" type="slide" axis="1 0 0"
+          <joint name="z" type="slide" axis="1 0 0"
                  frictionloss="0.7" limited="true" range="-0.4 0.4"/>
           <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
           <body>
@@ -91,7 +91,7 @@ def _by_hand(p):
         </body>
         <geom type="plane" size="5 5 0.1" pos="0 0 -0.1"/>
       </worldbody>
-      <actuator><motor joint="slider"/></actuator>
+      <actuator><motor joint="z"/></actuator>
     </mujoco>"""
 
 

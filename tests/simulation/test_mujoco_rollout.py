@@ -266,7 +266,7 @@ def test_bad_settings_are_refused(settings, error, message, smooth_scenario, ada
 
 def test_friction_that_an_edit_adds_acts_as_that_of_the_scenario() -> None:
     def rub(spec: mujoco.MjSpec) -> None:
-        spec.joint("slider").frictionloss = 2.0
+        spec.joint("z").frictionloss = 2.0
 
     scenario = Scenario(name="short", initial_state=(0.0, 0.3, 0.0, 0.0), duration=1.0)
     rough = replace(scenario, imperfections=Imperfections(dry_friction={"z": 2.0}))

@@ -169,7 +169,7 @@ def differing_numbers(one: mujoco.MjModel, other: mujoco.MjModel) -> int:
 
 def add_passive_physics(spec: mujoco.MjSpec) -> None:
     """Add friction, limits and contact, which reveal stale derived constants."""
-    for name, reach in (("slider", 1.0), ("hinge", 2.5)):
+    for name, reach in (("z", 1.0), ("phi", 2.5)):
         joint = spec.joint(name)
         joint.frictionloss, joint.damping, joint.armature = 0.05, [0.02, 0.0, 0.0], 0.001
         joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-reach, reach]

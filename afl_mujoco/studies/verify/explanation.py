@@ -405,7 +405,7 @@ def plateau_check() -> Check:
     excess = CAPSULE_EXCESS * scenario.pole_mass * scenario.half_length.at(0.0) ** 2 / 3.0
 
     def thicken(spec: mujoco.MjSpec) -> None:
-        spec.joint("hinge").armature = excess
+        spec.joint("phi").armature = excess
 
     reference = simulate_ode(scenario, controller, sample_period=STEPS[0])
     errors = tuple(

@@ -64,18 +64,18 @@ def _by_hand(p, r):
       <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/>
       <worldbody>
         <body name="cart">
-          <joint name="slider" type="slide" axis="1 0 0" damping="{r.at("damping.z")!r}"
+          <joint name="z" type="slide" axis="1 0 0" damping="{r.at("damping.z")!r}"
                  armature="{r.at("armature.z")!r}" {friction} {stops}/>
           <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
           <body name="pole">
-            <joint name="hinge" type="hinge" axis="0 -1 0" damping="{r.at("damping.phi")!r}"
+            <joint name="phi" type="hinge" axis="0 -1 0" damping="{r.at("damping.phi")!r}"
                    armature="{r.at("armature.phi")!r}" {hinge_friction}/>
             <inertial pos="0 0 {com!r}" mass="{m!r}"
                       diaginertia="{about_com!r} {about_com!r} {0.01 * about_com!r}"/>
           </body>
         </body>
       </worldbody>
-      <actuator><motor joint="slider"/></actuator>
+      <actuator><motor joint="z"/></actuator>
     </mujoco>"""
 
 
@@ -118,12 +118,12 @@ def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
 
 def test_imperfections_adds_to_what_an_edit_put_there(odd_parameters):
     def drive(spec):
-        spec.joint("slider").armature = 0.5
+        spec.joint("z").armature = 0.5
 
     model = CartPoleModel(
         odd_parameters, edit=drive, imperfections=Imperfections(armature={"z": 0.25})
     )
-    assert model.mj_model.joint("slider").armature[0] == 0.75
+    assert model.mj_model.joint("z").armature[0] == 0.75
 
 
 # Friction, damping, stops

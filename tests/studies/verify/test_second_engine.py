@@ -43,8 +43,8 @@ class SecondEngine:
         box = pin.Inertia.FromBox(p.cart_mass, *(2.0 * half for half in CART_HALF_SIZE))
         rod = pin.Inertia.FromCylinder(p.pole_mass, 0.0, 2.0 * p.half_length)
         centre = np.array([0.0, 0.0, p.half_length])
-        self.model.inertias[self.model.getJointId("slider")] = box
-        self.model.inertias[self.model.getJointId("hinge")] = pin.Inertia(
+        self.model.inertias[self.model.getJointId("z")] = box
+        self.model.inertias[self.model.getJointId("phi")] = pin.Inertia(
             rod.mass, centre, rod.inertia
         )
         self.model.gravity.linear = np.array([0.0, 0.0, -p.gravity])
