@@ -207,8 +207,8 @@ def test_the_parameters_observed_are_those_after_the_jump_at_that_instant():
 
 
 def test_the_plant_changes_at_every_physics_step_and_the_model_shows_the_present_one():
-    scenario = replace(
-        _short("nominal", 1.0), half_length=afl.piecewise_linear((0.0, 1.0), (0.2, 1.0))
+    scenario = _short("nominal", 1.0).with_schedule(
+        half_length=afl.piecewise_linear((0.0, 1.0), (0.2, 1.0))
     )
     physics = afl.load(scenario).physics
     for steps in (1, 3, 250):
