@@ -36,7 +36,7 @@ from afl_mujoco.control.law import afl_force
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE, random_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.sampling import steps
+from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.simulation.scoring import objective
 from afl_mujoco.studies.cube_search import Budget, minimise
 from research.gain_tuning import paper_scales
@@ -227,10 +227,14 @@ def schedules(seed, count, timestep):
     """Times and M and l at the stages of every step, of many schedules."""
     found = []
     for index in range(count):
-        grid = steps(random_scenario(seed, index), timestep)
-        found.append(
-            tuple(map(np.ascontiguousarray, (grid.times, grid.cart_mass, grid.half_length)))
-        )
+        scenario = random_scenario(seed, index)
+        times = time_grid(scenario, timestep)
+        middles = 0.5 * (times[:-1] + times[1:])
+        stages = [
+            np.stack([one(times[:-1]), one(middles), list(map(one.before, times[1:]))], axis=1)
+            for one in (scenario.cart_mass, scenario.half_length)
+        ]
+        found.append((times, *stages))
     return found
 
 

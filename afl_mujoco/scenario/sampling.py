@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import Impulse
-from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.values import PER_SECOND, require_positive
 
 MOST_STEPS = 10_000_000
@@ -27,20 +24,6 @@ TYPED = 1e-5
 
 LONGEST_STEP = 1e-3
 """MuJoCo's longest step by default [s]."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Steps:
-    """Time grid whose steps never cross a breakpoint."""
-
-    times: NDArray[np.float64]  # the steps' ends [s], shape (N + 1,)
-    # M [kg] and l [m] at the start, the middle and the end of each step, the limits from inside the
-    # step, shape (N, 3)
-    cart_mass: NDArray[np.float64]
-    half_length: NDArray[np.float64]
-    push: NDArray[np.float64]  # disturbing force during each step [N], shape (N,)
-    # jump of the momentum along z at the start of each step [N s], shape (N,)
-    impulse: NDArray[np.float64]
 
 
 def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
@@ -61,46 +44,6 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
     inside = (nearest > SNAP * period) & (regular < scenario.duration)
     inside[0] = True
     return np.sort(np.concatenate([regular[inside], special]))
-
-
-@functools.lru_cache(maxsize=4)
-def steps(scenario: Scenario, period: float) -> Steps:
-    """Cut the horizon into steps of at most `period` that end on every breakpoint.
-
-    period: The longest step [s].
-    """
-    times = time_grid(scenario, period)
-    segments = scenario.segments
-    starts = np.array([segment.start for segment in segments])
-    index = np.searchsorted(starts, times[:-1], side="right") - 1
-    middles = 0.5 * (times[:-1] + times[1:])
-    mass, length = parameters_in(
-        segments, index[:, None], np.stack([times[:-1], middles, times[1:]], axis=1)
-    )
-    impulse = np.zeros(len(index))
-    impulse[np.searchsorted(times, starts)] = [segment.impulse for segment in segments]
-    found = Steps(
-        times=times,
-        cart_mass=mass,
-        half_length=length,
-        push=np.array([segment.push for segment in segments])[index],
-        impulse=impulse,
-    )
-    for array in (times, mass, length, found.push, impulse):
-        array.flags.writeable = False  # several simulators share them
-    return found
-
-
-def parameters_in(
-    segments: Sequence[Segment], index: NDArray[np.intp], times: NDArray[np.floating[Any]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return M [kg] and l [m] at many times, each in the segment of its index."""
-    elapsed = times - np.array([segment.start for segment in segments])[index]
-    mass, length = (
-        np.array([getattr(segment, name) for segment in segments])[index]
-        for name in ("cart_mass", "half_length")
-    )
-    return mass[..., 0] + mass[..., 1] * elapsed, length[..., 0] + length[..., 1] * elapsed
 
 
 class Disturbances(NamedTuple):

@@ -1,7 +1,7 @@
-"""Integrators that know neither the equations nor MuJoCo: DOP853, and RK4 around Python.
+"""Integrators that know neither the equations nor MuJoCo: DOP853, and RK4 from time to time.
 
-Both sides pass their own right-hand side, so that their results differ by that alone. The compiled
-DOP853 integrates a compiled right-hand side; SciPy integrates any other, and by any other method.
+Both sides pass their own right-hand side, so that their results differ by that alone. DOP853 takes
+a compiled one; SciPy integrates any other, and by any other method. RK4 takes either.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 from numba.extending import register_jitable
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.integrate import DOP853, solve_ivp
 
-from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
@@ -260,6 +259,42 @@ def solve(rates, arguments, margin, start, end, state, times, options, work, fou
     return count, time, REACHED
 
 
+@register_jitable
+def rk4_step(rates, arguments, time, step, state, work, after):
+    """Write the state after a textbook RK4 step.
+
+    work: Work space, shape (5, 4) or longer: the slopes of four stages, the state of a stage.
+    """
+    point = work[4]
+    rates(arguments, time, state, work[0])
+    for row in range(1, 4):
+        share = (0.5 if row < 3 else 1.0) * step
+        for i in range(4):
+            point[i] = state[i] + share * work[row - 1, i]
+        rates(arguments, time + share, point, work[row])
+    sixth = step / 6.0
+    for i in range(4):
+        slopes = work[0, i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i]
+        after[i] = state[i] + sixth * slopes
+
+
+@register_jitable
+def solve_rk4(rates, arguments, margin, start, end, state, times, options, work, found):
+    """Integrate over a segment as `solve` does, by a step of RK4 from each time to the next."""
+    after, time = work[5], start
+    for count in range(len(times)):
+        if times[count] > time:
+            rk4_step(rates, arguments, time, times[count] - time, state, work, after)
+            if not within_limits(after):
+                return count, time, STUCK
+            _copy(after, state)
+            time = times[count]
+        _copy(state, found[count])
+        if margin(state) <= 0.0:
+            return count + 1, time, STOPPED
+    return len(times), time, REACHED
+
+
 Derivative = Callable[[float, NDArray[np.float64], Segment], Sequence[float]]
 """(time, state, segment) -> its rate of change; NaN where the controller has no value."""
 
@@ -408,6 +443,18 @@ def scipy_solver(
     return solve
 
 
+def python_rk4(derivative: Derivative) -> Solver:
+    """Return RK4 around a right-hand side in Python."""
+
+    def rates(segment: Segment, time: float, state: Any, slopes: Any) -> None:
+        slopes[:] = derivative(time, state, segment)
+
+    def solve(segment: Segment, *rest: Any) -> Any:
+        return solve_rk4(rates, segment, limit_margin, segment.start, segment.end, *rest)
+
+    return compiled_solver(solve)
+
+
 def compiled_solver(
     solve: Callable[..., tuple[int, float, int]],
     rtol: float = RTOL,
@@ -499,56 +546,3 @@ def _premature_end(solution: Any, segment: Segment) -> Outcome:
 def _ending(state: NDArray[np.float64]) -> str:
     """Return how a run that cannot continue from `state` has ended."""
     return OUTCOMES[ending_of(state)]
-
-
-Array = NDArray[np.float64]
-Arrival = Callable[[int, Array], Array]
-"""(number of the step, state) -> the state after what happens at the step's start."""
-Slope = Callable[[int, int, Array, float], ArrayLike]
-"""(number of the step; 0, 1, 2 for its start, middle, end; state; force) -> rate of the state."""
-
-_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
-_STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
-
-
-def integrate_python_controller(
-    controller: Controller,
-    initial_state: Array,
-    times: Array,
-    assumed: Array,
-    arrive: Arrival,
-    slope: Slope,
-) -> tuple[Array, Array, int]:
-    """Integrate by textbook RK4, the controller evaluated in every stage, until the run ends.
-
-    times: Ends of the steps [s], shape (N + 1,).
-    assumed: Assumed (M, m, l, g) at the start, the middle and the end of each step, shape (N, 3,
-        4).
-    Returns tuple: States reached, shape (K, 4), the force from each of these instants on [N], shape
-        (K,), and the index of the outcome.
-    """
-    count, force = len(times) - 1, 0.0
-    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
-    states[0] = initial_state
-    for k in range(count + 1):
-        x = states[k]
-        forces[k] = force
-        if abs(x[1]) >= FALL_ANGLE:
-            return states[: k + 1], forces[: k + 1], _FELL
-        if k == count:
-            break
-        x[:] = arrive(k, x)
-        force = forces[k] = controller.command(times[k], x, assumed[k, 0])
-        dt, slopes = times[k + 1] - times[k], np.full((4, 4), np.nan)
-        for i, (stage, share) in enumerate(_STAGES):
-            state, acting = x + (share * dt) * slopes[i - 1] if i else x, force
-            if i:
-                acting = controller.command(times[k] + share * dt, state, assumed[k, stage])
-            if not abs(acting) < STATE_LIMIT:
-                return states[: k + 1], forces[: k + 1], ending_of(x)
-            slopes[i] = slope(k, stage, state, acting)
-        after = x + (dt / 6.0) * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
-        if not within_limits(after):
-            return states[: k + 1], forces[: k + 1], ending_of(x)
-        states[k + 1] = after
-    return states, forces, _COMPLETED

@@ -12,23 +12,24 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.controller import Controller, compiled_force, force_from_inputs
+from afl_mujoco.control.controller import Controller, compiled_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterChange
-from afl_mujoco.scenario.sampling import steps, time_grid
+from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,
+    NONE,
     RTOL,
     Derivative,
     Solver,
     Transition,
     compiled_solver,
     integrate,
-    integrate_python_controller,
     limit_margin,
+    python_rk4,
     scipy_solver,
     segment_numbers,
 )
@@ -42,16 +43,12 @@ from afl_mujoco.simulation.mujoco_model import (
 from afl_mujoco.simulation.sampled.runs import simulate_sampled, ticks_of
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
-    FALL_ANGLE,
     FELL,
     OUTCOMES,
     STATE_LIMIT,
-    Outcome,
     Trajectory,
     assemble,
     controller_inputs,
-    ending_of,
-    within_limits,
 )
 
 if TYPE_CHECKING:
@@ -122,63 +119,37 @@ def solve_segment(at, numbers, assumed, compiled, start, end, state, times, opti
     )  # fmt: skip
 
 
-@kernel
-def integrate_continuous(
-    at, initial_state, times, cart_mass, half_length, constants, acting, kind, inputs
-):
-    """Integrate one segment by RK4, controller and parameters evaluated in every stage.
-
-    times: Ends of the steps [s], shape (N + 1,).
-    cart_mass, half_length: M, l at the start, the middle and the end of each step, shape (N, 3).
-    acting: Disturbing force [N] and acting rate of the half-length [m/s].
-    inputs: Inputs of the controller in each stage, shape (N, 3, 7) or (N, 3, 8).
-    Returns tuple: The states reached, shape (K, 4), and the index of the outcome.
-    """
-    pole_mass, gravity = constants
-    push, rate = acting
-    count = len(times) - 1
-    states, slopes = np.empty((count + 1, 4)), np.empty((4, 4))
-    states[0] = initial_state
-    share = (0.0, 0.5, 0.5, 1.0)
-    written = (np.nan, np.nan)
-    for k in range(count + 1):
-        if abs(states[k, 1]) >= FALL_ANGLE:
-            return states[: k + 1], _FELL
-        if k == count:
-            break
-        dt = times[k + 1] - times[k]
-        for i in range(4):
-            stage = (i + 1) // 2
-            wanted = (cart_mass[k, stage], half_length[k, stage])
-            if wanted != written:
-                write_parameters(at, wanted[0], pole_mass, wanted[1], gravity)
-                written = wanted
-            state = states[k] + (share[i] * dt) * slopes[i - 1] if i else states[k]
-            force = force_from_inputs(kind, state, inputs[k, stage])
-            z1, p1, z2, p2 = _derivative(at, state, force, push, pole_mass, wanted[1], rate)
-            slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = z1, p1, z2, p2
-        after = states[k] + (dt / 6.0) * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
-        if not within_limits(after):
-            return states[: k + 1], ending_of(states[k])
-        states[k + 1] = after
-    return states, _COMPLETED
+@borrowing_kernel
+def step_segment(at, numbers, assumed, compiled, start, end, state, times, options, work, found):
+    """Integrate the compiled loop over a segment by `dop853.solve_rk4`."""
+    return dop853.solve_rk4(
+        loop_rates, (at, numbers, assumed, compiled), limit_margin, start, end, state, times,
+        options, work, found,
+    )  # fmt: skip
 
 
 def solver(
-    model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
+    model: CartPoleModel,
+    scenario: Scenario,
+    controller: Controller,
+    change: ParameterChange,
+    mode: str,
 ) -> Solver:
     """Return the solver of the closed loop of MuJoCo's forward dynamics and the controller."""
     if controller.interpreted:
         loop = closed_loop(model, scenario, controller, change)
+        if mode == "continuous":
+            return python_rk4(loop)
         return scipy_solver(loop, controller=controller.name)
     compiled, assumed = (
         tuple(controller.compiled_for(scenario.plants)),
         controller.assumed_parameters(*[np.nan] * 4),
     )
+    integrated = step_segment if mode == "continuous" else solve_segment
 
     def solve(segment: Segment, *rest: Any) -> Any:
         numbers = segment_numbers(scenario, segment, change)
-        return solve_segment(
+        return integrated(
             model.addresses, numbers, assumed, compiled, segment.start, segment.end, *rest
         )
 
@@ -200,37 +171,6 @@ def closed_loop(
         return result
 
     return derivative
-
-
-def integrate_segment_rk4(
-    at: Any,
-    state: NDArray[np.float64],
-    times: NDArray[np.float64],
-    cart_mass: NDArray[np.float64],
-    half_length: NDArray[np.float64],
-    constants: tuple[float, float],
-    acting: tuple[float, float],
-    controller: Controller,
-    inputs: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], int]:
-    """Integrate a segment as `mujoco_loops.integrate_continuous` does, under any controller."""
-    arguments = (at, state, times, cart_mass, half_length, constants, acting)
-    if not controller.interpreted:
-        reached: tuple[NDArray[np.float64], int] = integrate_continuous(
-            *arguments, controller.kind, inputs
-        )
-        return reached
-    pole_mass, gravity = constants
-
-    def slope(k: int, stage: int, x: NDArray[np.float64], force: float) -> tuple[float, ...]:
-        true = (cart_mass[k, stage], pole_mass, half_length[k, stage], gravity)
-        rate: tuple[float, ...] = forced_derivative(at, x, true, force, *acting)
-        return rate
-
-    states, _, status = integrate_python_controller(
-        controller, state, times, inputs, lambda k, x: x, slope
-    )
-    return states, status
 
 
 def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange) -> Transition:
@@ -367,72 +307,20 @@ def simulate_mujoco(
             integrator=integrator,
             model=model,
         )
-    settings = {"timestep": ticks.timestep, **change.describe()}
-    if mode == "continuous":
-        return _continuous(model, scenario, controller, change, settings)
-    return _exact(model, scenario, controller, change, settings)
-
-
-def _exact(
-    model: CartPoleModel,
-    scenario: Scenario,
-    controller: Controller,
-    change: ParameterChange,
-    settings: dict[str, Any],
-) -> Trajectory:
-    """Simulate MuJoCo's forward dynamics with the reference integrator."""
-    times = time_grid(scenario, settings["timestep"])
+    times = time_grid(scenario, ticks.timestep)
     controller_inputs(
         scenario, controller, times
     )  # raises before the run if a gain is not positive
+    settings = {"timestep": ticks.timestep, **change.describe()}
+    nodes = (NONE, NONE)  # a fixed step crosses them
+    if mode == "exact":
+        settings |= {"method": "DOP853", "rtol": RTOL, "atol": ATOL}
+        nodes = controller.nodes(scenario.plants)
     states, outcome = integrate(
         scenario,
-        solver(model, scenario, controller, change),
+        solver(model, scenario, controller, change, mode),
         transition(model, scenario, change),
         times,
-        nodes=controller.nodes(scenario.plants),
+        nodes=nodes,
     )
-    settings = settings | {"method": "DOP853", "rtol": RTOL, "atol": ATOL}
-    return assemble(scenario, controller, "mujoco exact", settings, times, states, outcome)
-
-
-def _continuous(
-    model: CartPoleModel,
-    scenario: Scenario,
-    controller: Controller,
-    change: ParameterChange,
-    settings: dict[str, Any],
-) -> Trajectory:
-    """Simulate by RK4 around MuJoCo's forward dynamics, with all inputs updated in every stage."""
-    grid = steps(scenario, settings["timestep"])
-    inputs = controller.inputs_along_run(
-        grid.cart_mass, grid.half_length, scenario.pole_mass, scenario.gravity
-    )
-    arrive = transition(model, scenario, change)
-    state, reached, status = np.array(scenario.initial_state), [], COMPLETED
-    before: Segment | None = None
-    for segment in scenario.segments:
-        state = arrive(state, before, segment)
-        before = segment
-        first, last = np.searchsorted(grid.times, (segment.start, segment.end))
-        part = slice(first, last)
-        states, code = integrate_segment_rk4(
-            model.addresses,
-            state,
-            grid.times[first : last + 1],
-            grid.cart_mass[part],
-            grid.half_length[part],
-            (scenario.pole_mass, scenario.gravity),
-            (segment.push, segment.half_length[1] if change.stretching else 0.0),
-            controller,
-            inputs[part],
-        )
-        state, status = states[-1], OUTCOMES[code]
-        reached.append(states[:-1])
-        if status != COMPLETED:
-            break
-    all_states = np.concatenate([*reached, state[None]])
-    outcome = Outcome(status, float(grid.times[len(all_states) - 1]))
-    return assemble(
-        scenario, controller, "mujoco continuous", settings, grid.times, all_states, outcome
-    )
+    return assemble(scenario, controller, f"mujoco {mode}", settings, times, states, outcome)

@@ -145,36 +145,53 @@ def solve_ode(
     return times[: len(states)], states, outcome
 
 
+@register_jitable
+def plant_at(numbers, time):
+    """Return (M, m, l, g) at a time of a segment, from the numbers of `segment_numbers`."""
+    elapsed = time - numbers[0]
+    mass, length = numbers[1] + numbers[2] * elapsed, numbers[3] + numbers[4] * elapsed
+    return mass, numbers[5], length, numbers[6]
+
+
 @kernel
-def _write_rates(state, cart_mass, pole_mass, half_length, gravity, push, force, rate, slopes):
+def write_rates(numbers, time, state, force, slopes):
     """Write (z_dot, phi_dot, z'', phi'') under a force of the controller, NaN where it has none.
 
-    The rod stretches at `rate` [m/s], zero for the frozen l of the paper.
+    The rod stretches at the last of the numbers [m/s], zero for the frozen l of the paper.
     """
-    phi, phi_dot = state[1], state[3]
+    mass, pole, length, gravity = plant_at(numbers, time)
+    phi, phi_dot, push, rate = state[1], state[3], numbers[7], numbers[8]
     force = force + push if abs(force) < STATE_LIMIT else np.nan  # the run ends there
-    plant = (cart_mass, pole_mass, half_length, gravity)
     slopes[0], slopes[1] = state[2], phi_dot
     if rate != 0.0:
-        slopes[2], slopes[3] = stretching_accelerations(phi, phi_dot, force, *plant, rate)
+        slopes[2], slopes[3] = stretching_accelerations(
+            phi, phi_dot, force, mass, pole, length, gravity, rate
+        )
     else:
-        slopes[2] = cart_acceleration(phi, phi_dot, force, *plant)
-        slopes[3] = pole_acceleration(phi, phi_dot, force, *plant)
+        slopes[2] = cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity)
+        slopes[3] = pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity)
+
+
+@register_jitable
+def compiled_command(numbers, assumed, compiled, time, state):
+    """Return the force [N] of a compiled controller; NaN for what it assumes means the truth."""
+    kind, table, masses, lengths = compiled
+    if np.isnan(assumed[0]):
+        assumed = plant_at(numbers, time)
+    return compiled_force(
+        kind, table, masses, lengths, state[0], state[1], state[2], state[3], assumed
+    )
 
 
 @register_jitable
 def loop_rates(arguments, time, state, slopes):
-    """Write the rates of the loop of plant and compiled controller, as `dop853` needs them."""
-    plant, assumed, compiled = arguments
-    start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = plant
-    kind, table, masses, lengths = compiled
-    mass, length = mass + mass_rate * (time - start), length + length_rate * (time - start)
-    if np.isnan(assumed[0]):
-        assumed = (mass, pole_mass, length, gravity)
-    force = compiled_force(
-        kind, table, masses, lengths, state[0], state[1], state[2], state[3], assumed
-    )
-    _write_rates(state, mass, pole_mass, length, gravity, push, force, rate, slopes)
+    """Write the rates of the loop of plant and compiled controller, as the integrators need them.
+
+    `arguments` are the numbers of the segment, the assumed (M, m, l, g) and the controller.
+    """
+    numbers, assumed, compiled = arguments
+    force = compiled_command(numbers, assumed, compiled, time, state)
+    write_rates(numbers, time, state, force, slopes)
 
 
 @borrowing_kernel
@@ -204,15 +221,12 @@ def compiled_loop(
 
 def closed_loop(scenario: Scenario, controller: Controller, change: ParameterChange) -> Derivative:
     """Return the right-hand side of the closed loop of plant and controller, called from Python."""
-    pole_mass, gravity = scenario.pole_mass, scenario.gravity
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
-        mass, length = segment.parameters_at(time)
-        assumed = controller.assumed_parameters(mass, pole_mass, length, gravity)
+        numbers, slopes = segment_numbers(scenario, segment, change), np.empty(4)
+        assumed = controller.assumed_parameters(*plant_at(numbers, time))
         force = controller.command(time, state[:4], np.array(assumed))
-        rate = segment.half_length[1] if change.stretching else 0.0
-        slopes = np.empty(4)
-        _write_rates(state, mass, pole_mass, length, gravity, segment.push, force, rate, slopes)
+        write_rates(numbers, time, state, force, slopes)
         return slopes
 
     return derivative

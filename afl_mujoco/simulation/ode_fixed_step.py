@@ -15,22 +15,17 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import borrowing_kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.controller import force_from_inputs
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.sampling import (
-    Steps,
-    cut_period,
-    held_disturbances,
-    parameters_in,
-    step_times,
-    steps,
-)
+from afl_mujoco.scenario.parameters import ParameterChange
+from afl_mujoco.scenario.sampling import cut_period, held_disturbances, step_times, time_grid
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.integrator import integrate_python_controller
+from afl_mujoco.simulation.integrator import WORK, rk4_step, segment_numbers
+from afl_mujoco.simulation.ode import compiled_command, plant_at, write_rates
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FALL_ANGLE,
@@ -40,6 +35,7 @@ from afl_mujoco.simulation.trajectory import (
     Outcome,
     Trajectory,
     assemble,
+    controller_inputs,
     ending_of,
     within_limits,
 )
@@ -48,6 +44,7 @@ SUBSTEPS = 8
 """RK4 steps within each held step: their error is some 4000 times below that of a single one."""
 
 _COMPLETED, _FELL, _RUNNING = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL), -1
+_PAPER = ParameterChange()
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,19 +75,13 @@ def simulate_ode_rk4(
     Trajectory
         The run.
     """
-    scenario = as_scenario(scenario)
+    scenario, controller = as_scenario(scenario), as_controller(controller)
     scenario.require_ideal()
-    require_stateless(controller := as_controller(controller), "the ODE")
-    grid = steps(scenario, timestep)
-    inputs = controller.inputs_along_run(
-        grid.cart_mass, grid.half_length, scenario.pole_mass, scenario.gravity
-    )
-    plant = _plants(grid.cart_mass, grid.half_length, scenario)
-    profile = (np.array(scenario.initial_state), grid.times, plant, grid.push, grid.impulse)
-    states, _, status = _run(controller, *profile, inputs, np.empty(0, dtype=np.bool_))
-    outcome = Outcome(OUTCOMES[status], float(grid.times[len(states) - 1]))
+    require_stateless(controller, "the ODE")
+    times = time_grid(scenario, timestep)
+    states, _, outcome = _run(scenario, controller, times, Holds(), times)
     settings = {"timestep": timestep}
-    return assemble(scenario, controller, "ode RK4", settings, grid.times, states, outcome)
+    return assemble(scenario, controller, "ode RK4", settings, times, states, outcome)
 
 
 def simulate_ode_held(
@@ -139,240 +130,205 @@ def simulate_ode_held(
         require_stateless(controller, "a force that is not held")
     else:
         timestep, hold = cut_period(holds.control_period, timestep)
-    fine = steps(scenario, timestep / substeps)
-    times = step_times(scenario.duration, timestep)
-    start_of = np.searchsorted(fine.times, times - 1e-9 * timestep)
-    update = np.zeros(len(fine.push) if hold else 0, dtype=np.bool_)
-    if hold:
-        update[start_of[:-1:hold]] = True
-    looked_up = update if hold else np.s_[:]  # a held force needs gains only where it is updated
-    stages = np.s_[:1] if hold else np.s_[:]
-    inputs = controller.inputs_along_run(
-        fine.cart_mass[looked_up][:, stages],
-        fine.half_length[looked_up][:, stages],
-        scenario.pole_mass,
-        scenario.gravity,
-    )
-    if hold:
-        inputs = inputs[np.cumsum(update) - 1]
-    mass, length, push, impulse = _held_inputs(scenario, fine, start_of, timestep, holds)
-    plant = _plants(mass, length, scenario)
-    profile = (np.array(scenario.initial_state), fine.times, plant, push, impulse)
-    states, forces, status = _run(controller, *profile, inputs, update)
-    outcome = Outcome(OUTCOMES[status], float(fine.times[len(states) - 1]))
-    kept = start_of[start_of < len(states)]
+    fine, times = time_grid(scenario, timestep / substeps), step_times(scenario.duration, timestep)
+    states, forces, outcome = _run(scenario, controller, fine, holds, times, hold)
+    kept = _starts(fine, times)
+    kept = kept[kept < len(states)]
     settings = {"timestep": timestep, "control_period": holds.control_period, "substeps": substeps}
     settings |= {"hold_schedule": holds.schedule, "hold_disturbance": holds.disturbance}
     run = (scenario, controller, "ode held", settings, times, states[kept], outcome, forces[kept])
     return assemble(*run)
 
 
-def _held_inputs(
-    scenario: Scenario, fine: Steps, start_of: NDArray[np.intp], timestep: float, holds: Holds
+def _starts(fine: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the instants of a fine grid that are those of a coarse one."""
+    found: NDArray[np.intp] = np.searchsorted(fine, times - 1e-9 * (times[1] - times[0]))
+    return found
+
+
+def _run(
+    scenario: Scenario,
+    controller: Controller,
+    fine: NDArray[np.float64],
+    holds: Holds,
+    times: NDArray[np.float64],
+    hold: int = 0,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
+    """Return states, forces and outcome of a run on a fine grid.
+
+    times: The grid over whose steps parameters and disturbances are held [s].
+    hold: For how many of these the force is held; 0 for one that is evaluated in every stage.
+    """
+    numbers, told, impulse = _numbers(scenario, fine, holds, times)
+    controller_inputs(scenario, controller, fine)  # raises before the run if a gain is not positive
+    count = len(impulse)
+    ticks = _starts(fine, times)[:-1:hold] if hold else np.arange(count)
+    states, forces, work = np.empty((count + 1, 4)), np.zeros(count + 1), np.empty(WORK)
+    states[0] = scenario.initial_state
+    status, last = _arrive(states, 0, impulse, numbers, fine), 0
+    profile = (numbers, told, impulse, fine, states, forces, work)
+    if controller.interpreted or controller.stateful:
+        own = controller.start()
+
+        def command(control: Any, told: Any, time: float, state: NDArray[np.float64]) -> float:
+            assumed = own.assumed_parameters(*plant_at(told, time))
+            return own.command(time, state, np.array(assumed))
+
+        def follow(arguments: Any, time: float, state: Any, slopes: Any) -> None:
+            numbers, told, control = arguments
+            write_rates(numbers, time, state, command(control, told, time, state), slopes)
+
+        for first, until in pairwise([*ticks.tolist(), count]):
+            if status != _RUNNING:
+                break
+            if hold:
+                force = command(None, told[first], float(fine[first]), states[first])
+                last, status = _hold(*profile, first, until, force)
+            else:
+                last, status = _advance(follow, command, None, *profile, first, until)
+    elif status == _RUNNING:
+        update = np.zeros(count, dtype=np.bool_)
+        update[ticks] = True
+        assumed = controller.assumed_parameters(*[np.nan] * 4)
+        compiled = tuple(controller.compiled_for(scenario.plants))
+        run = _run_held if hold else _run_followed
+        last, status = run(update, assumed, compiled, *profile)
+    outcome = Outcome(OUTCOMES[status], float(fine[last]))
+    return states[: last + 1], forces[: last + 1], outcome
+
+
+def _numbers(
+    scenario: Scenario, fine: NDArray[np.float64], holds: Holds, times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return M and l, shape (N, 3), push and impulse, shape (N,), held as `holds` requires."""
-    mass, length, push, impulse = fine.cart_mass, fine.half_length, fine.push, fine.impulse
-    step_of = np.searchsorted(start_of, np.arange(len(push)), side="right") - 1
-    step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint may round to the horizon
-    edges = step_times(scenario.duration, timestep)
-    middles = 0.5 * (edges[:-1] + edges[1:])
+    """Return the numbers of each step, as of `segment_numbers`, and the impulse at its start.
+
+    Twice: as the plant holds them, and as a controller is told them, which are never held.
+    """
     segments = scenario.segments
-    inside = np.searchsorted([s.start for s in segments], middles, side="right") - 1
+    starts = np.array([segment.start for segment in segments])
+    table = np.array([segment_numbers(scenario, segment, _PAPER) for segment in segments])
+    told = table[np.searchsorted(starts, fine[:-1], side="right") - 1]
+    numbers, impulse = told.copy(), np.zeros(len(told))
+    impulse[np.searchsorted(fine, starts)] = [segment.impulse for segment in segments]
+    start_of = _starts(fine, times)
+    step_of = np.searchsorted(start_of, np.arange(len(impulse)), side="right") - 1
+    step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint may round to the horizon
     if holds.schedule:
-        mass, length = (
-            np.repeat(frozen[step_of, None], 3, axis=1)
-            for frozen in parameters_in(segments, inside, middles)
-        )
+        middles = 0.5 * (times[:-1] + times[1:])
+        inside = table[np.searchsorted(starts, middles, side="right") - 1]
+        for value in (1, 3):
+            held = inside[:, value] + inside[:, value + 1] * (middles - inside[:, 0])
+            numbers[:, value], numbers[:, value + 1] = held[step_of], 0.0
     if holds.disturbance:
-        push = held_disturbances(scenario, fine.times[start_of]).push[step_of]
-    return mass, length, push, impulse
-
-
-def _plants(
-    cart_mass: NDArray[np.float64], half_length: NDArray[np.float64], scenario: Scenario
-) -> NDArray[np.float64]:
-    """Return (M, m, l, g) for arrays of M and l, shape (..., 4)."""
-    plant = np.empty((*cart_mass.shape, 4))
-    plant[..., 0], plant[..., 1] = cart_mass, scenario.pole_mass
-    plant[..., 2], plant[..., 3] = half_length, scenario.gravity
-    return plant
-
-
-def _run(controller, initial_state, times, plant, push, impulse, inputs, update):
-    """Return states, forces and status of a run, the force held from each `update` to the next.
-
-    With no `update` the controller is evaluated in every stage.
-    """
-    if not controller.interpreted:
-        kind = controller.kind
-        profile = (initial_state, times, plant, push, impulse, kind, inputs)
-        return _run_held(*profile, update) if len(update) else _run_followed(*profile)
-    if len(update):
-        return _run_held_by(controller, initial_state, times, plant, push, impulse, inputs, update)
-
-    def slope(k, stage, x, force):
-        return _slope(x, force + push[k], plant[k, stage])
-
-    def arrive(k, x):
-        return np.array(_after_impulse(tuple(x.tolist()), impulse[k], plant[k, 0]))
-
-    return integrate_python_controller(controller, initial_state, times, inputs, arrive, slope)
-
-
-def _run_held_by(controller, initial_state, times, plant, push, impulse, inputs, update):
-    """Return the same as `_run_held`, under a Python controller."""
-    ticks = [*np.flatnonzero(update).tolist(), len(push)]
-    states, forces = np.empty((len(push) + 1, 4)), np.zeros(len(push) + 1)
-    states[0] = initial_state
-    last, status = 0, _arrive(states, 0, impulse, plant)
-    own = controller.start()
-    for first, next_ in pairwise(ticks):
-        if status != _RUNNING:
-            break
-        force = own.command(times[first], states[first], inputs[first, 0])
-        forces[first : next_ + 1] = force
-        last, status = _hold(states, times, plant, push, impulse, force, first, next_)
-    return states[: last + 1], forces[: last + 1], status
+        numbers[:, 7] = held_disturbances(scenario, fine[start_of]).push[step_of]
+    return numbers, told, impulse
 
 
 @register_jitable
-def _slope(x, force, plant):
-    """Return the right-hand side (z_dot, phi_dot, z'', phi'') by (P3), (P4); `x` is a tuple."""
-    phi, phi_dot = x[1], x[3]
-    mass, pole, length, gravity = plant[0], plant[1], plant[2], plant[3]
-    return (
-        x[2],
-        phi_dot,
-        cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
-        pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity),
-    )
+def row_of(numbers, k):
+    """Return the numbers of a step as a tuple."""
+    n = numbers[k]
+    return n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8]
 
 
 @register_jitable
-def _moved(x, h, k):
-    """Return x + h k as a tuple, because an array would be allocated in every stage."""
-    return x[0] + h * k[0], x[1] + h * k[1], x[2] + h * k[2], x[3] + h * k[3]
+def held_rates(arguments, time, state, slopes):
+    """Write the rates of the plant under a force that is held."""
+    write_rates(arguments[0], time, state, arguments[2], slopes)
 
 
 @register_jitable
-def _combined(x, dt, k1, k2, k3, k4):
-    """Return the state after a step, from the slopes of its stages."""
-    sixth = dt / 6.0
-    return (
-        x[0] + sixth * (k1[0] + 2.0 * k2[0] + 2.0 * k3[0] + k4[0]),
-        x[1] + sixth * (k1[1] + 2.0 * k2[1] + 2.0 * k3[1] + k4[1]),
-        x[2] + sixth * (k1[2] + 2.0 * k2[2] + 2.0 * k3[2] + k4[2]),
-        x[3] + sixth * (k1[3] + 2.0 * k2[3] + 2.0 * k3[3] + k4[3]),
-    )
+def _followed_rates(arguments, time, state, slopes):
+    """Write the rates of the loop of plant and compiled controller."""
+    numbers, told, control = arguments
+    write_rates(numbers, time, state, _command(control, told, time, state), slopes)
 
 
-@kernel
-def rk4_step(state, force, plant, dt):
-    """Return the state (four numbers) after one textbook RK4 step under a constant force.
-
-    force: Force on the cart [N].
-    plant: (M, m, l, g) at the start, the middle and the end of the step, shape (3, 4).
-    dt: The step [s].
-    """
-    x = (state[0], state[1], state[2], state[3])
-    k1 = _slope(x, force, plant[0])
-    k2 = _slope(_moved(x, 0.5 * dt, k1), force, plant[1])
-    k3 = _slope(_moved(x, 0.5 * dt, k2), force, plant[1])
-    k4 = _slope(_moved(x, dt, k3), force, plant[2])
-    return _combined(x, dt, k1, k2, k3, k4)
+@register_jitable
+def _command(control, told, time, state):
+    """Return the force [N] of a compiled controller."""
+    assumed, compiled = control
+    return compiled_command(told, assumed, compiled, time, state)
 
 
-@kernel
-def _followed_step(x, dt, plant, push, kind, inputs):
-    """Return the state after a textbook RK4 step, controller and parameters in every stage."""
-    k1 = _slope(x, force_from_inputs(kind, x, inputs[0]) + push, plant[0])
-    x2 = _moved(x, 0.5 * dt, k1)
-    k2 = _slope(x2, force_from_inputs(kind, x2, inputs[1]) + push, plant[1])
-    x3 = _moved(x, 0.5 * dt, k2)
-    k3 = _slope(x3, force_from_inputs(kind, x3, inputs[1]) + push, plant[1])
-    x4 = _moved(x, dt, k3)
-    k4 = _slope(x4, force_from_inputs(kind, x4, inputs[2]) + push, plant[2])
-    return _combined(x, dt, k1, k2, k3, k4)
+@register_jitable
+def _held(force, told, time, state):
+    """Return a force that is held."""
+    return force
 
 
-@kernel
-def _after_impulse(x, impulse, plant):
-    """Return the state after an impulse [N s]: accelerations are linear in the force."""
-    if impulse == 0.0:
-        return x
-    hit, free = _slope(x, impulse, plant), _slope(x, 0.0, plant)
-    return x[0], x[1], x[2] + (hit[2] - free[2]), x[3] + (hit[3] - free[3])
-
-
-@kernel
-def _run_followed(initial_state, times, plant, push, impulse, kind, inputs):
-    """Return states, forces and status of a run by RK4, the controller evaluated in every stage."""
-    count = len(push)
-    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
-    states[0] = initial_state
-    force = 0.0
-    for k in range(count + 1):
-        status = _arrive(states, k, impulse, plant)
-        forces[k] = force
-        if status != _RUNNING:
-            return states[: k + 1], forces[: k + 1], status
-        x = (states[k, 0], states[k, 1], states[k, 2], states[k, 3])
-        force = force_from_inputs(kind, x, inputs[k, 0])
-        forces[k] = force
+@register_jitable
+def _advance(
+    rates, command, control, numbers, told, impulse, times, states, forces, work, first, until
+):  # fmt: skip
+    """Step from an instant to another; return where it ended, and how."""
+    for k in range(first, until):
+        believed = row_of(told, k)
+        force = command(control, believed, times[k], states[k])
+        forces[k] = forces[k + 1] = force
         if not abs(force) < STATE_LIMIT:
-            return states[: k + 1], forces[: k + 1], ending_of(x)
-        after = _followed_step(x, times[k + 1] - times[k], plant[k], push[k], kind, inputs[k])
-        if not within_limits(after):
-            return states[: k + 1], forces[: k + 1], ending_of(x)
-        states[k + 1, 0], states[k + 1, 1], states[k + 1, 2], states[k + 1, 3] = after
-    return states, forces, _COMPLETED
-
-
-@kernel
-def _run_held(initial_state, times, plant, push, impulse, kind, inputs, update):
-    """Return the same as `_run_followed`, with the force updated only where `update` is true."""
-    count = len(push)
-    states, forces = np.empty((count + 1, 4)), np.empty(count + 1)
-    states[0] = initial_state
-    force, last, status = 0.0, 0, _arrive(states, 0, impulse, plant)
-    forces[0] = force
-    while status == _RUNNING:
-        first = last
-        force = force_from_inputs(kind, states[first], inputs[first, 0])
-        last = first + 1
-        while last < count and not update[last]:
-            last += 1
-        last, status = _hold(states, times, plant, push, impulse, force, first, last)
-        forces[first : last + 1] = force
-    return states[: last + 1], forces[: last + 1], status
-
-
-@kernel
-def _hold(states, times, plant, push, impulse, force, first, last):
-    """Step from instant `first` to `last` under one force; return where it ended, and how."""
-    for k in range(first, last):
-        x = (states[k, 0], states[k, 1], states[k, 2], states[k, 3])
-        if not abs(force) < STATE_LIMIT:
-            return k, ending_of(x)
-        after = rk4_step(x, force + push[k], plant[k], times[k + 1] - times[k])
-        if not within_limits(after):
-            return k, ending_of(x)
-        states[k + 1, 0], states[k + 1, 1], states[k + 1, 2], states[k + 1, 3] = after
-        status = _arrive(states, k + 1, impulse, plant)
+            return k, ending_of(states[k])
+        arguments, step = (row_of(numbers, k), believed, control), times[k + 1] - times[k]
+        rk4_step(rates, arguments, times[k], step, states[k], work, states[k + 1])
+        if not within_limits(states[k + 1]):
+            return k, ending_of(states[k])
+        status = _arrive(states, k + 1, impulse, numbers, times)
         if status != _RUNNING:
             return k + 1, status
-    return last, _RUNNING
+    return until, _RUNNING
 
 
-@kernel
-def _arrive(states, k, impulse, plant):
+@borrowing_kernel
+def _hold(numbers, told, impulse, times, states, forces, work, first, until, force):
+    """Step from an instant to another under one force; return where it ended, and how."""
+    return _advance(
+        held_rates, _held, force, numbers, told, impulse, times, states, forces, work, first, until
+    )
+
+
+@borrowing_kernel
+def _run_held(update, assumed, compiled, numbers, told, impulse, times, states, forces, work):
+    """Run a compiled controller to the end, its force held from each update to the next."""
+    first, status = 0, _RUNNING
+    while status == _RUNNING:
+        believed = row_of(told, first)
+        force = _command((assumed, compiled), believed, times[first], states[first])
+        until = first + 1
+        while until < len(update) and not update[until]:
+            until += 1
+        first, status = _hold(
+            numbers, told, impulse, times, states, forces, work, first, until, force
+        )
+    return first, status
+
+
+@borrowing_kernel
+def _run_followed(update, assumed, compiled, numbers, told, impulse, times, states, forces, work):
+    """Run a compiled controller to the end, its force evaluated in every stage."""
+    return _advance(
+        _followed_rates, _command, (assumed, compiled), numbers, told, impulse, times, states,
+        forces, work, 0, len(update),
+    )  # fmt: skip
+
+
+@borrowing_kernel
+def _arrive(states, k, impulse, numbers, times):
     """Reach instant k, apply the impulse there, and return the status."""
     if abs(states[k, 1]) >= FALL_ANGLE:
         return _FELL
     if k == len(impulse):
         return _COMPLETED
-    x = _after_impulse(
-        (states[k, 0], states[k, 1], states[k, 2], states[k, 3]), impulse[k], plant[k, 0]
-    )
-    states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x
+    if impulse[k] != 0.0:  # accelerations are linear in the force
+        plant = plant_at(numbers[k], times[k])
+        phi, phi_dot = states[k, 1], states[k, 3]
+        free, hit = (
+            cart_acceleration(phi, phi_dot, 0.0, *plant),
+            cart_acceleration(phi, phi_dot, impulse[k], *plant),
+        )
+        states[k, 2] += hit - free
+        free, hit = (
+            pole_acceleration(phi, phi_dot, 0.0, *plant),
+            pole_acceleration(phi, phi_dot, impulse[k], *plant),
+        )
+        states[k, 3] += hit - free
     return _RUNNING

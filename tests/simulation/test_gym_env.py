@@ -545,12 +545,12 @@ def test_a_picture_shows_the_cart_the_pole_and_the_force(graphics: None) -> None
 def test_what_is_asked_of_an_environment_has_to_make_sense() -> None:
     railed = replace(afl.SCENARIOS["nominal"], imperfections=Imperfections(end_stops={"z": 0.5}))
     environment = CartPoleEnv(railed)
-    with pytest.raises(InvalidValueError, match="z of initial_state must lie within rail_half"):
+    with pytest.raises(InvalidValueError, match="z of initial_state must lie within end_stops"):
         environment.reset(options={"initial_state": (3, 0, 0, 0)})
     with pytest.raises(InvalidValueError, match="z of initial_state must be a number, got 'a'"):
         environment.reset(options={"initial_state": ("a", 0, 0, 0)})
     many = CartPoleVectorEnv(2, scenario=railed)
-    with pytest.raises(InvalidValueError, match="z of initial_state must lie within rail_half"):
+    with pytest.raises(InvalidValueError, match="z of initial_state must lie within end_stops"):
         many.reset(options={"initial_state": (3, 0, 0, 0)})
     many.reset()
     with pytest.raises(InvalidValueError, match=r"actions must have shape \(2, 1\), got \(2,\)"):

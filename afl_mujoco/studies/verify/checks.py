@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from hashlib import sha256
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -30,6 +31,7 @@ from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.scenario.sampling import held_disturbances
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import staircase
+from afl_mujoco.simulation.integrator import WORK, rk4_step
 from afl_mujoco.simulation.mujoco_model import (
     CartPoleModel,
     forward,
@@ -38,7 +40,7 @@ from afl_mujoco.simulation.mujoco_model import (
 )
 from afl_mujoco.simulation.mujoco_rollout import MODES, momenta, simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
-from afl_mujoco.simulation.ode_fixed_step import rk4_step
+from afl_mujoco.simulation.ode_fixed_step import held_rates, row_of
 from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
 from afl_mujoco.studies.verify.convergence import (
     Refinement,
@@ -244,16 +246,16 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     """Return the largest difference of a step of a sampled run from a textbook RK4 step."""
     timestep = _timestep(run)
     middles = 0.5 * (run.time[:-1] + run.time[1:])
-    plants = np.empty((len(middles), 3, 4))
-    plants[..., 0], plants[..., 1] = scenario.cart_mass(middles)[:, None], scenario.pole_mass
-    plants[..., 2], plants[..., 3] = scenario.half_length(middles)[:, None], scenario.gravity
-    forces = run.force[:-1] + held_disturbances(scenario, run.time).push
-    jumped = np.zeros(len(forces), dtype=np.bool_)
+    plants = np.zeros((len(middles), 9))  # as of `segment_numbers`
+    plants[:, 1], plants[:, 5] = scenario.cart_mass(middles), scenario.pole_mass
+    plants[:, 3], plants[:, 6] = scenario.half_length(middles), scenario.gravity
+    plants[:, 7] = held_disturbances(scenario, run.time).push
+    jumped = np.zeros(len(plants), dtype=np.bool_)
     for disturbance in scenario.disturbances:
         if isinstance(disturbance, Impulse):
             ends = run.time[1:] + SLACK
             jumped |= (ends - timestep <= disturbance.time) & (disturbance.time < ends)
-    return float(_one_step_difference(run.state, forces, plants, timestep, jumped))
+    return float(_one_step_difference(run.state, run.force, plants, timestep, jumped))
 
 
 @kernel
@@ -262,11 +264,13 @@ def _one_step_difference(states, forces, plants, timestep, jumped):
 
     A state that an impulse has just changed is left out.
     """
-    worst = 0.0
-    for k in range(len(forces)):
+    worst, after, work = 0.0, np.empty(4), np.empty(WORK)
+    for k in range(len(plants)):
         if jumped[k]:
             continue
-        after = rk4_step(states[k], forces[k], plants[k], timestep)
+        row = row_of(plants, k)
+        arguments = (row, row, forces[k])
+        rk4_step(held_rates, arguments, 0.0, timestep, states[k], work, after)
         for i in range(4):
             difference = abs(states[k + 1, i] - after[i])
             if not difference <= worst:
@@ -367,6 +371,7 @@ def required_forces(time: float) -> tuple[float, float]:
 def manufactured_study() -> tuple[Study, float]:
     """Return RK4's and DOP853's errors around MuJoCo's dynamics on the manufactured motion."""
     at = (model := CartPoleModel(NOMINAL)).addresses
+    work = np.empty(WORK)
 
     def rate(time: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
         _, (mass, length), _ = manufactured(time)
@@ -374,16 +379,15 @@ def manufactured_study() -> tuple[Study, float]:
         force, torque = required_forces(time)
         return np.array([*state[2:], *forward(at, *state.tolist(), force, 0.0, torque)])
 
+    def rates(_: None, time: float, state: NDArray[np.float64], slopes: Any) -> None:
+        slopes[:] = rate(time, state)
+
     start, end = manufactured(0.0)[0], manufactured(MANUFACTURED_DURATION)[0]
     errors = []
     for h in MANUFACTURED_STEPS:
-        state = start
+        state = start.copy()
         for k in range(round(MANUFACTURED_DURATION / h)):
-            k1 = rate(k * h, state)
-            k2 = rate((k + 0.5) * h, state + 0.5 * h * k1)
-            k3 = rate((k + 0.5) * h, state + 0.5 * h * k2)
-            k4 = rate((k + 1.0) * h, state + h * k3)
-            state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            rk4_step(rates, None, k * h, h, state, work, state)
         errors.append(float(np.abs(state - end).max()))
     exactness = float(np.abs(last_state(rate, start, MANUFACTURED_DURATION) - end).max())
     del model  # its addresses must outlive every call of rate

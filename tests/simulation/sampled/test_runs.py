@@ -137,16 +137,18 @@ BEYOND = piecewise_linear((-0.3, 1.4), (0.6, 1.1))
     [
         {"initial_state": (0, -1.6, 0, 0)},
         {"initial_state": (0, 1.569, 0, 10.0)},
-        {"cart_mass": constant(20.0), "half_length": constant(0.05), "pole_mass": 3.0},
-        {"cart_mass": RAMP, "half_length": RAMP},
-        {"cart_mass": BEYOND, "half_length": BEYOND},
+        {"schedule": {"cart_mass": 20.0, "half_length": 0.05, "pole_mass": 3.0}},
+        {"schedule": {"cart_mass": RAMP, "half_length": RAMP}},
+        {"schedule": {"cart_mass": BEYOND, "half_length": BEYOND}},
         {"disturbances": ()},
     ],
     ids=["starts fallen", "no force", "falls", "ramp to the end", "ramp beyond both", "calm"],
 )
 @pytest.mark.parametrize("name", ["fixed-nominal", "adaptive"])
 def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, name, changes):
-    scenario, controller = odd_scenario.with_schedule(**changes), CONTROLLERS[name]
+    schedule = odd_scenario.schedule | changes.get("schedule", {})
+    scenario = replace(odd_scenario, **changes | {"schedule": schedule})
+    controller = CONTROLLERS[name]
     run = simulate_mujoco(scenario, controller, "sampled")
     try:
         rows = plain_loop(scenario, controller, 1, "RK4")
