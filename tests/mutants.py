@@ -71,7 +71,7 @@ AREAS = {
             for name in ("checks", "claims", "convergence", "criteria", "curves", "explanation")
         ),
     ),
-    "statistics": ("studies/monte_carlo/rates.py",),
+    "statistics": ("studies/montecarlo.py", "studies/robustness.py"),
 }
 DRAWN = ("simulation/decor.py", "simulation/figures.py")
 """What only draws."""
@@ -106,24 +106,6 @@ LATE = (
     *("tests/simulation/test_task_pictures.py", "tests/simulation/test_graphics.py"),
 )
 """Tests that take longest; they run last."""
-
-OWN = {
-    "mujoco_physics": ("simulation/test_task.py", "simulation/test_gym_env.py"),
-    "mujoco_description": ("simulation/sampled/test_passive.py", "simulation/test_mujoco_model.py"),
-    "mujoco_dynamics": ("simulation/test_mujoco_rollout.py",),
-    "mujoco_loops": ("simulation/test_mujoco_rollout.py",),
-    "python_controller_rk4": ("control/test_python_controller.py",),
-    "dop853": ("simulation/test_dop853.py",),
-    "sample_space": ("studies/monte_carlo/test_space.py", "scenario/test_ranges.py"),
-    "randomised": ("scenario/test_schedules.py", "research/test_claims.py"),
-    "design": ("control/test_baselines.py",),
-    "linear_model": ("control/test_baselines.py",),
-    "loop": ("simulation/sampled/test_runs.py", "control/test_python_controller.py"),
-    "memory": ("control/test_python_controller.py",),
-    "laboratory": ("studies/monte_carlo/test_space.py",),
-    "convergence": ("studies/verify/test_explanation.py",),
-}
-"""Tests of a source under another name than its own."""
 
 LIKELY = 6  # test files that run first, at most
 LIKELY_LIMIT = 300.0  # [s] for them
@@ -329,8 +311,7 @@ class Tests:
         imports = re.compile(
             rf"{re.escape(module)}\b|from {re.escape(package)} import .*\b{stem}\b"
         )
-        own = [f"tests/{name}" for name in OWN.get(stem, ())]
-        own += [name for name in self.files if Path(name).stem == f"test_{stem}"]
+        own = [name for name in self.files if Path(name).stem == f"test_{stem}"]
         texts = {name: text for name, text in self._texts.items() if name not in LATE}
         importers = [name for name, text in texts.items() if imports.search(text)]
         noticed = [name for name, _ in self._noticed[file].most_common() if name in self.files]
