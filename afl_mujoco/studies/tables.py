@@ -10,15 +10,14 @@ from afl_mujoco.report.numbers import MISSING, percent, short
 from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
-from afl_mujoco.simulation.metrics import LABELS, unit_of
+from afl_mujoco.simulation.metrics import LABELS, SYMBOLS, unit_of
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
 from afl_mujoco.studies.run import Run
 
 IN_WORDS = {
     "completes": "runs to the end",
     "end_stops": "keeps off the end stops at",
-    "max.z": "|z| at most",
-    "max.phi": "|φ| at most",
+    **{f"max.{name}": f"|{symbol}| at most" for name, symbol in SYMBOLS.items()},
     "max.force_command": "command at most",
     "max.force": "|F| exerted at most",
     "settling_time": "settles within",
