@@ -169,7 +169,7 @@ def _crossing(margin, fitted, state, point):
     low, high = 0.0, 1.0
     _evaluate(fitted, state, low, point)
     sign = margin(point) >= 0.0
-    for _ in range(60):
+    for _ in range(60):  # bisection: a bit of the share each
         middle = 0.5 * (low + high)
         _evaluate(fitted, state, middle, point)
         if (margin(point) >= 0.0) == sign:
@@ -187,7 +187,7 @@ def _take_step(rates, arguments, time, end, state, step, options, slopes, after)
     If no step is short enough, the end returned is the start.
     """
     rtol, atol, longest = options
-    least = 10.0 * abs(np.nextafter(time, np.inf) - time)
+    least = 10.0 * abs(np.nextafter(time, np.inf) - time)  # as SciPy's: shorter is round-off
     step, rejected = max(min(step, longest), least), False  # a segment may be shorter
     while step >= least:
         reached = min(time + step, end)
@@ -245,6 +245,7 @@ def solve(rates, arguments, margin, start, end, state, times, options, work, fou
             return count, time, STUCK
         step = reached - time
         last, crossed = reached, (margin(state) >= 0.0) != (margin(after) >= 0.0)
+        # three more stages, only where a state between the ends of the step is asked for
         if crossed or (count < total and times[count] < reached):
             _fit(rates, arguments, time, state, after, step, slopes, fitted, point)
         if crossed:
@@ -254,7 +255,7 @@ def solve(rates, arguments, margin, start, end, state, times, options, work, fou
             _copy(point, state)
             return count, last, STOPPED
         _copy(after, state)
-        _copy(slopes[STAGES], slopes[0])
+        _copy(slopes[STAGES], slopes[0])  # first same as last
         time, step = reached, step * factor
     return count, time, REACHED
 

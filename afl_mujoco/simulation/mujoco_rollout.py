@@ -68,6 +68,7 @@ def _derivative(at, state, force, push, pole_mass, half_length, rate):
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
     torque = 0.0
     if rate != 0.0:
+        # (D9): Coriolis force of the growing rod on the cart, and its torque about the hinge
         push += 2.0 * pole_mass * rate * phi_dot * np.cos(phi)
         torque = -8.0 / 3.0 * pole_mass * half_length * rate * phi_dot
     z_ddot, phi_ddot = forward(at, z, phi, z_dot, phi_dot, force, push, torque)

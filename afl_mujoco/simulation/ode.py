@@ -176,7 +176,7 @@ def write_rates(numbers, time, state, force, slopes):
 def compiled_command(numbers, assumed, compiled, time, state):
     """Return the force [N] of a compiled controller; NaN for what it assumes means the truth."""
     kind, table, masses, lengths = compiled
-    if np.isnan(assumed[0]):
+    if np.isnan(assumed[0]):  # (D7): the controller knows M(t) and l(t)
         assumed = plant_at(numbers, time)
     return compiled_force(
         kind, table, masses, lengths, state[0], state[1], state[2], state[3], assumed

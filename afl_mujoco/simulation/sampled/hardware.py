@@ -176,6 +176,7 @@ def sense(at, sensors, run, tick):
         z, phi = z + sensors.noise_z * n[0], phi + sensors.noise_phi * n[1]
         z_dot += sensors.noise_z_dot * n[2]
         phi_dot += sensors.noise_phi_dot * n[3]
+    # noise first: an encoder counts the noisy position
     if sensors.step_z > 0.0:
         z = sensors.step_z * np.rint(z / sensors.step_z)
     if sensors.step_phi > 0.0:
@@ -226,6 +227,7 @@ def _follow(run, start, rate, length, lag):
         _reach(run, end)
         run.force_squared += length * (start * start + start * end + end * end) / 3.0
         return (start + 0.5 * rate * length) * length
+    # T F' + F = demand, whose solution for a ramp is in the docstring
     excess = run.force - start + rate * lag
     lost = -math.expm1(-length / lag)
     kept = 1.0 - lost
@@ -270,7 +272,7 @@ def actuate(actuator, run, pending, command, k, length):
     length: Length of the step [step], at most 1.
     """
     before, share = command, min(actuator.later_share, length)
-    if actuator.late > 0 or share > 0.0:
+    if actuator.late > 0 or share > 0.0:  # a ring of past commands, one a step
         size = len(pending)
         pending[k % size] = command
         command = pending[(k - actuator.late) % size]

@@ -95,6 +95,7 @@ def apply_impulse(at, profile, k, inside):
     if impulse != 0.0 and (row.split > 0.0) == inside:
         z, phi, z_dot, phi_dot = read_state(at)
         force, push = load(at.control), load(at.push)
+        # mj_forward under the impulse minus mj_forward without it: M^-1 times the momentum
         jump = impulse_jump(at, z, phi, z_dot, phi_dot, impulse)
         store(at.control, force)
         store(at.push, push)
@@ -157,7 +158,7 @@ def start(at, plan, profile, run, record, initial_state):
 def _step(at, plan, profile, k, length):
     """Take step k, cut in two where an impulse acts inside it."""
     share = profile[min(k, len(profile) - 1)].split
-    if share > 0.0:
+    if share > 0.0:  # both parts have the parameters of the middle of the whole step
         store(at.timestep, share * plan.timestep * length)
         mj_step(at.model, at.data)
         apply_impulse(at, profile, k, True)
@@ -177,7 +178,7 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
     """
     first = run.step
     run.asked, run.max_command = command, max(run.max_command, abs(command))
-    beyond = abs(command) >= actuator.limit
+    beyond = abs(command) >= actuator.limit  # of what was asked, before it is cut off
     command = within_reach(actuator, command)
     before = read_state(at)
     if not abs(command) < STATE_LIMIT:
@@ -187,7 +188,7 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
         return
     run.command, run.mean_force = command, 0.0
     for k in range(first, min(first + plan.hold, plan.steps)):
-        length = 1.0
+        length = 1.0  # of this step, in steps: only the last may be shorter
         if k == plan.steps - 1 and plan.last < plan.timestep:
             length = plan.last / plan.timestep
         half = 0.5 * plan.timestep * length
@@ -204,7 +205,8 @@ def advance(at, plan, actuator, profile, run, pending, record, command):
         if not within_limits(after):
             run.status = ending_of(before)
             return
-        run.mean_force += force / plan.hold
+        run.mean_force += force / plan.hold  # what an estimator with a force sensor sees
+        # trapezoidal rule, as of the metrics of a recorded run
         run.iae_z += half * (abs(before[0]) + abs(after[0]))
         run.iae_phi += half * (abs(before[1]) + abs(after[1]))
         _enter(at, plan, profile, run, record, k + 1)
@@ -251,6 +253,7 @@ def run_estimating(
     tick = 0
     while run.status == RUNNING:
         z, phi, _, _ = sense(at, sensors, run, tick)
+        # the estimate of this tick uses the force since the last: no algebraic loop
         if tick == 0:
             mass, length = begin_estimate(filter_, settings, z, phi)
         else:
