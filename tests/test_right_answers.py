@@ -167,7 +167,7 @@ def test_every_study_says_the_same_word(
     text: str, code: int, word: str, tmp_path: Path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    name = "lqr" if "rail" in text else "idle_law:zero"
+    name = "lqr" if "end_stops" in text else "idle_law:zero"
     Path("idle_law.py").write_text("def zero(t, x, b):\n    return 0.0\n")
     z = "[ranges]\nz_dot = [0.0, 1e-9]\n"
     Path("case.toml").write_text(text + z)
