@@ -12,6 +12,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import (
+    Estimate,
     Fit,
     Parameter,
     Residuals,
@@ -22,6 +23,7 @@ from afl_mujoco.identification.least_squares import (
     with_uncertainty_of,
 )
 from afl_mujoco.identification.log import LEAST, Log, Windows, cut
+from afl_mujoco.identification.prediction import explained
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -55,20 +57,6 @@ ALIKE = 0.9
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """An estimate with its interval."""
-
-    name: str  # name, title and unit of the parameter
-    title: str
-    unit: str
-    value: float  # the estimate, and its interval of 95 %
-    low: float
-    high: float
-    # whether the estimate lies on a bound of its parameter, so that there is no interval
-    on_bound: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,31 +126,17 @@ def identify(
 ) -> Identified:
     """Identify a cart-pole from its logs."""
     require_radians(logs, description)
+    windows = windows_of(logs)
+    progress(0, 4)
+    drive = None
     try:
-        return _identify(logs, description, workers, progress)
+        first, starts = identify_pole(windows, description)
+        progress(1, 4)
+        if any(np.ptp(log.command) > 0.0 for log in logs):
+            drive = _identify_drive(windows, description, first, starts, workers, progress)
     except np.linalg.LinAlgError:
         rule = "do not determine a cart-pole: check units, signs and nominal values"
         raise InvalidValueError("logs", rule) from None
-
-
-def _identify(
-    logs: Sequence[Log], description: Description, workers: int, progress: Progress
-) -> Identified:
-    """Identify a cart-pole from its logs, as `identify`."""
-    windows = windows_of(logs)
-    progress(0, 4)
-    first, starts = identify_pole(windows, description)
-    progress(1, 4)
-    drive, steps = None, [first]
-    if any(np.ptp(log.command) > 0.0 for log in logs):
-        drive = _identify_drive(windows, description, first, starts, workers, progress)
-        if not _shows(drive, "gain"):
-            raise InvalidValueError(
-                description.command.column,
-                "must drive the cart: check its sign, and that each command is in its own row",
-                f"{drive.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
-            )
-        steps.append(drive)
     progress(4, 4)
     return Identified(
         description=description,
@@ -171,7 +145,7 @@ def _identify(
         period=float(np.median([log.period for log in logs])),
         pole=_step(first, windows, None),
         drive=None if drive is None else _step(drive, windows, 0),
-        physical=() if drive is None else _physical(steps, description),
+        physical=() if drive is None else _physical([first, drive], description),
         dropped=windows.dropped,
         share=windows.share,
     )
@@ -297,18 +271,23 @@ def _identify_drive(
     lagging = [replace(one, start=guess[one.name]) for one in parameters]
     other = _fit_drive(windows, some, description, known, lagging, starts, workers)
     progress(3, 4)
-    if _shows(other, "lag"):
-        final = _finished(windows, description, known, first, other, {}, starts, workers)
-        if _shows(final, "lag"):
-            return final
-    return _finished(windows, description, known, first, found, without, starts, workers)
+    if not _shows(other, "lag") or not _shows(
+        final := _finished(windows, description, known, first, other, {}, starts, workers), "lag"
+    ):
+        final = _finished(windows, description, known, first, found, without, starts, workers)
+    if not _shows(final, "gain"):
+        raise InvalidValueError(
+            description.command.column,
+            "must drive the cart: check its sign, and that each command is in its own row",
+            f"{final.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
+        )
+    return final
 
 
 def _require_cause(found: Fit, description: Description) -> None:
     """Raise if the force acts before the row of its command."""
-    at = [one.name for one in found.parameters].index("delay")
-    delay, half = float(found.values[at]), float(found.half_widths[at])
-    if delay < -half and delay < -EARLY * description.period:
+    delay, high = found.estimates["delay"].value, found.estimates["delay"].high
+    if high < 0.0 and delay < -EARLY * description.period:
         raise InvalidValueError(
             description.command.column,
             "must be in the row from which on it acts",
@@ -319,8 +298,8 @@ def _require_cause(found: Fit, description: Description) -> None:
 
 def _shows(fit: Fit, name: str) -> bool:
     """Return whether an estimate is off its bound, and its interval lies above zero."""
-    at = [one.name for one in fit.parameters].index(name)
-    return bool(fit.values[at] > fit.half_widths[at] and not fit.on_bound[at])
+    one = fit.estimates[name]
+    return one.low > 0.0 and not one.on_bound
 
 
 def _finished(
@@ -335,33 +314,20 @@ def _finished(
 ) -> Fit:
     """Fit cart and drive to all windows from a first guess; parameters on a bound stay there."""
     parameters = rig.parameters_of(description)
-    on = zip(guess.parameters, guess.values, guess.on_bound, strict=True)
-    bound = {**bound, **{one.name: float(value) for one, value, there in on if there}}
+    bound = {**bound, **{one.name: one.value for one in guess.estimates.values() if one.on_bound}}
     values = {**bound, **guess.by_name}
     parameters = [replace(one, start=values[one.name]) for one in parameters]
     free = [one for one in parameters if one.name not in bound]
-    fine = windows.finer(FINER)
+    fine = replace(windows, step=windows.step / FINER)
     final = _fit_drive(fine, 1, description, {**known, **bound}, free, starts, workers)
-    whole, measured, mask = _whole(fine, description, workers)
-    names, others = [one.name for one in free], [one.name for one in first.parameters]
-
-    def fitted(shared: Array, own: Array) -> Array:
-        values = {**known, **bound, **dict(zip(names, shared.tolist(), strict=True))}
-        return mask * (whole.readings(values, own) - measured)
-
-    _require_one_rig(fitted, mask, final, "gain", fine, rig.START_SCALE)
-
-    def errors_of(model: rig.Rig) -> Callable[[Array, Array, Array], Array]:
-        def errors(shared: Array, pole_values: Array, own: Array) -> Array:
-            values = dict(zip(others, pole_values.tolist(), strict=True))
-            values |= {**bound, **dict(zip(names, shared.tolist(), strict=True))}
-            return model.readings(values, own) - measured
-
-        return errors
-
+    whole = rig.Rig(windows=fine, description=description, workers=workers)
+    names, mask = [one.name for one in free], _mask(fine)
+    errors = _errors(whole, names, {**known, **bound})
+    _require_one_rig(errors, mask, final, "gain", fine, rig.START_SCALE)
+    names += [one.name for one in first.parameters]
     final = with_uncertainty_of(
-        errors_of(replace(whole, exact=True)), mask, final, first,
-        start_scale=rig.START_SCALE, smooth=errors_of(whole),
+        _errors(replace(whole, exact=True), names, bound), mask, final, first,
+        start_scale=rig.START_SCALE, smooth=_errors(whole, names, bound),
     )  # fmt: skip
     return _with_bound(final, parameters, bound)
 
@@ -391,31 +357,28 @@ def _fit_drive(
 
     Dry friction is exact, and the model that softens it gives the derivatives.
     """
-    w = windows.some(every)
-    whole, measured, mask = _whole(w, description, workers)
-    names = [one.name for one in parameters]
-
-    def errors_of(model: rig.Rig) -> Residuals:
-        def errors(shared: Array, own: Array) -> Array:
-            values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
-            return mask * (model.readings(values, own) - measured)
-
-        return errors
-
+    w, names = windows.some(every), [one.name for one in parameters]
+    whole = rig.Rig(windows=w, description=description, workers=workers)
     return fit_to_scatter(
-        errors_of(replace(whole, exact=True)), mask, parameters, starts[::every], w.log,
-        start_scale=rig.START_SCALE, smooth=errors_of(whole),
+        _errors(replace(whole, exact=True), names, known), _mask(w), parameters, starts[::every],
+        w.log, start_scale=rig.START_SCALE, smooth=_errors(whole, names, known),
     )  # fmt: skip
 
 
-def _whole(
-    windows: Windows, description: Description, workers: int
-) -> tuple[rig.Rig, Array, Array]:
-    """Return the cart-poles of windows, the measurements, and a mask of the valid ones."""
-    w = windows
-    measured = np.stack([w.z, w.phi], axis=1)
-    mask = np.stack([w.there, w.valid], axis=1)
-    return rig.Rig(windows=w, description=description, workers=workers), measured, mask
+def _errors(model: rig.Rig, names: Sequence[str], known: Mapping[str, float]) -> Residuals:
+    """Return the errors of a model for values of some parameters, others being known."""
+    measured = np.stack([model.windows.z, model.windows.phi], axis=1)
+
+    def errors(shared: Array, own: Array) -> Array:
+        values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
+        return model.readings(values, own) - measured
+
+    return errors
+
+
+def _mask(windows: Windows) -> Array:
+    """Return 1 where a reading of position or angle is valid, else 0, shape (B, 2, n)."""
+    return np.stack([windows.there, windows.valid], axis=1)
 
 
 def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, float]) -> Fit:
@@ -434,20 +397,12 @@ def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, f
 def _step(fit: Fit, windows: Windows, position: int | None) -> Step:
     """Return a fit as a `Step`; `position` is the index of the position among its signals."""
     return Step(
-        estimates=tuple(
-            Estimate(
-                name=one.name, title=one.title, unit=one.unit, value=float(value),
-                low=float(value - half), high=float(value + half), on_bound=bool(there),
-            )
-            for one, value, half, there in zip(
-                fit.parameters, fit.values, fit.half_widths, fit.on_bound, strict=True
-            )
-        ),
+        estimates=tuple(fit.estimates.values()),
         correlations=tuple(tuple(row) for row in fit.correlations.tolist()),
         scatter_phi=float(fit.scatter[-1]),
         scatter_z=None if position is None else float(fit.scatter[position]),
         windows=windows.count,
-    )  # fmt: skip
+    )
 
 
 _PHYSICAL = {
@@ -475,29 +430,17 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
             slopes[:, i] = [(ahead[name] - base[name]) / delta for name in base]
         spread = np.einsum("ki,ij,kj->k", slopes, step.covariance, slopes)
         variance = {name: variance[name] + float(x) for name, x in zip(base, spread, strict=True)}
-    degrees = min(step.degrees for step in steps)
-    bound = {
-        one.name
-        for step in steps
-        for one, there in zip(step.parameters, step.on_bound, strict=True)
-        if there
-    }
-    found = []
-    for name, value in base.items():
-        half = float(half_widths(np.sqrt(np.array([variance[name]])), degrees)[0])
-        title, unit, made_of = _PHYSICAL[name]
-        found.append(
-            Estimate(
-                name=name,
-                title=title,
-                unit=unit,
-                value=value,
-                low=value - half,
-                high=value + half,
-                on_bound=bool(bound & made_of),
-            )
+    halves = half_widths(np.sqrt([*variance.values()]), min(step.degrees for step in steps))
+    bound = {x.name for step in steps for x in step.estimates.values() if x.on_bound}
+    return tuple(
+        Estimate(
+            name=name, title=title, unit=unit, value=base[name], low=base[name] - half,
+            high=base[name] + half, on_bound=bool(bound & made_of),
         )
-    return tuple(found)
+        for (name, (title, unit, made_of)), half in zip(
+            _PHYSICAL.items(), halves.tolist(), strict=True
+        )
+    )  # fmt: skip
 
 
 def require_radians(logs: Sequence[Log], description: Description) -> None:
@@ -506,18 +449,13 @@ def require_radians(logs: Sequence[Log], description: Description) -> None:
     The second derivative of the angle is compared with the sine of the angle, taken in radians and
     in degrees: if the readings swing far, only one of the two fits.
     """
-    fits = {
-        factor: _share_explained(logs, factor) for factor in (1.0, np.pi / 180.0, 180.0 / np.pi)
-    }
+    fits = {x: _share_explained(logs, x) for x in (1.0, np.pi / 180.0, 180.0 / np.pi)}
     best = max(fits, key=lambda factor: fits[factor])
     if best != 1.0 and fits[best] > fits[1.0] + 0.2:
-        unit = description.phi.unit
-        other = "deg" if best < 1.0 else "rad"
+        rule = f"must be {'deg' if best < 1.0 else 'rad'!r} according to gravity, which then "
+        rule += f"explains {fits[best]:.0%} of the curvature instead of {fits[1.0]:.0%}"
         raise InvalidValueError(
-            f"unit of {description.phi.column}",
-            f"must be {other!r} according to gravity, which then explains "
-            f"{100.0 * fits[best]:.0f} % of the curvature instead of {100.0 * fits[1.0]:.0f} %",
-            repr(unit),
+            f"unit of {description.phi.column}", rule, repr(description.phi.unit)
         )
 
 
@@ -532,6 +470,4 @@ def _share_explained(logs: Sequence[Log], factor: float) -> float:
         curvature.append(bent[0])
         left.append(np.stack([np.sin(angle[inner]), bent[1] * np.cos(angle[inner])], axis=1))
     y, x = np.concatenate(curvature), np.concatenate(left)
-    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-    total = float(np.sum((y - y.mean()) ** 2))
-    return 1.0 - float(np.sum(rest**2)) / total if total > 0.0 else 0.0
+    return explained(y - x @ np.linalg.lstsq(x, y, rcond=None)[0], y)

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError, InvalidValueError, meant
-from afl_mujoco.files import EncodingError, atomic_file, read_utf8
+from afl_mujoco.errors import FileError, InvalidValueError, meant, reading
+from afl_mujoco.files import atomic_file, read_utf8
 from afl_mujoco.identification.description import UNITS, Description
+from afl_mujoco.scenario.values import require_distinct, within
 
 MOST_BYTES = 100_000_000
 """Largest size of a file that is read."""
@@ -84,10 +85,8 @@ def read_log(path: str | Path, description: Description) -> Log:
     """Read a log from a CSV file."""
     path = Path(path)
     table = _read(path, list(description.columns.values()))
-    try:
+    with within(f"{path}: "):
         return log_of(path.stem, table, description)
-    except InvalidValueError as error:
-        raise error.within(f"{path}: ") from None
 
 
 def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log]:
@@ -100,29 +99,15 @@ def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log
         if not found:
             raise FileError(str(path), "must contain logs, *.csv")
         files += found
-    stems = [file.stem for file in files]
-    for stem in stems:
-        if stems.count(stem) > 1:
-            raise InvalidValueError("name of a log", "must be unique", stem)
+    require_distinct("log", [file.stem for file in files])
     return [read_log(file, description) for file in files]
 
 
-def write_log(
-    path: Path,
-    time: NDArray[np.float64],
-    phi: NDArray[np.float64],
-    z: NDArray[np.float64],
-    command: NDArray[np.float64],
-) -> None:
-    """Write a log in SI units, with the default column names of a description.
-
-    time, phi, z, command: Shape (N,) [s, rad, m, N].
-    """
-    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("time", "phi", "z", "command"))
-        rows = zip(time, phi, z, command, strict=True)
-        writer.writerows([f"{x:.9g}" for x in row] for row in rows)
+def write_log(path: Path, columns: NDArray[np.float64]) -> None:
+    """Write time, phi, z and command [s, rad, m, N] as a log with the default column names."""
+    with atomic_file(path) as temporary:
+        header = "time,phi,z,command"
+        np.savetxt(temporary, columns.T, "%.9g", ",", header=header, comments="")
 
 
 def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Description) -> Log:
@@ -279,14 +264,14 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     columns = {}
     for header in headers:
         texts = [cells[first.index(header)] for cells in rows]
-        if not any("." in text for text in texts):  # else a comma is one between thousands
-            texts = [text.replace(",", ".") for text in texts]
-        try:
-            columns[header] = np.array(texts, dtype=np.float64)
-        except ValueError:
-            row = next(row for row, text in enumerate(texts) if not _is_number(text))
-            got = repr(rows[row][first.index(header)])
-            raise fault(row, f"must have a number in column {header!r}", got) from None
+        columns[header] = np.empty(len(rows))
+        point = any("." in text for text in texts)  # then a comma is one between thousands
+        for row, text in enumerate(texts):
+            try:
+                columns[header][row] = float(text if point else text.replace(",", "."))
+            except ValueError:
+                rule = f"must have a number in column {header!r}"
+                raise fault(row, rule, repr(text)) from None
     return columns
 
 
@@ -302,29 +287,12 @@ def _require_columns(path: Path, there: Sequence[str], headers: Sequence[str], b
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     """Return the lines of a CSV file that are no comments, each with its number."""
-    try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            rule = f"must be at most {MOST_BYTES // 10**6} MB: split it into logs of a few minutes"
-            raise InvalidValueError(str(path), rule, f"{size / 1e6:.0f} MB")
-        text = read_utf8(path)
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except EncodingError as error:
-        raise FileError(str(path), str(error)) from None
-    lines = enumerate(text.splitlines(), start=1)
+    with reading(path, ""):
+        lines = enumerate(read_utf8(path, MOST_BYTES).splitlines(), start=1)
     found = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
     if not found:
         raise FileError(str(path), "must have a header and rows of numbers: it is empty")
     return found
-
-
-def _is_number(text: str) -> bool:
-    """Return whether a text is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
@@ -398,10 +366,6 @@ class Windows:
         names = ("log", "first", "time", "phi", "turns", "z", "there", "valid", "starts")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
-    def finer(self, times: int) -> Windows:
-        """Return the windows with a step that is `times` smaller."""
-        return replace(self, step=self.step / times)
-
     @property
     def steps(self) -> int:
         """Number of steps of a simulation to the last row of every window, and a period beyond."""
@@ -438,7 +402,7 @@ def cut(
     rows = max(2, round(length / (stride * period))) + 1
     apart = stride * max(1, round(every / (stride * period)))
     least, head = rows if least is None else min(least, rows), min(rows, head)
-    columns: dict[str, list[NDArray[Any]]] = {name: [] for name in _COLUMNS}
+    columns: dict[str, list[NDArray[Any]]] = {}
     places, starts, dropped, covered = [], [], 0, 0.0
     for number, log in enumerate(logs):
         ends = np.flatnonzero(np.diff(log.slots) > gap * stride)
@@ -451,7 +415,7 @@ def cut(
                     dropped += 1
                     continue
                 for name, column in part.items():
-                    columns[name].append(column)
+                    columns.setdefault(name, []).append(column)
                 places.append((number, row))
                 starts.append(_start(log, row, last, stride))
                 covered += float(part["time"][there[-1]] - part["time"][0])
@@ -470,9 +434,6 @@ def cut(
         dropped=dropped,
         share=min(1.0, covered / sum(log.duration for log in logs)),
     )
-
-
-_COLUMNS = ("time", "phi", "turns", "z", "there", "valid")
 
 
 def _part(

@@ -140,42 +140,24 @@ def parameters_of(description: Description) -> list[Parameter]:
     covers the whole turn counts its turns.
     """
     w2, reach = description.nominal.gravity_term, max(2.0 * description.period, 0.04)
-    found = [
-        Parameter(name="gravity_term", unit="1/s²", title="gravity term w2", start=w2,
-                  low=w2 / 5.0, high=5.0 * w2, scale=w2),
-        Parameter(name="coupling", unit="1", title="coupling k", start=1.0, low=-0.5, high=5.0,
-                  scale=1.0),
-        Parameter(name="damping", unit="1/s", title="viscous friction of the hinge", start=0.05,
-                  low=-1.0, high=20.0, scale=0.1),
-        Parameter(name="friction", unit="rad/s²", title="dry friction of the hinge", start=0.05,
-                  low=-2.0, high=20.0, scale=0.1),
-        Parameter(name="skew", unit="s", title="skew: the position is read after the angle by",
-                  start=0.0, low=-reach, high=reach,
-                  scale=1e-2),
-        Parameter(name="compliance", unit="s²",
-                  title="compliance: the cart is ahead of its reading by, per acceleration",
-                  start=0.0, low=-1e-3, high=1e-3, scale=1e-4),
-        Parameter(name="angle_offset", unit="rad", title="angle at the zero of its readings",
-                  start=0.0, low=-0.5, high=0.5, scale=0.01),
+    found = [  # name, unit, title, start, low, high, scale
+        Parameter("gravity_term", "1/s²", "gravity term w2", w2, w2 / 5.0, 5.0 * w2, w2),
+        Parameter("coupling", "1", "coupling k", 1.0, -0.5, 5.0, 1.0),
+        Parameter("damping", "1/s", "viscous friction of the hinge", 0.05, -1.0, 20.0, 0.1),
+        Parameter("friction", "rad/s²", "dry friction of the hinge", 0.05, -2.0, 20.0, 0.1),
+        Parameter("skew", "s", "skew: the position is read after the angle by",
+                  0.0, -reach, reach, 1e-2),
+        Parameter("compliance", "s²", "compliance: the cart is ahead of its reading by, "
+                  "per acceleration", 0.0, -1e-3, 1e-3, 1e-4),
+        Parameter("angle_offset", "rad", "angle at the zero of its readings", 0.0, -0.5, 0.5, 0.01),
     ]  # fmt: skip
     if description.phi.dead_zone is not None:
-        found.append(
-            Parameter(
-                name="angle_scale",
-                unit="1",
-                title="scale of the angle",
-                start=0.97,
-                low=0.7,
-                high=1.3,
-                scale=0.1,
-            )
-        )
+        found.append(Parameter("angle_scale", "1", "scale of the angle", 0.97, 0.7, 1.3, 0.1))
         found += [
-            Parameter(name=f"{wave}_{k}", unit="rad", title=f"linearity: {wave} {k} phi",
-                      start=0.0, low=-0.1, high=0.1, scale=2e-3)
+            Parameter(f"{wave}_{k}", "rad", f"linearity: {wave} {k} phi", 0.0, -0.1, 0.1, 2e-3)
             for k in range(1, HARMONICS + 1)
             for wave in ("sin", "cos")
-        ]  # fmt: skip
+        ]
     return found
 
 

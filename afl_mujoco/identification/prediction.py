@@ -31,7 +31,6 @@ DESCRIPTION, ESTIMATES = FOLDER / "description.toml", FOLDER / "estimates.json"
 
 def load_estimates(path: Path = ESTIMATES) -> Identified:
     """Return the estimates in a file that `afl-mujoco identify` wrote."""
-    from afl_mujoco.identification import pole, rig
     from afl_mujoco.identification.identify import Identified
 
     wrong, again = "has no estimates of afl-mujoco identify", "run afl-mujoco identify"
@@ -157,8 +156,8 @@ def errors_of(
                 rms_z=_rms(z_off) if position else None,
                 counts_phi=_counts(off, d.angle_count),
                 counts_z=_counts(z_off, d.position_count) if position else None,
-                explained_phi=_explained(v["angle_scale"] * off, angle[there, rows][good]),
-                explained_z=_explained(z_off, w.z[there, rows][near]) if position else None,
+                explained_phi=explained(v["angle_scale"] * off, angle[there, rows][good]),
+                explained_z=explained(z_off, w.z[there, rows][near]) if position else None,
                 away_phi=_counts(off[away], d.angle_count) if away.any() else None,
                 clear_phi=_counts(off[clear], d.angle_count) if clear.any() else None,
                 starts=int(good.sum()),
@@ -178,7 +177,7 @@ def predicted_by_pole(
     def read(own: Array) -> Array:
         return pole.readings(values, driven.angles(values, own), w.turns)
 
-    scale = _count(description.angle_count)
+    scale = description.angle_count or 1e-6
     own = fitted_starts(
         lambda x: starts.before * (read(x) - w.phi) / (1e3 * scale), w.starts[:, [1, 3]],
         pole.START_SCALE,
@@ -249,11 +248,6 @@ def _within_turn(angle: Array) -> Array:
     return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
 
 
-def _count(resolution: float) -> float:
-    """Return a resolution, or a small one if there is none."""
-    return resolution if resolution > 0.0 else 1e-6
-
-
 def _rms(errors: Array) -> float:
     """Return the root of the mean square."""
     return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
@@ -264,7 +258,7 @@ def _counts(errors: Array, resolution: float) -> float | None:
     return _rms(errors) / resolution if resolution > 0.0 else None
 
 
-def _explained(errors: Array, readings: Array) -> float:
+def explained(errors: Array, readings: Array) -> float:
     """Return the share of variance that a prediction explains."""
     total = float(np.sum((readings - readings.mean()) ** 2))
     return 1.0 - float(np.sum(errors**2)) / total if total > 0.0 else 0.0

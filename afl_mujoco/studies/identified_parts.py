@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.identification.identify import Estimate, Identified
+from afl_mujoco.identification.identify import Identified
+from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import Starts
 from afl_mujoco.report.blocks import Matrix
