@@ -17,7 +17,6 @@ from afl_mujoco.cli.terminal import (
     SUCCESS,
     CallLimit,
     count_bar,
-    progress_bar,
     say,
     separated,
     typed,
@@ -32,11 +31,8 @@ if TYPE_CHECKING:
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.simulation.trajectory import Trajectory
 
-INDIFFERENT = ("out", "workers")
-"""Options that do not change the films."""
-
-FRAMES_A_SECOND = 60
-"""Frames of a view per second."""
+INDIFFERENT = ("out", "workers")  # options that do not change the films
+FRAMES_A_SECOND = 60  # frames of a view per second
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,17 +168,10 @@ class Log:
 
     def run(self) -> int:
         """Read the logs, draw them, print a table."""
-        from afl_mujoco.identification.description import load_description
-        from afl_mujoco.identification.log import read_logs
-        from afl_mujoco.identification.prediction import DESCRIPTION, FIT
+        from afl_mujoco.identification.prediction import FIT, described_logs
 
-        if bool(self.logs) != (self.description is not None):
-            thing = "description" if self.logs else "logs"
-            raise InvalidValueError(thing, "must be given: logs need their description")
-        description = load_description(
-            DESCRIPTION if self.description is None else self.description
-        )
-        logs = read_logs(self.logs or sorted(FIT.glob("*.csv"))[:1], description)
+        first = sorted(FIT.glob("*.csv"))[:1]
+        logs, description = described_logs(self.logs, self.description, first)
 
         import numpy as np
 
@@ -240,8 +229,10 @@ class Regression:
 
     def run(self) -> int:
         """Run everything; compare, or update the baselines."""
+        from afl_mujoco.cli.study import study_progress
         from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.studies.contract import counted
         from afl_mujoco.studies.regression import (
             REGRESSED,
             compare,
@@ -255,8 +246,9 @@ class Regression:
         baselines = read(self.baselines)  # what is quick to check comes first
         scenarios = list(SCENARIOS.values())
         controllers = [CONTROLLERS[name] for name in REGRESSED]
-        with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
-            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
+        with study_progress() as progress:
+            advance = counted(progress, "validating", len(scenarios) * len(controllers))
+            fresh = record_all(scenarios, controllers, workers=self.workers, progress=advance)
         if self.update:
             say(*update_baselines(self.baselines, baselines, fresh))
             return SUCCESS
@@ -340,8 +332,8 @@ class Simulate:
 
         from afl_mujoco.control.catalogue import find_controller
 
-        name = _first(self.controller, replay.controller, SUBJECT)
-        integrator = _first(self.integrator, replay.integrator, "RK4")
+        name = self.controller or (SUBJECT if replay.controller is None else replay.controller)
+        integrator = self.integrator or ("RK4" if replay.integrator is None else replay.integrator)
         timestep = replay.timestep if self.timestep is None else self.timestep
         controller = find_controller(name)
         if self.log:
@@ -374,12 +366,8 @@ class Simulate:
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
-        as_run = (
-            None
-            if replay == Replay()
-            else Replay(controller=name, integrator=integrator, timestep=timestep)
-        )
-        save_scenario(scenario, resolved, replay=as_run)
+        as_run = Replay(controller=name, integrator=integrator, timestep=timestep)
+        save_scenario(scenario, resolved, replay=None if replay == Replay() else as_run)
         others = [f"{scenario.name}.toml"]
         if self.page:
             others.insert(0, f"{stem}.png")
@@ -406,7 +394,6 @@ class Simulate:
         return CHECK_FAILED if run.missed else SUCCESS
 
     def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
-        """Run one simulator."""
         from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.ode import simulate_ode
@@ -421,8 +408,3 @@ class Simulate:
             control_period=self.control_period,
             integrator=self.integrator or "RK4",
         )
-
-
-def _first(*choices: str | None) -> str:
-    """Return the first choice that was made."""
-    return next(choice for choice in choices if choice is not None)

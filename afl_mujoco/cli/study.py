@@ -114,8 +114,7 @@ def _reproduce(records: Sequence[Record], warnings: Sequence[str]) -> Section:
     return Section("Reproduce", "reproduce", blocks)
 
 
-MOST_TOLD = 4
-"""Largest number of scenario files in a folder that are named one by one."""
+MOST_TOLD = 4  # largest number of scenario files in a folder that are named one by one
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,17 +32,13 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.sampled.hardware import new_run, sense, sensors_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
-DURATION = 10.0
-"""Duration of the scenario [s]."""
-
-TILT = 0.1
-"""Initial angle of the pole, and its variation to either side [rad]."""
+DURATION = 10.0  # duration of the scenario [s]
+TILT = 0.1  # initial angle of the pole, and its variation to either side [rad]
 
 UNCERTAIN = 0.5
 """Half-width of an interval, relative to its estimate, from which nothing is drawn from it."""
 
-NORMAL = 1.959964
-"""Half-width of an interval of 95 % in standard errors."""
+NORMAL = 1.959964  # half-width of an interval of 95 % in standard errors
 
 
 def certain(identified: Identified) -> bool:

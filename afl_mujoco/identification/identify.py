@@ -35,11 +35,8 @@ LEAST_SHARE = 0.5
 """Share of the duration of the logs from which the rest may be judged: below it, what is lost may
 not be lost at random."""
 
-COARSE = 4
-"""The first guess of the drive uses one window in this many."""
-
-ENOUGH = 60
-"""Number of windows that a first guess needs."""
+COARSE = 4  # the first guess of the drive uses one window in this many
+ENOUGH = 60  # number of windows that a first guess needs
 
 FINER = 2
 """Factor by which the last fit of the drive has finer steps: a force that changes within a step
@@ -49,11 +46,8 @@ DIFFERENT, SURELY = 0.1, 6.0
 """Relative difference between two logs, and the same in standard errors, from which they are of
 different cart-poles."""
 
-EARLY = 0.1
-"""Share of a row by which a force may act before its command, as a clock may be off."""
-
-ALIKE = 0.9
-"""Correlation above which two estimates are hard to tell apart."""
+EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
+ALIKE = 0.9  # correlation above which two estimates are hard to tell apart
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""

@@ -21,26 +21,19 @@ Residuals = Callable[[Array, Array], Array]
 ROBUST = 3.0
 """Residuals beyond this many times their scatter count by their size, not by its square."""
 
-LEAST_SCATTER = 1e-12
-"""Least scatter of residuals: those of a simulation may be zero."""
-
-SETTLED = 0.05
-"""Relative change of the scatter below which it has converged."""
-
-ROUNDS = 6
-"""Largest number of rounds to find the scatter."""
+LEAST_SCATTER = 1e-12  # least scatter of residuals: those of a simulation may be zero
+SETTLED = 0.05  # relative change of the scatter below which it has converged
+ROUNDS = 6  # largest number of rounds to find the scatter
 
 FEW_CLUSTERS = 8
 """Number of logs below which windows are taken to be independent, for want of anything better."""
 
-STEP = 1e-4
-"""Step of a finite difference, relative to the scale of its variable."""
+STEP = 1e-4  # step of a finite difference, relative to the scale of its variable
 
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6
 """First and largest damping of the Levenberg-Marquardt method."""
 
-TOLERANCE = 1e-4
-"""Relative decrease of the cost below which the fit has converged."""
+TOLERANCE = 1e-4  # relative decrease of the cost below which the fit has converged
 
 CONFIDENCE = 0.95
 
@@ -374,7 +367,6 @@ def _slopes(function: Callable[[Array], Array], point: Array, base: Array, steps
 
 
 def _weights(rest: Array) -> Array:
-    """Return the robust weight of each residual."""
     return np.asarray(1.0 / np.sqrt(1.0 + (rest / ROBUST) ** 2))
 
 

@@ -17,17 +17,13 @@ from afl_mujoco.files import atomic_file, read_utf8
 from afl_mujoco.identification.description import UNITS, Description
 from afl_mujoco.scenario.values import require_distinct, within
 
-MOST_BYTES = 100_000_000
-"""Largest size of a file that is read."""
-
-LEAST_ROWS = 50
-"""Least number of rows of a log: a second at 50 Hz."""
+MOST_BYTES = 100_000_000  # largest size of a file that is read
+LEAST_ROWS = 50  # least number of rows of a log: a second at 50 Hz
 
 PERIOD_DIFFERENCE = 0.1
 """Largest relative difference between the period of a log and the nominal period."""
 
-LARGEST = 1e20
-"""Bound on the numbers in a log: nanoseconds since 1970 are below it."""
+LARGEST = 1e20  # bound on the numbers in a log: nanoseconds since 1970 are below it
 
 JITTER = 0.05
 """Scatter of time stamps about a regular period up to which the device is taken to be regular and
@@ -36,8 +32,7 @@ its stamps to be late at random [period]; beyond it, its readings tell."""
 FOLLOWED = 0.2
 """Share of the difference of a stamp by which the clock follows it, until its period is known."""
 
-LEAST_ROUGHNESS = 1e-12
-"""Readings that are smoother than this are taken to be alike [m, rad]."""
+LEAST_ROUGHNESS = 1e-12  # readings that are smoother than this are taken to be alike [m, rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -230,7 +225,6 @@ def _smoother(log: Log, time: NDArray[np.float64]) -> float:
 def _require_motion(
     phi: NDArray[np.float64], z: NDArray[np.float64], description: Description
 ) -> None:
-    """Raise if a signal is constant, because nothing can be identified from it."""
     d = description
     for signal, values, count, header in (
         ("angle", np.unwrap(phi), d.angle_count, d.phi.column),
@@ -241,7 +235,6 @@ def _require_motion(
 
 
 def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Return some columns of a CSV file."""
     numbered = _lines(path)
     lines = [line for _, line in numbered]
     separator = _separator(lines[0], headers)
@@ -276,7 +269,6 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
 
 
 def _require_columns(path: Path, there: Sequence[str], headers: Sequence[str], by: str) -> None:
-    """Raise unless each header is there once."""
     for header in headers:
         if there.count(header) > 1:
             raise FileError(f"{path}: column {header!r}", "must occur only once")
@@ -312,8 +304,7 @@ def _separator(header: str, wanted: Sequence[str]) -> str:
 SEEN = 6
 """Readings of the angle that a window must have among its first rows, to find its initial state."""
 
-FINE = 0.01
-"""Readings that are closer together [s] are thinned out; all commands are used."""
+FINE = 0.01  # readings that are closer together [s] are thinned out; all commands are used
 
 GAP = 1.5
 """Gap between two rows, in units of their spacing, from which a row is missing between them."""

@@ -17,11 +17,8 @@ from afl_mujoco.identification.least_squares import Parameter
 from afl_mujoco.identification.log import Windows, stride_of
 from afl_mujoco.simulation.mujoco_model import forward
 
-PIECES = 8
-"""Most reversals in a step; beyond them, the cart sticks for the rest of it."""
-
-SECANTS = 12
-"""Most secants to find a reversal."""
+PIECES = 8  # most reversals in a step; beyond them, the cart sticks for the rest of it
+SECANTS = 12  # most secants to find a reversal
 
 
 @kernel
@@ -123,14 +120,9 @@ def coulomb_motion(at, starts, forces, friction, step, track):
 
 Array = NDArray[np.float64]
 
-HARMONICS = 4
-"""Number of harmonics of the angle in the nonlinearity of a sensor with a dead zone."""
-
-SLOW = 0.05
-"""Rate of the hinge below which its dry friction passes smoothly through zero [rad/s]."""
-
-START_SCALE = np.array([0.01, 0.1])
-"""Scale of the changes of a start (phi, phi_dot) [rad, rad/s]."""
+HARMONICS = 4  # number of harmonics of the angle in the nonlinearity of a sensor with a dead zone
+SLOW = 0.05  # rate of the hinge below which its dry friction passes smoothly through zero [rad/s]
+START_SCALE = np.array([0.01, 0.1])  # scale of the changes of a start (phi, phi_dot) [rad, rad/s]
 
 
 def parameters_of(description: Description) -> list[Parameter]:
@@ -161,8 +153,7 @@ def parameters_of(description: Description) -> list[Parameter]:
     return found
 
 
-NONE = {"angle_scale": 1.0}
-"""Values of parameters that are not estimated."""
+NONE = {"angle_scale": 1.0}  # values of parameters that are not estimated
 
 
 def linearity(values: Mapping[str, float], angles: Array) -> Array:

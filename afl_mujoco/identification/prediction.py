@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import read_json
 from afl_mujoco.identification import pole, rig
-from afl_mujoco.identification.description import Description
+from afl_mujoco.identification.description import Description, load_description
 from afl_mujoco.identification.least_squares import fitted_starts
-from afl_mujoco.identification.log import Log, Windows, cut, stride_of
+from afl_mujoco.identification.log import Log, Windows, cut, read_logs, stride_of
 
 if TYPE_CHECKING:
     from afl_mujoco.identification.identify import Identified
@@ -27,6 +27,17 @@ FIT, CHOOSE = FOLDER / "fit", FOLDER / "validate"
 """The recordings used for identification, and those used by default to judge the model."""
 
 DESCRIPTION, ESTIMATES = FOLDER / "description.toml", FOLDER / "estimates.json"
+
+
+def described_logs(
+    logs: Sequence[str], description: str | None, default: Sequence[Path]
+) -> tuple[list[Log], Description]:
+    """Return logs with their description; without both, some that come with the package."""
+    if bool(logs) != (description is not None):
+        thing = "description" if logs else "logs"
+        raise InvalidValueError(thing, "must be given: logs need their description")
+    known = load_description(description or DESCRIPTION)
+    return read_logs(logs or default, known), known
 
 
 def load_estimates(path: Path = ESTIMATES) -> Identified:
@@ -56,14 +67,12 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
 
 Array = NDArray[np.float64]
 
-AWAY = 0.5
-"""Angle from upright beyond which a small error does not grow by itself [rad]."""
+AWAY = 0.5  # angle from upright beyond which a small error does not grow by itself [rad]
 
 LONG_GAP = 5.0
 """Gap between two rows, in units of their spacing, from which a prediction is left out."""
 
-SEEN = 5
-"""Number of readings of the angle that a fitted state needs."""
+SEEN = 5  # number of readings of the angle that a fitted state needs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,7 +147,8 @@ def errors_of(
     """
     w, d, v = starts.windows, description, {**pole.NONE, **values}
     there, first = np.arange(w.count), starts.past - 1
-    angle = _within_turn(v["angle_scale"] * w.phi + v["angle_offset"])
+    angle = v["angle_scale"] * w.phi + v["angle_offset"]
+    angle -= 2.0 * np.pi * np.round(angle / (2.0 * np.pi))  # without whole turns
     found = []
     for horizon in horizons:
         rows, near = starts.rows(horizon)
@@ -199,29 +209,24 @@ def predicted_by_rig(
     """
     w = starts.windows
     whole = rig.Rig(windows=w, description=description, workers=workers)
-    past = rig.Rig(windows=_first_rows(w, starts.past), description=description, workers=workers)
-    measured = np.stack([w.z, w.phi], axis=1)[..., : starts.past]
-    before = starts.before[:, : starts.past]
-    weights = np.stack([past.windows.there, before], axis=1) / np.array(scatter)[:, None]
-    guess = w.starts.copy()
+    names = ("time", "phi", "turns", "z", "there", "valid")
+    first = replace(w, **{name: getattr(w, name)[:, : starts.past] for name in names})
+    past = rig.Rig(windows=first, description=description, workers=workers)
+    measured, before = np.stack([first.z, first.phi], axis=1), starts.before[:, : starts.past]
+    weights = np.stack([first.there, before], axis=1) / np.array(scatter)[:, None]
 
     def errors(own: Array) -> Array:
         rest: Array = weights * (past.readings(values, own) - measured)
         return rest.reshape(w.count, -1)
 
-    own = fitted_starts(lambda x: errors(x) / 1e3, guess, rig.START_SCALE, rounds=3)
+    own = fitted_starts(lambda x: errors(x) / 1e3, w.starts, rig.START_SCALE, rounds=3)
     own = fitted_starts(errors, own, rig.START_SCALE, rounds=2)
     track = whole.motion(values, own)
-    states = np.stack(
-        [
-            pole.at_rows(w, track[..., i], np.gradient(track[..., i], w.step, axis=1), 0.0)[
-                :, starts.past - 1
-            ]
-            for i in range(4)
-        ],
-        axis=1,
-    )
-    return whole.read(values, track), states
+    states = [
+        pole.at_rows(w, x, np.gradient(x, w.step, axis=1), 0.0)[:, starts.past - 1]
+        for x in np.moveaxis(track, -1, 0)
+    ]
+    return whole.read(values, track), np.stack(states, axis=1)
 
 
 def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> Array:
@@ -237,19 +242,7 @@ def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> A
     return np.stack([position, angle], axis=1)
 
 
-def _first_rows(windows: Windows, rows: int) -> Windows:
-    """Return the first rows of windows."""
-    names = ("time", "phi", "turns", "z", "there", "valid")
-    return replace(windows, **{name: getattr(windows, name)[:, :rows] for name in names})
-
-
-def _within_turn(angle: Array) -> Array:
-    """Return angles without whole turns, in -pi to pi [rad]."""
-    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
-
-
 def _rms(errors: Array) -> float:
-    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
 
 

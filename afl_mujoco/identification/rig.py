@@ -70,8 +70,7 @@ def physical(values: Mapping[str, float], description: Description) -> dict[str,
     }
 
 
-FRICTION = "dry_friction.z"
-"""Dry friction of the rail among the imperfections."""
+FRICTION = "dry_friction.z"  # dry friction of the rail among the imperfections
 
 
 def model_of(

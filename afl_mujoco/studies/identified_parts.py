@@ -19,8 +19,7 @@ from afl_mujoco.studies.arrays import Array
 
 Values = NDArray[np.float64]
 
-AHEAD = 0.5
-"""How long each simulation that is shown runs from its fitted state [s]."""
+AHEAD = 0.5  # how long each simulation that is shown runs from its fitted state [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

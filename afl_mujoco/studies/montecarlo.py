@@ -55,14 +55,12 @@ LABORATORY = "laboratory"
 SAMPLES, QUICK_SAMPLES = 1000, 100
 GENERATIONS, QUICK_GENERATIONS = 30, 5
 
-FOLDER = "montecarlo"
-"""Folder of the scenario files; it holds a folder for each controller."""
+FOLDER = "montecarlo"  # folder of the scenario files; it holds a folder for each controller
 
 FILES = {HARDEST: "hardest.toml", NEAREST: "nearest-failure.toml"}
 """Names of the scenario files of what a search found."""
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Quantiles of the least margin that are shown."""
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)  # quantiles of the least margin that are shown
 
 PANELS, BINS, FEWEST = 6, 5, 5
 """Most coordinates that the figure of failures shows, bins of each, and fewest runs of a kind."""
@@ -282,34 +280,29 @@ def run(
             for one in controllers:
                 if budget is None:
                     break
-                doing, most = f"searching the worst case for {one.name}", 2 * budget.points
+                most = 2 * budget.points
+
+                def advance(done: int, name: str = one.name, most: int = most) -> None:
+                    progress(f"searching the worst case for {name}", done, most)
+
                 found = search_worst(
-                    one, space, runs[one.name], seed, budget, deployed, executor,
-                    partial(_advance, progress, doing, most),
-                )  # fmt: skip
-                worst += [_found(one.name, each) for each in found]
+                    one, space, runs[one.name], seed, budget, deployed, executor, advance
+                )
+                worst += [
+                    Found(
+                        controller=one.name, question=each.question, run=(each.run,),
+                        point=each.point, distance=each.distance, tried=each.tried,
+                        file=f"{FOLDER}/{one.name}/{FILES[each.question]}",
+                    )
+                    for each in found
+                ]  # fmt: skip
         except KeyboardInterrupt:
             done = f"{total} samples, {len(worst)} searches"
             raise Interrupted(_result(request, runs, worst), done) from None
     return _result(request, runs, worst)
 
 
-def _advance(progress: Progress, doing: str, most: int, done: int) -> None:
-    """Report how far a search is."""
-    progress(doing, done, most)
-
-
-def _found(controller: str, one: Worst) -> Found:
-    """Return what a search found, with the file that it will have."""
-    return Found(
-        controller=controller, question=one.question, run=(one.run,), point=one.point,
-        distance=one.distance, tried=one.tried,
-        file=f"{FOLDER}/{controller}/{FILES[one.question]}",
-    )  # fmt: skip
-
-
 def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Found]) -> Result:
-    """Put the runs together."""
     return Result(
         seed=request.seed,
         integrator=request.deployed.integrator,
@@ -506,7 +499,6 @@ def _draw_failures(result: Result) -> Any:
 
 
 def _worst_cases(result: Result) -> Matrix:
-    """Return what the searches found."""
     rows: list[list[Cell | str]] = []
     for one in result.worst_cases:
         (run,) = one.run

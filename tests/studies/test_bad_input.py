@@ -218,8 +218,8 @@ CASES = {
     ],
     "identify": [
         (["none.csv", "--description", "rig.toml"], "none.csv cannot be read: no such file"),
-        (["still.csv"], "description must be given with logs"),
-        (["--description", "rig.toml"], "logs must be given with a description"),
+        (["still.csv"], "description must be given: logs need their description"),
+        (["--description", "rig.toml"], "logs must be given: logs need their description"),
         (["still.csv", "--description", "none.toml"], "none.toml cannot be read: no such file"),
         (["still.csv", "--description", "rig.toml"], "phi must vary: the angle is constant"),
         (["real.toml", "--description", "rig.toml"], "real.toml: column 'time' is missing"),

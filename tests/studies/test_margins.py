@@ -70,9 +70,9 @@ def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: Result) -> None
     assert not np.isnan(survey.values("fixed-nominal", "delay")[0, 0])
     worst = survey.worst("fixed-nominal", "delay", sampled=True)
     assert (worst.cart_mass, worst.half_length) != (0.1, 0.05)
-    grid = survey.grid("fixed-nominal", sampled=True)
-    assert grid.stable == ((False, True), (True, True))
-    assert grid.delay[0][0] is None and grid.unstable == 1
+    loop = survey.loop("fixed-nominal", sampled=True)
+    assert loop["stable"] == ((False, True), (True, True))
+    assert loop["delay"][0][0] is None and survey.unstable("fixed-nominal", sampled=True) == 1
     assert "fixed-nominal unstable on 1 of 4 plants" in report(survey).headline
 
 
@@ -270,8 +270,10 @@ def test_the_table_has_the_worst_of_the_stable_plants() -> None:
 
 
 def test_the_figure_has_the_delay_margin_of_each_plant_infinite_and_unstable_ones_too() -> None:
-    held = replace(MADE_UP.grid("adaptive", sampled=True), delay=((None, 0.03, 0.1), (0.013,) * 3))
-    both = replace(MADE_UP.margins["adaptive"], sampled=held)
+    held = {
+        **MADE_UP.loop("adaptive", sampled=True), "delay": ((None, 0.03, 0.1), (0.013,) * 3),
+    }  # fmt: skip
+    both = {**MADE_UP.margins["adaptive"], "sampled": held}
     (figure,) = figures_of(report(replace(MADE_UP, margins={"adaptive": both})).blocks)
     (axes,) = figure.draw().axes
     assert [text.get_text() for text in axes.texts] == [
