@@ -75,15 +75,13 @@ class Render(_Deployed):
     """Width x height in pixels, even, at most 1920x1080."""
     fps: int = 30
     """Frames per second."""
-    still: float | None = None
-    """Write the frame at this time [s] as a PNG, instead of each film."""
     workers: int = min(2, os.cpu_count() or 1)
     """Number of processes that share the films."""
     out: Path = FILMS
     """Folder for the films."""
 
     def run(self) -> int:
-        """Make the films, or the stills."""
+        """Make the films."""
         from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.files import output_folder
         from afl_mujoco.graphics import require_backend
@@ -97,7 +95,7 @@ class Render(_Deployed):
             raise InvalidValueError("size", "must be WIDTHxHEIGHT, such as 1280x720", self.size)
         require_backend()
 
-        from afl_mujoco.films.video import make_films, plan, write_stills
+        from afl_mujoco.films.video import make_films, plan
 
         films = plan(
             scenarios,
@@ -108,11 +106,8 @@ class Render(_Deployed):
             command=typed("render", self, INDIFFERENT),
         )
         folder = output_folder(self.out)
-        if self.still is not None:
-            files = write_stills(films, self.still, folder)
-        else:
-            with count_bar(len(films), "filming") as progress:
-                files = make_films(films, folder, workers=self.workers, progress=progress)
+        with count_bar(len(films), "filming") as progress:
+            files = make_films(films, folder, workers=self.workers, progress=progress)
         say(*(f"wrote {file}" for file in files))
         return SUCCESS
 

@@ -112,18 +112,6 @@ def plan(
     return planned
 
 
-def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Path]:
-    """Write the frame of each film that is nearest to an instant [s]."""
-    for film in planned:
-        last = (film.length - 1) / film.fps
-        if not 0.0 <= time <= last:
-            raise InvalidValueError("still", f"must lie between 0 and {last:g} s", time)
-    for film in planned:
-        picture = next(film.pictures([round(time * film.fps)]))
-        _write_picture(picture, folder / film.entry.poster)
-    return [folder / film.entry.poster for film in planned]
-
-
 def make_films(
     planned: Sequence[Film],
     folder: Path,

@@ -111,9 +111,7 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
     generator = np.random.default_rng(seed)
     tilts = generator.uniform(-TILT, TILT, count)
     drawn: list[dict[str, float]] = [{} for _ in range(count)]
-    for step in (identified.pole, identified.drive):
-        if step is None:
-            continue
+    for step in identified.steps:
         names = [one.name for one in step.estimates]
         mean = np.array([one.value for one in step.estimates])
         errors = np.array([(one.high - one.low) / (2.0 * NORMAL) for one in step.estimates])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,15 +101,19 @@ class Identified:
     share: float = 1.0  # share of their duration that lies in a window [1]
 
     @property
+    def steps(self) -> list[Step]:
+        """The steps that there are."""
+        return [step for step in (self.pole, self.drive) if step is not None]
+
+    @property
     def values(self) -> dict[str, float]:
         """Every estimate of the two steps by name."""
-        steps = [self.pole, *([self.drive] if self.drive else [])]
-        return {one.name: one.value for step in steps for one in step.estimates}
+        return {one.name: one.value for step in self.steps for one in step.estimates}
 
     def find(self, name: str) -> Estimate:
         """Return an estimate by name."""
-        steps = [*self.pole.estimates, *(self.drive.estimates if self.drive else ())]
-        return next(one for one in (*steps, *self.physical) if one.name == name)
+        found = [*(one for step in self.steps for one in step.estimates), *self.physical]
+        return next(one for one in found if one.name == name)
 
 
 def identify(
@@ -127,7 +132,7 @@ def identify(
         first, starts = identify_pole(windows, description)
         progress(1, 4)
         if any(np.ptp(log.command) > 0.0 for log in logs):
-            drive = _identify_drive(windows, description, first, starts, workers, progress)
+            drive = _Drive(windows, description, first, starts, workers).identify(progress)
     except np.linalg.LinAlgError:
         rule = "do not determine a cart-pole: check units, signs and nominal values"
         raise InvalidValueError("logs", rule) from None
@@ -137,8 +142,8 @@ def identify(
         logs=tuple(log.name for log in logs),
         seconds=sum(log.duration for log in logs),
         period=float(np.median([log.period for log in logs])),
-        pole=_step(first, windows, None),
-        drive=None if drive is None else _step(drive, windows, 0),
+        pole=_step(first, windows),
+        drive=None if drive is None else _step(drive, windows),
         physical=() if drive is None else _physical([first, drive], description),
         dropped=windows.dropped,
         share=windows.share,
@@ -175,28 +180,24 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
         read = pole.readings(v, driven.angles(v, starts), w.turns)
         return (w.valid * (read - w.phi))[:, None]
 
-    guess = np.array([one.start for one in parameters])
-    starts = pole_starts(errors, guess, w.starts[:, [1, 3]])
+    guess, far = np.array([one.start for one in parameters]), 1e3  # every reading has full weight
+    starts = fitted_starts(
+        lambda own: errors(guess, own)[:, 0] / far, w.starts[:, [1, 3]], pole.START_SCALE
+    )
     found = fit_to_scatter(
         errors, w.valid[:, None], parameters, starts, w.log, start_scale=pole.START_SCALE
     )
     _require_one_rig(errors, w.valid[:, None], found, "gravity_term", w, pole.START_SCALE)
-    off = [
-        one.title
-        for one, ratio in (
-            (parameters[0], found.by_name["gravity_term"] / parameters[0].start),
-            (parameters[1], found.by_name["coupling"]),
-        )
-        if not UNITS_RIGHT[0] < ratio < UNITS_RIGHT[1]
-    ]
-    if off:
-        v = found.by_name
+    w2, k = found.by_name["gravity_term"], found.by_name["coupling"]
+    expected = parameters[0].start
+    ratios = {"gravity term w2": w2 / expected, "coupling k": k}
+    least, most = UNITS_RIGHT
+    if off := [title for title, ratio in ratios.items() if not least < ratio < most]:
         raise InvalidValueError(
             " and ".join(off),
             "must be near the expected value for a pole; check the units and signs of "
             f"{description.phi.column} and {description.z.column}, and the pole's length",
-            f"w2 = {v['gravity_term']:.4g} 1/s² instead of {parameters[0].start:.4g}, "
-            f"k = {v['coupling']:.4g} instead of 1",
+            f"w2 = {w2:.4g} 1/s² instead of {expected:.4g}, k = {k:.4g} instead of 1",
         )
     whole = w.starts.copy()
     whole[:, [1, 3]] = found.starts
@@ -207,75 +208,17 @@ def _require_one_rig(
     errors: Residuals, mask: Array, found: Fit, name: str, windows: Windows, start_scale: Array
 ) -> None:
     """Raise if logs differ in a parameter, each by itself with the others as found."""
-    one = next(one for one in found.parameters if one.name == name)
+    one = found.estimates[name]
     values, sizes = by_cluster(errors, mask, found, name, windows.log, start_scale=start_scale)
     names = [windows.logs[number].name for number in np.unique(windows.log)]
     by_log = list(zip(values.tolist(), sizes.tolist(), names, strict=True))
     sure = [x for x in by_log if x[1] < 0.5 * DIFFERENT * abs(x[0])]
     if not sure:
         return
-    (low, low_error, low_name), (high, high_error, high_name) = min(sure), max(sure)
-    apart = high - low
-    if apart > DIFFERENT * abs(found.by_name[name]) and apart > SURELY * np.hypot(
-        low_error, high_error
-    ):
-        raise InvalidValueError(
-            "logs",
-            "must be of one cart-pole",
-            f"{one.title} {low:.4g} {one.unit} in {low_name} and {high:.4g} {one.unit} in "
-            f"{high_name}",
-        )
-
-
-def pole_starts(errors: Callable[[Array, Array], Array], shared: Array, guess: Array) -> Array:
-    """Return states of the pole at the first rows that fit the readings of their windows.
-
-    guess: (phi, phi_dot) at the first rows, shape (B, 2).
-    """
-    scale = 1e3  # far beyond any error [rad]: every reading has full weight
-
-    def scaled(own: Array) -> Array:
-        return errors(shared, own)[:, 0] / scale
-
-    return fitted_starts(scaled, guess, pole.START_SCALE)
-
-
-def _identify_drive(
-    windows: Windows,
-    description: Description,
-    first: Fit,
-    starts: Array,
-    workers: int,
-    progress: Progress,
-) -> Fit:
-    """Identify cart and drive, from few windows to all, with a lag only if it is significant."""
-    known = _without_dry_friction(first.by_name, windows)
-    parameters = rig.parameters_of(description)
-    some = max(1, min(COARSE, windows.count // ENOUGH))
-    without = {one.name: one.low for one in parameters if one.name == "lag"}
-    free = [
-        replace(one, low=-one.high) if one.name == "delay" else one
-        for one in parameters
-        if one.name not in without
-    ]
-    found = _fit_drive(windows, some, description, {**known, **without}, free, starts, workers)
-    _require_cause(found, description)
-    progress(2, 4)
-    guess = {**found.by_name, "lag": 0.05 * description.period}
-    lagging = [replace(one, start=guess[one.name]) for one in parameters]
-    other = _fit_drive(windows, some, description, known, lagging, starts, workers)
-    progress(3, 4)
-    if not _shows(other, "lag") or not _shows(
-        final := _finished(windows, description, known, first, other, {}, starts, workers), "lag"
-    ):
-        final = _finished(windows, description, known, first, found, without, starts, workers)
-    if not _shows(final, "gain"):
-        raise InvalidValueError(
-            description.command.column,
-            "must drive the cart: check its sign, and that each command is in its own row",
-            f"{final.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
-        )
-    return final
+    (low, low_error, first), (high, high_error, last) = min(sure), max(sure)
+    if high - low > max(DIFFERENT * abs(one.value), SURELY * np.hypot(low_error, high_error)):
+        got = f"{one.title} {low:.4g} {one.unit} in {first} and {high:.4g} {one.unit} in {last}"
+        raise InvalidValueError("logs", "must be of one cart-pole", got)
 
 
 def _require_cause(found: Fit, description: Description) -> None:
@@ -296,34 +239,77 @@ def _shows(fit: Fit, name: str) -> bool:
     return one.low > 0.0 and not one.on_bound
 
 
-def _finished(
-    windows: Windows,
-    description: Description,
-    known: Mapping[str, float],
-    first: Fit,
-    guess: Fit,
-    bound: Mapping[str, float],
-    starts: Array,
-    workers: int,
-) -> Fit:
-    """Fit cart and drive to all windows from a first guess; parameters on a bound stay there."""
-    parameters = rig.parameters_of(description)
-    bound = {**bound, **{one.name: one.value for one in guess.estimates.values() if one.on_bound}}
-    values = {**bound, **guess.by_name}
-    parameters = [replace(one, start=values[one.name]) for one in parameters]
-    free = [one for one in parameters if one.name not in bound]
-    fine = replace(windows, step=windows.step / FINER)
-    final = _fit_drive(fine, 1, description, {**known, **bound}, free, starts, workers)
-    whole = rig.Rig(windows=fine, description=description, workers=workers)
-    names, mask = [one.name for one in free], _mask(fine)
-    errors = _errors(whole, names, {**known, **bound})
-    _require_one_rig(errors, mask, final, "gain", fine, rig.START_SCALE)
-    names += [one.name for one in first.parameters]
-    final = with_uncertainty_of(
-        _errors(replace(whole, exact=True), names, bound), mask, final, first,
-        start_scale=rig.START_SCALE, smooth=_errors(whole, names, bound),
-    )  # fmt: skip
-    return _with_bound(final, parameters, bound)
+class _Drive(NamedTuple):
+    """Cart and drive, identified behind a known pole."""
+
+    windows: Windows
+    description: Description
+    pole: Fit
+    starts: Array  # of the windows, shape (B, 4)
+    workers: int
+
+    def identify(self, progress: Progress) -> Fit:
+        """Fit few windows, then all; with a lag only if it is significant."""
+        known = _without_dry_friction(self.pole.by_name, self.windows)
+        parameters = rig.parameters_of(self.description)
+        some = max(1, min(COARSE, self.windows.count // ENOUGH))
+        without = {one.name: one.low for one in parameters if one.name == "lag"}
+        free = [
+            replace(one, low=-one.high) if one.name == "delay" else one
+            for one in parameters
+            if one.name not in without
+        ]
+        found = self._fit(self.windows, some, {**known, **without}, free)
+        _require_cause(found, self.description)
+        progress(2, 4)
+        guess = {**found.by_name, "lag": 0.05 * self.description.period}
+        lagging = [replace(one, start=guess[one.name]) for one in parameters]
+        other = self._fit(self.windows, some, known, lagging)
+        progress(3, 4)
+        if not _shows(other, "lag") or not _shows(final := self._finished(known, other, {}), "lag"):
+            final = self._finished(known, found, without)
+        if not _shows(final, "gain"):
+            raise InvalidValueError(
+                self.description.command.column,
+                "must drive the cart: check its sign, and that each command is in its own row",
+                f"{final.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
+            )
+        return final
+
+    def _fit(
+        self, windows: Windows, every: int, known: Mapping[str, float], free: Sequence[Parameter]
+    ) -> Fit:
+        """Fit some parameters to every n-th window, with n = `every`.
+
+        Dry friction is exact, and the model that softens it gives the derivatives.
+        """
+        w, names = windows.some(every), [one.name for one in free]
+        soft = rig.Rig(windows=w, description=self.description, workers=self.workers)
+        return fit_to_scatter(
+            _errors(replace(soft, exact=True), names, known), _mask(w), free, self.starts[::every],
+            w.log, start_scale=rig.START_SCALE, smooth=_errors(soft, names, known),
+        )  # fmt: skip
+
+    def _finished(self, known: Mapping[str, float], guess: Fit, bound: Mapping[str, float]) -> Fit:
+        """Fit all windows from a first guess; parameters on a bound stay there."""
+        bound = {**bound, **{n: one.value for n, one in guess.estimates.items() if one.on_bound}}
+        start = {**bound, **guess.by_name}
+        parameters = [
+            replace(one, start=start[one.name]) for one in rig.parameters_of(self.description)
+        ]
+        free = [one for one in parameters if one.name not in bound]
+        fine = replace(self.windows, step=self.windows.step / FINER)
+        final = self._fit(fine, 1, {**known, **bound}, free)
+        soft = rig.Rig(windows=fine, description=self.description, workers=self.workers)
+        names, mask = [one.name for one in free], _mask(fine)
+        errors = _errors(soft, names, {**known, **bound})
+        _require_one_rig(errors, mask, final, "gain", fine, rig.START_SCALE)
+        names += [one.name for one in self.pole.parameters]
+        final = with_uncertainty_of(
+            _errors(replace(soft, exact=True), names, bound), mask, final, self.pole,
+            start_scale=rig.START_SCALE, smooth=_errors(soft, names, bound),
+        )  # fmt: skip
+        return _with_bound(final, parameters, bound)
 
 
 def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[str, float]:
@@ -336,27 +322,6 @@ def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[
     rates = np.abs(turned / np.diff(windows.time, axis=1))[known]
     share = float(rates.mean() / np.mean(rates**2))
     return {**found, "damping": found["damping"] + share * found["friction"], "friction": 0.0}
-
-
-def _fit_drive(
-    windows: Windows,
-    every: int,
-    description: Description,
-    known: Mapping[str, float],
-    parameters: Sequence[Parameter],
-    starts: Array,
-    workers: int,
-) -> Fit:
-    """Fit some parameters of cart and drive to every n-th window, with n = `every`.
-
-    Dry friction is exact, and the model that softens it gives the derivatives.
-    """
-    w, names = windows.some(every), [one.name for one in parameters]
-    whole = rig.Rig(windows=w, description=description, workers=workers)
-    return fit_to_scatter(
-        _errors(replace(whole, exact=True), names, known), _mask(w), parameters, starts[::every],
-        w.log, start_scale=rig.START_SCALE, smooth=_errors(whole, names, known),
-    )  # fmt: skip
 
 
 def _errors(model: rig.Rig, names: Sequence[str], known: Mapping[str, float]) -> Residuals:
@@ -388,13 +353,13 @@ def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, f
     )
 
 
-def _step(fit: Fit, windows: Windows, position: int | None) -> Step:
-    """Return a fit as a `Step`; `position` is the index of the position among its signals."""
+def _step(fit: Fit, windows: Windows) -> Step:
+    """Return a fit to the angle, or to position and angle, as a `Step`."""
     return Step(
         estimates=tuple(fit.estimates.values()),
         correlations=tuple(tuple(row) for row in fit.correlations.tolist()),
         scatter_phi=float(fit.scatter[-1]),
-        scatter_z=None if position is None else float(fit.scatter[position]),
+        scatter_z=float(fit.scatter[0]) if len(fit.scatter) > 1 else None,
         windows=windows.count,
     )
 

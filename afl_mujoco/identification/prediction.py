@@ -50,10 +50,9 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
     if found.drive is not None:
         known += rig.parameters_of(found.description)
     expected = [one.name for one in known]
-    for step in (found.pole, found.drive):
-        if step is not None and not step.is_sound:
-            rule = f"must be as that command writes them: {again}"
-            raise FileError(f"{path} {wrong}: correlations and scatter", rule)
+    rule = f"must be as that command writes them: {again}"
+    if not all(step.is_sound for step in found.steps):
+        raise FileError(f"{path} {wrong}: correlations and scatter", rule)
     for one in known:
         value = found.values.get(one.name, one.low)
         if not one.low <= value <= one.high:
@@ -61,7 +60,7 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
             raise FileError(f"{path} {wrong}: {one.name}", bounds, value)
     if list(found.values) != expected:
         named = ", ".join({*expected} ^ {*found.values}) or "their order"
-        raise FileError(f"{path} {wrong}: {named}", f"must be as that command writes them: {again}")
+        raise FileError(f"{path} {wrong}: {named}", rule)
     return found
 
 

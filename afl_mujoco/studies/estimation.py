@@ -151,18 +151,10 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """How well M and l are tracked, and what estimation costs the closed loop.
+    """How well M and l are tracked, and what estimation costs the closed loop."""
 
-    Attributes
-    ----------
-    controller
-        Name that the controller has with the true parameters.
-    cases
-        The schedules.
-    """
-
-    controller: str
-    cases: tuple[Case, ...]
+    controller: str  # name that it has with the true parameters
+    cases: tuple[Case, ...]  # the schedules
 
 
 # --- the runs -----------------------------------------------------------------------------------

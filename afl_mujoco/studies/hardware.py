@@ -20,7 +20,7 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.identification.export import TILT, certain
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.prediction import Errors, Starts
+from afl_mujoco.identification.prediction import Errors
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import MISSING, listed, percent, short
@@ -146,48 +146,22 @@ class Survival:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """What recordings say about the identified model.
+    """What recordings say about the identified model."""
 
-    Attributes
-    ----------
-    logs
-        Names of the recordings.
-    fitted
-        Names of those that the estimates were fitted to: they prove nothing.
-    identified
-        The estimates.
-    terms
-        Terms of the pole's equation, by name: gravity, coupling and friction.
-    held_out
-        Errors of the whole cart-pole in MuJoCo, given the command, by horizon.
-    whole
-        The same for starts around which no row is missing; the command of a missing row is unknown.
-    pole
-        Errors of the pole alone, given the motion of the cart.
-    baselines
-        Errors of other models, given the command, by name.
-    statements
-        The statements of the protocol, judged.
-    band
-        Horizons [s], and the rms errors of position [m] and angle [rad] after them, shape (3, H).
-    recorded
-        A recording beside its predictions.
-    survival
-        What controllers would do on that cart-pole; empty if nothing was drawn, or the estimates
-        are too uncertain to draw from.
-    """
-
-    logs: tuple[str, ...]
-    fitted: tuple[str, ...]
+    logs: tuple[str, ...]  # names of the recordings
+    fitted: tuple[str, ...]  # of those that the estimates were fitted to: they prove nothing
     identified: Identified
-    terms: dict[str, Term]
-    held_out: tuple[Errors, ...]
+    terms: dict[str, Term]  # of the pole's equation, by name: gravity, coupling and friction
+    held_out: tuple[Errors, ...]  # of the whole in MuJoCo, given the command, by horizon
+    # the same for starts around which no row is missing; the command of a missing row is unknown
     whole: tuple[Errors, ...]
-    pole: tuple[Errors, ...]
-    baselines: dict[str, tuple[Errors, ...]]
-    statements: tuple[Judged, ...]
-    band: Array
-    recorded: Shown
+    pole: tuple[Errors, ...]  # of the pole alone, given the motion of the cart
+    baselines: dict[str, tuple[Errors, ...]]  # of other models, given the command, by name
+    statements: tuple[Judged, ...]  # of the protocol
+    band: Array  # horizons [s], and the rms errors of z [m] and phi [rad] after them, shape (3, H)
+    recorded: Shown  # a recording beside its predictions
+    # what controllers would do on that cart-pole; empty if nothing was drawn, or the estimates are
+    # too uncertain to draw from
     survival: tuple[Survival, ...] = ()
 
     @property
@@ -213,6 +187,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         predicted_by_pole,
         predicted_by_rig,
         starts_of,
+        straight_on,
     )
 
     logs, identified, draws, seed = request
@@ -228,11 +203,22 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     drive = identified.drive
     if drive is None or drive.scatter_z is None:
         raise InvalidValueError("estimates", "must include cart and drive")
-    scatter = (drive.scatter_z, drive.scatter_phi)
-    read, states = predicted_by_rig(starts, values, d, scatter, workers=workers)
+
+    def predicted(of: dict[str, float]) -> tuple[Values, Values]:
+        scatter = drive.scatter_z or 0.0, drive.scatter_phi
+        return predicted_by_rig(starts, of, d, scatter, workers=workers)
+
+    read, states = predicted(values)
     held_out = errors_of(starts, read, horizons, values, d)
     progress("judging", 1, 3)
-    baselines = _baselines(starts, identified, scatter, states, horizons, workers)
+    owners, _ = predicted(nominal := nominal_values(identified))
+    cart, _ = predicted({**values, "mass_ratio": NO_REACTION})
+    angle = predicted_by_pole(starts, {**values, "coupling": 0.0}, d)
+    others: dict[str, tuple[Values, dict[str, float]]] = {
+        "nominal": (owners, nominal),
+        "uncoupled": (np.stack([cart[:, 0], angle], axis=1), values),
+        "constant_velocity": (straight_on(starts, states, values), values),
+    }
     progress("judging", 2, 3)
     steps = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, steps.tolist(), values, d)
@@ -247,7 +233,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         held_out=held_out,
         whole=errors_of(starts, read, horizons, values, d, whole=True),
         pole=pole,
-        baselines=baselines,
+        baselines={n: errors_of(starts, x, horizons, of, d) for n, (x, of) in others.items()},
         statements=_judge(identified, terms, pole, held_out),
         band=np.array([steps, [e.rms_z or 0.0 for e in spread], [e.rms_phi for e in spread]]),
         recorded=shown_of(logs[most], starts, read, values, most),
@@ -290,35 +276,6 @@ def nominal_values(identified: Identified) -> dict[str, float]:
         "gain": n.force / whole,
         "decay": n.rail_damping / whole,
     }
-
-
-def _baselines(
-    starts: Starts,
-    identified: Identified,
-    scatter: tuple[float, float],
-    states: Values,
-    horizons: Sequence[float],
-    workers: int,
-) -> dict[str, tuple[Errors, ...]]:
-    from afl_mujoco.identification.prediction import (
-        errors_of,
-        predicted_by_pole,
-        predicted_by_rig,
-        straight_on,
-    )
-
-    d, values = identified.description, identified.values
-    nominal = nominal_values(identified)
-    owners, _ = predicted_by_rig(starts, nominal, d, scatter, workers=workers)
-    alone = {**values, "mass_ratio": NO_REACTION}
-    cart, _ = predicted_by_rig(starts, alone, d, scatter, workers=workers)
-    angle = predicted_by_pole(starts, {**values, "coupling": 0.0}, d)
-    found: dict[str, tuple[Values, Mapping[str, float]]] = {
-        "nominal": (owners, nominal),
-        "uncoupled": (np.stack([cart[:, 0], angle], axis=1), values),
-        "constant_velocity": (straight_on(starts, states, values), values),
-    }
-    return {name: errors_of(starts, read, horizons, of, d) for name, (read, of) in found.items()}
 
 
 def _judge(

@@ -67,17 +67,10 @@ def prepare(options: Options) -> Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """A cart-pole identified.
+    """A cart-pole identified."""
 
-    Attributes
-    ----------
-    identified
-        The estimates.
-    shown
-        The longest log beside the model; None if no drive was identified, or no log is long enough.
-    """
-
-    identified: Identified
+    identified: Identified  # the estimates
+    # the longest log beside the model; None if no drive was identified, or no log is long enough
     shown: Shown | None
 
 
@@ -178,11 +171,10 @@ def _fit(one: Identified) -> Matrix:
 
 def _correlations(one: Identified) -> Matrix:
     """Return the estimates that are known better in combination than individually."""
-    steps = [one.pole, *([one.drive] if one.drive else [])]
-    titles = {x.name: x.title for step in steps for x in step.estimates}
+    titles = {x.name: x.title for step in one.steps for x in step.estimates}
     pairs = [
         pair
-        for step in steps
+        for step in one.steps
         for pair in step.alike
         if not any(name.startswith(("sin_", "cos_")) for name in pair[:2])  # of its linearity
     ]

@@ -112,19 +112,13 @@ class Request(NamedTuple):
     cart_masses: tuple[float, ...] = CART_MASSES
     half_lengths: tuple[float, ...] = HALF_LENGTHS
     deployed: Deployment = USUAL
-    pole_mass: float = NOMINAL.pole_mass
-    gravity: float = NOMINAL.gravity
+    nominal: CartPoleParameters = NOMINAL  # of which m and g count
     scenario: Scenario | None = None  # that it comes from
     measured: Sequence[tuple[float, float]] = ()  # M and l of the plants that are measured too
 
     def plant(self, cart_mass: float, half_length: float) -> CartPoleParameters:
         """Return the plant at a point of the grid."""
-        return CartPoleParameters(
-            cart_mass=cart_mass,
-            half_length=half_length,
-            pole_mass=self.pole_mass,
-            gravity=self.gravity,
-        )
+        return replace(self.nominal, cart_mass=cart_mass, half_length=half_length)
 
     def require(self) -> Request:
         """Return it, or raise before anything slow.
@@ -136,17 +130,11 @@ class Request(NamedTuple):
             rule = f"must be at most {LONGEST_PERIOD:g} s"
             raise InvalidValueError("control_period", rule, f"{period:g}")
         for thing in ("controllers", "cart_masses", "half_lengths"):
-            items = list(getattr(self, thing))
-            if thing == "controllers":
-                items = [controller.name for controller in items]
-            else:
-                items = [require_positive(thing, x) for x in items]
+            items = [getattr(one, "name", one) for one in getattr(self, thing)]
             if not items or len(set(items)) < len(items):
                 raise InvalidValueError(thing, "must hold at least one, each once", items)
-        require_positive("pole_mass", self.pole_mass)
-        require_positive("gravity", self.gravity)
-        first = self.plant(self.cart_masses[0], self.half_lengths[0])
-        refused = [refusal(one, first, self.deployed) for one in self.controllers]
+        plants = [self.plant(*x) for x in itertools.product(self.cart_masses, self.half_lengths)]
+        refused = [refusal(one, plants[0], self.deployed) for one in self.controllers]
         if refused[0] is not None and None not in refused:
             raise refused[0]
         if self.deployed.timestep is not None:
@@ -161,24 +149,25 @@ def prepare(options: Options) -> Request:
     o = options
     scenario = None if o.scenario is None else find_scenario(o.scenario)
     masses, lengths = (grid[:: QUICK if o.quick else 1] for grid in (CART_MASSES, HALF_LENGTHS))
-    pole_mass, gravity, deployed = NOMINAL.pole_mass, NOMINAL.gravity, USUAL
+    nominal, deployed = NOMINAL, USUAL
     if scenario is not None:
-        (mass, length, pole_mass, gravity), varied = scenario.plants, scenario.ranges.varied
+        (mass, length, *_), varied = scenario.plants, scenario.ranges.varied
         masses = _levels(varied.get("cart_mass", mass))
         lengths = _levels(varied.get("half_length", length))
         linear = linear_part(scenario.imperfections)
-        known = scenario.belief.known(scenario.parameters_at(0.0))
+        nominal = scenario.parameters_at(0.0)
+        known = scenario.belief.known(nominal)
         deployed = Deployment(linear.control_period or PERIOD, linear, known)
     masses = masses if o.cart_masses is None else tuple(map(float, o.cart_masses))
     lengths = lengths if o.half_lengths is None else tuple(map(float, o.half_lengths))
     period = deployed.period if o.control_period is None else o.control_period
+    given = {n: x for n in ("pole_mass", "gravity") if (x := getattr(o, n)) is not None}
     request = Request(
         [find_controller(name) for name in o.controllers],
         masses,
         lengths,
         deployed._replace(period=period, timestep=o.timestep),
-        pole_mass if o.pole_mass is None else o.pole_mass,
-        gravity if o.gravity is None else o.gravity,
+        replace(nominal, **given),
         scenario,
     ).require()
     measured = measured_plants(masses, lengths, few=o.quick) if o.measure else ()
@@ -264,43 +253,22 @@ class Worst(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """Margins by controller and plant.
+    """Margins by controller and plant."""
 
-    Attributes
-    ----------
-    control_period
-        How long the sampled loop holds its force [s].
-    cart_masses, half_lengths
-        The grid, M [kg] and l [m].
-    pole_mass, gravity
-        m [kg] and g [m/s^2].
-    imperfections
-        Those of the linear loop, by their keys; "none" for the ideal loop.
-    linearisation_step
-        Step of the central differences [m, rad, m/s, rad/s, N].
-    margins
-        By controller, those of the "continuous" and those of the "sampled" loop.
-    measured
-        Margin and measurement on some of the plants; empty if none was measured.
-    scenario, left_out
-        Name of the scenario, if any; and its imperfections that are not modelled.
-    not_linear
-        Why each of the other controllers has no linear margins, by its name.
-    small_motions
-        What small motions of those controllers tolerate on some of the plants.
-    """
-
-    control_period: float
-    cart_masses: tuple[float, ...]
+    control_period: float  # how long the sampled loop holds its force [s]
+    cart_masses: tuple[float, ...]  # the grid, M [kg] and l [m]
     half_lengths: tuple[float, ...]
-    pole_mass: float
+    pole_mass: float  # m [kg] and g [m/s^2]
     gravity: float
-    imperfections: str
-    linearisation_step: float
+    imperfections: str  # those of the linear loop, by their keys; "none" for the ideal loop
+    linearisation_step: float  # of the central differences [m, rad, m/s, rad/s, N]
+    # by controller, those of the "continuous" and those of the "sampled" loop
     margins: dict[str, dict[str, Loop]]
-    measured: tuple[DelayComparison, ...] = ()
-    scenario: str | None = None
+    measured: tuple[DelayComparison, ...] = ()  # on some of the plants; empty if none was measured
+    scenario: str | None = None  # its name, if any; and its imperfections that are not modelled
     left_out: tuple[str, ...] = ()
+    # why each of the other controllers has no linear margins, by its name; what small motions of
+    # those tolerate on some of the plants
     not_linear: dict[str, str] = field(default_factory=dict)
     small_motions: tuple[SmallMotions, ...] = ()
 
@@ -372,8 +340,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         control_period=r.deployed.period,
         cart_masses=r.cart_masses,
         half_lengths=r.half_lengths,
-        pole_mass=r.pole_mass,
-        gravity=r.gravity,
+        pole_mass=r.nominal.pole_mass,
+        gravity=r.nominal.gravity,
         imperfections=departures_text(replace(r.deployed.imperfections, control_period=None)),
         linearisation_step=STEP,
         margins={

@@ -209,7 +209,7 @@ CASES = {
     ],
     "margins": [
         (["--controllers", "lqr", "lqr"], "controllers must hold at least one, each once"),
-        (["--cart-masses", "nan"], "cart_masses must be "),
+        (["--cart-masses", "nan"], "cart_mass must be "),
         (["--gravity", "-9.81"], "gravity must be positive, got -9.81"),
         (["--control-period", "0"], "control_period must be positive, got 0"),
         (["--control-period", "1e9"], "control_period must be at most 10 s, got 1e+09"),

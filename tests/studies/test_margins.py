@@ -120,10 +120,10 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     request = prepare(asked)
     assert request.cart_masses == (8.0, 8.5, 9.0, 9.5, 10.0)
     assert request.half_lengths == (1.5,)
-    assert (request.deployed.period, request.pole_mass) == (0.01, 0.2)
+    assert (request.deployed.period, request.nominal.pole_mass) == (0.01, 0.2)
     assert request.deployed.imperfections == Imperfections(control_period=0.01, delay=0.004)
     assert prepare(replace(asked, control_period=0.002)).deployed.period == 0.002
-    assert prepare(replace(asked, pole_mass=0.3)).pole_mass == 0.3
+    assert prepare(replace(asked, pole_mass=0.3)).nominal.pole_mass == 0.3
     found = run(request._replace(cart_masses=(8.0,)))
     assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
     said = report(found).blocks[0]
