@@ -603,10 +603,11 @@ def report(result: Result) -> Report:
                 draw=partial(_draw, result),
             )
         )
-    if result.margins:
+    if result.margins or result.not_linear:
         blocks.append(_worst_matrix(result, held))
     if result.not_linear:
-        blocks.append(_motions_matrix(result))
+        reasons = (plain(f"{name}: {reason}") for name, reason in result.not_linear.items())
+        blocks.append("\n".join(f"- {reason}" for reason in reasons))
     if result.measured:
         blocks.append(_measured_matrix(result))
     said = [*(_said(result, name) for name in result.margins)]
@@ -670,7 +671,7 @@ def _graded(result: Result, name: str, plant: tuple[float, float]) -> tuple[int,
 
 
 def _worst_matrix(result: Result, held: str) -> Matrix:
-    """Return the worst margins of each controller, continuous and held."""
+    """Return the worst margins of each controller, continuous, held and measured."""
     rows: list[list[Cell | str]] = []
     for name, sampled in itertools.product(result.margins, (False, True)):
         unstable = result.unstable(name, sampled=sampled)
@@ -689,9 +690,26 @@ def _worst_matrix(result: Result, held: str) -> Matrix:
                 "" if least is None else f"{least.cart_mass:g} kg, {least.half_length:g} m",
             ]
         )
+    for name in result.not_linear:
+        motions = _motions(result, name)
+        decaying = [one for one in motions if one.decays]
+        lows, highs = (
+            [x for one in decaying if (x := getattr(one, key)) is not None]
+            for key in ("gain_decrease", "gain_increase")
+        )
+        cells = [
+            fixed(max(lows), 2) if lows else f"< {1.0 / GAINS[-1]:.2g}",
+            fixed(min(highs), 1) if highs else f"> {GAINS[-1]:g}",
+            MISSING,
+            MISSING,
+            _delay(motions),
+        ]
+        grow = len(motions) - len(decaying)
+        count = Cell(f"{grow} of {len(motions)}" if motions else MISSING, "bad" if grow else "")
+        rows.append([name, "measured", count, *(cells if decaying else [MISSING] * 5), ""])
     return Matrix(
         caption=f"Worst margins over {result.plants} plants, {held}, and where the delay margin is "
-        "least",
+        f"least; measured: by motions of {short(1e3 * START)} mrad in MuJoCo",
         columns=["Controller", "Force", "Unstable", *(name for name, *_ in SHOWN), "At M, l"],
         rows=rows,
     )
@@ -720,36 +738,6 @@ def _measured_matrix(result: Result) -> Matrix:
 
 def _motions(result: Result, name: str) -> list[SmallMotions]:
     return [one for one in result.small_motions if one.controller == name]
-
-
-def _motions_matrix(result: Result) -> Matrix:
-    """Return what small motions of each controller without linear margins tolerate."""
-    rows: list[list[Cell | str]] = []
-    for name, reason in result.not_linear.items():
-        motions = _motions(result, name)
-        grow = sum(not one.decays for one in motions)
-        cells = [MISSING] * 3
-        if grow < len(motions):
-            lows, highs = (
-                [x for one in motions if one.decays and (x := getattr(one, key)) is not None]
-                for key in ("gain_decrease", "gain_increase")
-            )
-            cells = [
-                fixed(max(lows), 2) if lows else f"< {1.0 / GAINS[-1]:.2g}",
-                fixed(min(highs), 1) if highs else f"> {GAINS[-1]:g}",
-                _delay(motions),
-            ]
-        count = f"{grow} of {len(motions)}" if motions else MISSING
-        rows.append([name, Cell(count, "bad" if grow else ""), *cells, reason])
-    return Matrix(
-        caption=f"Measured by motions of {short(1e3 * START)} mrad in MuJoCo: the worst of the "
-        "plants where they decay",
-        columns=[
-            "Controller", "Grow on", "Gain down to", "Gain up to", "Delay [ms]",
-            "Why no linear margins",
-        ],
-        rows=rows,
-    )  # fmt: skip
 
 
 def _delay(motions: Sequence[SmallMotions]) -> str:

@@ -301,9 +301,9 @@ def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() 
     )
     (rows,) = matrices(result)
     assert rows == [
-        ["mine", "0 of 2", "0.50", "8.0", "< 0.1", "has a memory"],
-        ["wild", "✗ 1 of 2", "< 0.01", "> 100", "> 1000", "must be smooth"],
-        ["biased", "–", "–", "–", "–", "pushes"],
+        ["mine", "measured", "0 of 2", "0.50", "8.0", "–", "–", "< 0.1", ""],
+        ["wild", "measured", "✗ 1 of 2", "< 0.01", "> 100", "–", "–", "> 1000", ""],
+        ["biased", "measured", *["–"] * 6, ""],
     ]
     assert report(result).headline == (
         "Least delay margin: mine < 0.1 ms · wild unstable on 1 of 2 plants · biased has none"
