@@ -31,10 +31,7 @@ class CompiledController(NamedTuple):
 
 @kernel
 def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
-    """Return the force [N] of the control law with the gains of (G1), NaN where it has no value.
-
-    w: Coefficients of the gain function, shape (3, 5).
-    """
+    """Return the force [N] of the control law with the gains of (G1), NaN where it has no value."""
     cart_mass, pole_mass, half_length, gravity = assumed
     return force_kernel(
         z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
@@ -74,10 +71,6 @@ def interpolated_gains(table, masses, lengths, cart_mass, half_length):
 
     Their slopes are continuous, so that fixed steps stay accurate along a ramp of M or l; the
     reference integrator ends a step at every node.
-
-    table: Gains at the nodes, shape (len(masses), len(lengths), 4).
-    masses, lengths: Nodes M [kg] and l [m], increasing.
-    cart_mass, half_length: The plant's M [kg] and l [m].
     """
     rows, row_weights = _weights(masses, cart_mass)
     columns, column_weights = _weights(lengths, half_length)
@@ -122,10 +115,7 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
 
 @kernel
 def force_from_inputs(kind, state, inputs):
-    """Return the force [N] from gains already looked up, equal to `compiled_force` bit for bit.
-
-    state: (z, phi, z_dot, phi_dot), shape (4,).
-    """
+    """Return the force [N] from gains already looked up, equal to `compiled_force` bit for bit."""
     if kind == AFL:
         return afl_force(state, inputs)
     return _feedback_force(
@@ -136,10 +126,7 @@ def force_from_inputs(kind, state, inputs):
 
 @kernel
 def forces_along(kind, states, inputs):
-    """Return the force at each of many states, shape (N,).
-
-    inputs: As in `force_from_inputs`, shape (N, 7) or (N, 8).
-    """
+    """Return the force at each of many states, shape (N,)."""
     forces = np.empty(len(states))
     for i in range(len(states)):
         forces[i] = force_from_inputs(kind, states[i], inputs[i])
@@ -148,10 +135,7 @@ def forces_along(kind, states, inputs):
 
 @kernel
 def inputs_along(kind, table, masses, lengths, assumed):
-    """Return the inputs of a controller at each of many instants: assumed (M, m, l, g), gains.
-
-    assumed: Assumed (M, m, l, g) at each instant, shape (N, 4).
-    """
+    """Return the inputs of a controller for many assumed (M, m, l, g): these and its gains."""
     count = 7 if kind == AFL else 8
     inputs = np.empty((len(assumed), count))
     for i in range(len(assumed)):

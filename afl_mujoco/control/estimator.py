@@ -150,9 +150,7 @@ def start(filter_, settings, z, phi):
 def update(filter_, settings, z, phi, force, dt):
     """Process one control period and return the estimates of M [kg] and l [m].
 
-    z, phi: Position [m] and angle [rad] measured at the end of the period.
-    force: Force on the cart over the period, its mean if it was not constant [N].
-    dt: Length of the period [s].
+    z [m] and phi [rad] are measured at its end; the force [N] is its mean over the period.
     """
     _predict(filter_, settings, force, dt)
     if not abs(filter_.state[3]) * dt < LARGEST_TURN:

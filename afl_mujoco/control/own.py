@@ -259,12 +259,7 @@ class PythonController(Controller):
         return "" if plain else why_it_remembers(self.function)
 
     def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
-        """Return the force [N], NaN where the controller has none.
-
-        time: Time [s].
-        state: (z, phi, z_dot, phi_dot), shape (4,).
-        assumed: Assumed (M, m, l, g), shape (4,).
-        """
+        """Return the force [N] at a state and an assumed (M, m, l, g), NaN where it has none."""
         mass, pole_mass, length, gravity = (float(x) for x in assumed)
         belief = CartPoleParameters(
             cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity

@@ -167,10 +167,7 @@ def windows_of(logs: Sequence[Log]) -> Windows:
 
 
 def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Array]:
-    """Identify the pole and the sensors alone.
-
-    Returns fit, starts: The fit, and the states at the first rows, shape (B, 4).
-    """
+    """Identify the pole and the sensors alone; return the states at the first rows too, (B, 4)."""
     w, parameters = windows, pole.parameters_of(description)
     driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
     names = [one.name for one in parameters]

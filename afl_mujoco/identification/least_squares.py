@@ -173,9 +173,8 @@ def fit(
 ) -> Fit:
     """Estimate parameters by the Levenberg-Marquardt method.
 
-    starts: First guess of the initial states of the windows, shape (B, L).
+    starts: First guess of the initial states of the windows, shape (B, L), of scales (L,).
     clusters: Index of the log of each window, shape (B,).
-    start_scale: Scale of the changes of a start, shape (L,).
     """
     near = smooth or residuals
     scales = np.array([one.scale for one in parameters])
@@ -298,8 +297,6 @@ def by_cluster(
     """Return an estimate from each cluster alone, and its standard error, to first order.
 
     The other parameters stay as fitted to all; the windows of a cluster count as independent.
-
-    clusters: Index of the cluster of each window, shape (B,).
     """
     at = [one.name for one in fit.parameters].index(name)
 
@@ -329,12 +326,7 @@ def by_cluster(
 def fitted_starts(
     residuals: Callable[[Array], Array], starts: Array, start_scale: Array, *, rounds: int = 6
 ) -> Array:
-    """Return the starts that minimise the residuals of the windows, by Gauss-Newton.
-
-    residuals: Function from the starts to the residuals, shape (B, L) to (B, R).
-    starts: First guess, shape (B, L).
-    start_scale: Scale of the changes of a start, shape (L,).
-    """
+    """Return the starts, shape (B, L), that minimise the residuals of the windows, (B, R)."""
     for _ in range(rounds):
         rest = residuals(starts)
         slopes = _slopes(residuals, starts, rest, STEP * start_scale)

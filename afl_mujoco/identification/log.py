@@ -106,10 +106,7 @@ def write_log(path: Path, columns: NDArray[np.float64]) -> None:
 
 
 def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Description) -> Log:
-    """Return a log from its columns, or raise if it cannot be used for identification.
-
-    table: Columns of the log by header, shape (N,), in the units of the description.
-    """
+    """Return a log from its columns by header, in the units of the description, or raise."""
     d = description
     columns = {signal: table[header] for signal, header in d.columns.items()}
     for signal, values in columns.items():
@@ -174,8 +171,6 @@ def _slots(
 
     The clock follows the stamps slowly: rounding each step by itself would take a late stamp and an
     early one after it for a lost row.
-
-    period, clock: Period, and time on the clock at the first row [s].
     """
     found = [0]
     for stamp in time[1:].tolist():
@@ -380,13 +375,10 @@ def cut(
     gap: float = GAP,
     least: int | None = LEAST,
 ) -> Windows:
-    """Cut logs into windows.
+    """Cut logs into windows of a length [s], one every so many seconds.
 
     A lost row ends a window, and the next begins after it: the command in between is not known, and
     to hold the one before it is off by as much as the command changes in a row.
-
-    length: Length of a window [s].
-    every: Time between the starts of two windows [s].
     """
     period = min(log.period for log in logs)
     stride = stride_of(period)
@@ -430,10 +422,7 @@ def cut(
 def _part(
     log: Log, row: int, last: int, ahead: NDArray[np.int64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a window from a row on, at most to a last row.
-
-    ahead: How many periods after the first each of its rows is, shape (n,).
-    """
+    """Return the columns of a window: rows so many periods ahead of one, at most a last one."""
     slots = log.slots[row] + ahead
     rows = np.minimum(np.searchsorted(log.slots, slots), last)
     there = (log.slots[rows] == slots).astype(float)

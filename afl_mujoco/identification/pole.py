@@ -83,13 +83,9 @@ def _reversal(at, x, force, friction, way, h, end):
 
 @kernel
 def coulomb_motion(at, starts, forces, friction, step, track):
-    """Write the states on the steps of windows, each from its start.
+    """Write the states on the steps of windows, each from its start, as a track (B, steps + 1, 4).
 
-    starts: (z, phi, z_dot, phi_dot), shape (B, 4).
-    forces: Force of the drive in each step [N], shape (B, steps).
-    friction: Dry friction of the rail [N].
-    step: Length of a step [s].
-    track: Written, shape (B, steps + 1, 4).
+    Forces of the drive are [N], shape (B, steps), as is the dry friction of the rail; steps [s].
     """
     for b in range(len(starts)):
         x = (starts[b, 0], starts[b, 1], starts[b, 2], starts[b, 3])
@@ -182,10 +178,7 @@ class Drive:
         object.__setattr__(self, "_tracks", found)
 
     def angles(self, values: Mapping[str, float], starts: Array) -> Array:
-        """Return the angles at the rows of the windows [rad], shape (B, n).
-
-        starts: (phi, phi_dot) at the first rows, shape (B, 2).
-        """
+        """Return the angles at the rows [rad], (B, n), from (phi, phi_dot) at the first, (B, 2)."""
         v, w = {**NONE, **values}, self.windows
         factor = v["coupling"] * v["gravity_term"] / self.gravity
         track = pole_motion(
@@ -211,21 +204,14 @@ class Drive:
 
 
 def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
-    """Return what the sensor reads at some angles [rad].
-
-    angles, turns: Angles [rad], and the whole turns in them.
-    """
+    """Return what the sensor reads at some angles with so many whole turns [rad]."""
     v = {**NONE, **values}
     read: Array = (angles - 2.0 * np.pi * turns - v["angle_offset"]) / v["angle_scale"]
     return read + linearity(v, angles)
 
 
 def at_rows(windows: Windows, values: Array, rates: Array, late: float) -> Array:
-    """Return a simulated signal interpolated at the rows of the windows, shape (B, n).
-
-    values, rates: The signal on the steps of the windows, and its derivative, shape (B, steps + 1).
-    late: How much later than the rows the signal is taken [s].
-    """
+    """Return a signal and its rates on the steps, (B, steps + 1), at the rows, (B, n), or later."""
     w = windows
     place = (w.time - w.time[:, :1] + late) / w.step
     i = np.clip(np.floor(place + 1e-9).astype(int), 0, w.steps - 1)
@@ -249,9 +235,7 @@ def _rates(phi, p, drive, w2, c, d):
 def pole_motion(starts, drives, step, w2, c, d):
     """Return (phi, phi') on the steps of each window, by RK4, shape (B, steps + 1, 2).
 
-    starts: (phi, phi_dot), shape (B, 2).
     drives: ``(k w2 / g) z'`` on the half steps [rad/s], shape (B, 2 steps + 1).
-    step: Length of a step [s].
     w2, c, d: Gravity term [1/s^2], viscous [1/s] and dry friction [rad/s^2].
     """
     steps = (drives.shape[1] - 1) // 2

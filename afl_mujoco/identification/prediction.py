@@ -96,12 +96,7 @@ class Starts:
 
 
 def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Starts:
-    """Return the starts of logs.
-
-    past: Length of the rows that are fitted [s].
-    longest: Longest horizon [s].
-    every: Time between two starts [s].
-    """
+    """Return the starts of logs, every so many seconds, with a past to fit and a horizon."""
     period = min(log.period for log in logs)
     spacing = stride_of(period) * period
     rows = round(past / spacing) + 1
@@ -139,11 +134,7 @@ def errors_of(
     position: bool = True,
     whole: bool = False,
 ) -> tuple[Errors, ...]:
-    """Return the errors of predictions for each horizon.
-
-    predicted: Predicted readings of position and angle, shape (B, 2, n).
-    horizons: Horizons [s].
-    """
+    """Return the errors of predicted z and phi, shape (B, 2, n), after each horizon [s]."""
     w, d, v = starts.windows, description, {**pole.NONE, **values}
     there, first = np.arange(w.count), starts.past - 1
     angle = v["angle_scale"] * w.phi + v["angle_offset"]
@@ -204,7 +195,7 @@ def predicted_by_rig(
 ) -> tuple[Array, Array]:
     """Return the predicted readings for known commands, and the states at the starts.
 
-    scatter: Scatter of position and angle, which weights their readings [m, rad].
+    The scatter of position and angle [m, rad] weights their readings.
     """
     w = starts.windows
     whole = rig.Rig(windows=w, description=description, workers=workers)
@@ -229,10 +220,7 @@ def predicted_by_rig(
 
 
 def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> Array:
-    """Return the predicted readings without any acceleration, shape (B, 2, n).
-
-    states: (z, phi, z_dot, phi_dot) at the starts, shape (B, 4).
-    """
+    """Return the predicted readings without any acceleration from states (B, 4), (B, 2, n)."""
     w = starts.windows
     after = w.time - w.time[:, starts.past - 1 : starts.past]
     z, phi, z_dot, phi_dot = (states[:, i : i + 1] for i in range(4))

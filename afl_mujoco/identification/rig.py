@@ -111,10 +111,7 @@ class Rig:
         object.__setattr__(self, "_models", models)
 
     def readings(self, values: Mapping[str, float], starts: Array) -> Array:
-        """Return the readings of the sensors at the rows of the windows, shape (B, 2, n).
-
-        starts: (z, phi, z_dot, phi_dot) at the first rows, shape (B, 4).
-        """
+        """Return the readings at the rows, shape (B, 2, n), from states at the first, (B, 4)."""
         return self.read(values, self.motion(values, starts))
 
     def read(self, values: Mapping[str, float], track: Array) -> Array:
@@ -192,10 +189,8 @@ class Rig:
 def _impulses(times, commands, lag, when):
     """Return the integral of a held command behind a first-order lag, shape of `when`.
 
-    times, commands: Times [s] and the commands that hold from each of them on, shape (N,); before
-        the first time the first command holds, and the lag has settled.
-    lag: Time constant [s].
-    when: Times of the integral [s], shape (B, K), ascending in each row.
+    A command holds from its time on; before the first time the first one does, and the lag has
+    settled. `when` ascends in each row [s].
     """
     count = len(times)
     behind, whole = np.empty(count), np.zeros(count)  # lagged command and integral at each time
