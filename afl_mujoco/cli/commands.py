@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from afl_mujoco.cli.study import CORES, Workers, study_progress, write_page
 from afl_mujoco.cli.terminal import (
     CHECK_FAILED,
     FILMS,
@@ -37,16 +38,17 @@ FRAMES_A_SECOND = 60  # frames of a view per second
 
 @dataclass(frozen=True, kw_only=True)
 class _Deployed:
-    """How a controller is deployed in the runs that are shown."""
+    """How a controller is deployed."""
 
     timestep: float | None = None
-    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
-    period."""
+    """Physics step of MuJoCo, and spacing of the instants of an ODE [s]; by default the longest up
+    to 0.001 that divides the control period."""
     control_period: float | None = None
     """How long the force is held [s], a multiple of the timestep; by default that of the
     scenario, else one step."""
-    integrator: str = "RK4"
-    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    integrator: str | None = None
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast; RK4 by default, in `simulate` that
+    of the file's [replay]."""
     call_limit: CallLimit = None
 
     @property
@@ -54,7 +56,9 @@ class _Deployed:
         from afl_mujoco.films.replay import Deployment
 
         return Deployment(
-            timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
+            timestep=self.timestep,
+            control_period=self.control_period,
+            integrator=self.integrator or "RK4",
         )
 
 
@@ -75,8 +79,7 @@ class Render(_Deployed):
     """Width x height in pixels, even, at most 1920x1080."""
     fps: int = 30
     """Frames per second."""
-    workers: int = min(2, os.cpu_count() or 1)
-    """Number of processes that share the films."""
+    workers: Workers = CORES
     out: Path = FILMS
     """Folder for the films."""
 
@@ -219,12 +222,10 @@ class Regression:
     """Folder of the baselines."""
     update: bool = False
     """Make the current state the baselines, and print what changed."""
-    workers: int = min(2, os.cpu_count() or 1)
-    """Number of processes that share the work; the results do not depend on it."""
+    workers: Workers = CORES
 
     def run(self) -> int:
         """Run everything; compare, or update the baselines."""
-        from afl_mujoco.cli.study import study_progress
         from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.scenario.catalogue import SCENARIOS
         from afl_mujoco.studies.contract import counted
@@ -271,8 +272,6 @@ class Report:
 
     def run(self) -> int:
         """Read the folder, write the page."""
-        from afl_mujoco.cli.study import write_page
-
         page = write_page(self.folder, self.films)
         say(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
         return SUCCESS
@@ -286,7 +285,7 @@ Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulate:
+class Simulate(_Deployed):
     """Simulate one scenario with one controller; print its metrics, write the run and a figure.
 
     Example: afl-mujoco simulate step-step --controller adaptive --simulator sampled --compare
@@ -300,18 +299,8 @@ class Simulate:
     compare: bool = False
     """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE.
     The scenario must have no imperfections."""
-    timestep: float | None = None
-    """Physics step, and spacing of the reported instants [s]; by default the longest up to 0.001
-    that divides the control period."""
-    control_period: float | None = None
-    """How long sampled mode holds the force [s], a multiple of the timestep; by default
-    that of the scenario, else one step."""
-    integrator: str | None = None
-    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; by default that of
-    the file's [replay], else RK4."""
     log: bool = False
     """Write the run as a log that the hardware would write, for `afl-mujoco identify`."""
-    call_limit: CallLimit = None
     page: bool = True
     """Skip the figure; this command makes no report.html."""
     out: Path = Path("renders/simulate")

@@ -200,7 +200,8 @@ Cluster = Annotated[
     str | None,
     tyro.conf.arg(help="Share the work among the workers of a Dask cluster: tcp://host:port."),
 ]
-SHARED = {"workers": (Workers, min(2, os.cpu_count() or 1)), "cluster": (Cluster, None)}
+CORES = min(2, os.cpu_count() or 1)
+SHARED = {"workers": (Workers, CORES), "cluster": (Cluster, None)}
 """Options of a study that shares its work, by the name that its run has for them."""
 
 
