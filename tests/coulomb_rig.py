@@ -43,8 +43,8 @@ class CoulombRig:
         """What is to be found, by the names of the estimates."""
         return {
             "half_length": self.half_length, "cart_mass": self.cart_mass, "force": self.force,
-            "damping.z": self.rail_damping, "dry_friction.z": self.friction,
-            "damping.phi": self.hinge_damping, "delay": self.delay,
+            "rail_damping": self.rail_damping, "rail_friction": self.friction,
+            "hinge_damping": self.hinge_damping, "delay": self.delay,
         }  # fmt: skip
 
     def accelerations(self, state, force, way):

@@ -72,18 +72,14 @@ def compare() -> compare_study.Result:
 
 def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
     table = ((0.4, 0.5, 0.6), (0.4, 0.5, None))
-    held = margins_study.LoopGrid(
-        stable=((True, True, True), (True, True, False)),
-        **dict.fromkeys(("gain_decrease", "phase", "crossover", "disk", "disk_gain"), table),
-        disk_phase=table,
-        gain_increase=((gain_increase, None, None), (gain_increase, gain_increase, None)),
-        delay=((0.012, 0.03, 0.1), (0.013, 0.03, None)),
-    )
+    held = {
+        "stable": ((True, True, True), (True, True, False)),
+        **dict.fromkeys(margins_study.METRICS, table),
+        "gain_increase": ((gain_increase, None, None), (gain_increase, gain_increase, None)),
+        "delay": ((0.012, 0.03, 0.1), (0.013, 0.03, None)),
+    }
     full = ((0.4, 0.5, 0.6), (0.4, 0.5, 0.6))
-    continuous = margins_study.LoopGrid(
-        stable=((True,) * 3,) * 2, **dict.fromkeys(margins_study.METRICS, full)
-    )
-    both = margins_study.ControllerMargins(continuous=continuous, sampled=held)
+    continuous = {"stable": ((True,) * 3,) * 2, **dict.fromkeys(margins_study.METRICS, full)}
     return margins_study.Result(
         imperfections="none",
         control_period=1e-3,
@@ -92,12 +88,9 @@ def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
         pole_mass=0.05,
         gravity=9.81,
         linearisation_step=1e-5,
-        margins=dict.fromkeys(CONTROLLERS, both),
+        margins={key: {"continuous": continuous, "sampled": held} for key in CONTROLLERS},
         measured=tuple(
-            margins_study.DelayComparison(
-                controller="adaptive", cart_mass=0.1, half_length=length, margin=margin,
-                measured=measured,
-            )
+            margins_study.DelayComparison("adaptive", 0.1, length, margin, measured)
             for length, margin, measured in ((0.05, 0.012, 0.01206), (0.2, 0.03, None))
         ),
     )  # fmt: skip
@@ -108,11 +101,8 @@ def estimation() -> estimation_study.Result:
     mass = estimation_study.Tracking(
         rms={"0.05-1 s": 0.01, "1-6 s": 0.02, "6 s to the end": None},
         steps=(estimation_study.Step(at=1.0, reached_after=0.25, found_after=0.3),),
-        ramps=(),
     )
-    length = estimation_study.Tracking(
-        rms=mass.rms, steps=(), ramps=(estimation_study.Ramp(start=2.0, end=3.0, lag=0.1),)
-    )
+    length = estimation_study.Tracking(rms=mass.rms, steps=())
     loops = tuple(
         estimation_study.Loop(
             parameters=parameters, noise=noise, runs=2, completed=completed,
@@ -125,26 +115,16 @@ def estimation() -> estimation_study.Result:
     )  # fmt: skip
     return estimation_study.Result(
         controller="adaptive",
-        windows=("0.05-1 s", "1-6 s", "6 s to the end"),
-        found_within=0.1,
-        noise_z=1e-4,
-        noise_phi=5e-4,
         cases=(
             estimation_study.Case(
                 scenario="step-step",
                 cart_mass=(mass,),
                 half_length=(length,),
                 loops=loops,
-                curves=estimation_study.Curves(
-                    **dict.fromkeys(
-                        (
-                            "time", "cart_mass", "half_length", "true_cart_mass",
-                            "true_half_length", "estimated_time", "estimated_angle", "true_time",
-                            "true_angle",
-                        ),
-                        time,
-                    )
-                ),
+                curves={
+                    name: dict.fromkeys(("true", "estimated"), (time, time))
+                    for name in ("cart mass M [kg]", "half-length l [m]", "pole angle φ [rad]")
+                },
             ),
         ),
     )  # fmt: skip
@@ -184,7 +164,6 @@ def hardware() -> hardware_study.Result:
         limit=0.9, reason="as for the angle", value=0.49, at_least=True, suspected="the drive",
     )  # fmt: skip
     return hardware_study.Result(
-        source="logs",
         logs=(NASTY, "two"),
         fitted=("two",),
         identified=load_estimates(),
@@ -194,9 +173,6 @@ def hardware() -> hardware_study.Result:
         pole=blind,
         baselines={name: errors for name in ("nominal", "uncoupled", "constant_velocity")},
         statements=(judged, replace(judged, id="rig-0.5-phi", value=0.95, suspected="")),
-        speeds=(0.5, 12.0),
-        reach=0.2,
-        turned=7.0,
         band=np.array([[0.0, 0.5], [0.001, 0.01], [0.001, 0.1]]),
         recorded=made,
         survival=(

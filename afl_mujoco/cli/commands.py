@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from afl_mujoco.cli.study import CORES, Workers, study_progress, write_page
 from afl_mujoco.cli.terminal import (
     CHECK_FAILED,
     FILMS,
@@ -17,7 +18,6 @@ from afl_mujoco.cli.terminal import (
     SUCCESS,
     CallLimit,
     count_bar,
-    progress_bar,
     say,
     separated,
     typed,
@@ -32,25 +32,23 @@ if TYPE_CHECKING:
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.simulation.trajectory import Trajectory
 
-INDIFFERENT = ("out", "workers")
-"""Options that do not change the films."""
-
-FRAMES_A_SECOND = 60
-"""Frames of a view per second."""
+INDIFFERENT = ("out", "workers")  # options that do not change the films
+FRAMES_A_SECOND = 60  # frames of a view per second
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Deployed:
-    """How a controller is deployed in the runs that are shown."""
+    """How a controller is deployed."""
 
     timestep: float | None = None
-    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
-    period."""
+    """Physics step of MuJoCo, and spacing of the instants of an ODE [s]; by default the longest up
+    to 0.001 that divides the control period."""
     control_period: float | None = None
     """How long the force is held [s], a multiple of the timestep; by default that of the
     scenario, else one step."""
-    integrator: str = "RK4"
-    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
+    integrator: str | None = None
+    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast; RK4 by default, in `simulate` that
+    of the file's [replay]."""
     call_limit: CallLimit = None
 
     @property
@@ -58,7 +56,9 @@ class _Deployed:
         from afl_mujoco.films.replay import Deployment
 
         return Deployment(
-            timestep=self.timestep, control_period=self.control_period, integrator=self.integrator
+            timestep=self.timestep,
+            control_period=self.control_period,
+            integrator=self.integrator or "RK4",
         )
 
 
@@ -79,15 +79,12 @@ class Render(_Deployed):
     """Width x height in pixels, even, at most 1920x1080."""
     fps: int = 30
     """Frames per second."""
-    still: float | None = None
-    """Write the frame at this time [s] as a PNG, instead of each film."""
-    workers: int = min(2, os.cpu_count() or 1)
-    """Number of processes that share the films."""
+    workers: Workers = CORES
     out: Path = FILMS
     """Folder for the films."""
 
     def run(self) -> int:
-        """Make the films, or the stills."""
+        """Make the films."""
         from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.files import output_folder
         from afl_mujoco.graphics import require_backend
@@ -101,7 +98,7 @@ class Render(_Deployed):
             raise InvalidValueError("size", "must be WIDTHxHEIGHT, such as 1280x720", self.size)
         require_backend()
 
-        from afl_mujoco.films.video import make_films, plan, write_stills
+        from afl_mujoco.films.video import make_films, plan
 
         films = plan(
             scenarios,
@@ -112,11 +109,8 @@ class Render(_Deployed):
             command=typed("render", self, INDIFFERENT),
         )
         folder = output_folder(self.out)
-        if self.still is not None:
-            files = write_stills(films, self.still, folder)
-        else:
-            with count_bar(len(films), "filming") as progress:
-                files = make_films(films, folder, workers=self.workers, progress=progress)
+        with count_bar(len(films), "filming") as progress:
+            files = make_films(films, folder, workers=self.workers, progress=progress)
         say(*(f"wrote {file}" for file in files))
         return SUCCESS
 
@@ -172,17 +166,10 @@ class Log:
 
     def run(self) -> int:
         """Read the logs, draw them, print a table."""
-        from afl_mujoco.identification.description import load_description
-        from afl_mujoco.identification.log import read_logs
-        from afl_mujoco.identification.prediction import DESCRIPTION, FIT
+        from afl_mujoco.identification.prediction import FIT, described_logs
 
-        if bool(self.logs) != (self.description is not None):
-            thing = "description" if self.logs else "logs"
-            raise InvalidValueError(thing, "must be given: logs need their description")
-        description = load_description(
-            DESCRIPTION if self.description is None else self.description
-        )
-        logs = read_logs(self.logs or sorted(FIT.glob("*.csv"))[:1], description)
+        first = sorted(FIT.glob("*.csv"))[:1]
+        logs, description = described_logs(self.logs, self.description, first)
 
         import numpy as np
 
@@ -235,13 +222,13 @@ class Regression:
     """Folder of the baselines."""
     update: bool = False
     """Make the current state the baselines, and print what changed."""
-    workers: int = min(2, os.cpu_count() or 1)
-    """Number of processes that share the work; the results do not depend on it."""
+    workers: Workers = CORES
 
     def run(self) -> int:
         """Run everything; compare, or update the baselines."""
         from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.scenario.catalogue import SCENARIOS
+        from afl_mujoco.studies.contract import counted
         from afl_mujoco.studies.regression import (
             REGRESSED,
             compare,
@@ -255,8 +242,9 @@ class Regression:
         baselines = read(self.baselines)  # what is quick to check comes first
         scenarios = list(SCENARIOS.values())
         controllers = [CONTROLLERS[name] for name in REGRESSED]
-        with progress_bar(len(scenarios) * len(controllers), "validating") as progress:
-            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
+        with study_progress() as progress:
+            advance = counted(progress, "validating", len(scenarios) * len(controllers))
+            fresh = record_all(scenarios, controllers, workers=self.workers, progress=advance)
         if self.update:
             say(*update_baselines(self.baselines, baselines, fresh))
             return SUCCESS
@@ -284,8 +272,6 @@ class Report:
 
     def run(self) -> int:
         """Read the folder, write the page."""
-        from afl_mujoco.cli.study import write_page
-
         page = write_page(self.folder, self.films)
         say(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
         return SUCCESS
@@ -299,7 +285,7 @@ Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulate:
+class Simulate(_Deployed):
     """Simulate one scenario with one controller; print its metrics, write the run and a figure.
 
     Example: afl-mujoco simulate step-step --controller adaptive --simulator sampled --compare
@@ -313,18 +299,8 @@ class Simulate:
     compare: bool = False
     """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE.
     The scenario must have no imperfections."""
-    timestep: float | None = None
-    """Physics step, and spacing of the reported instants [s]; by default the longest up to 0.001
-    that divides the control period."""
-    control_period: float | None = None
-    """How long sampled mode holds the force [s], a multiple of the timestep; by default
-    that of the scenario, else one step."""
-    integrator: str | None = None
-    """MuJoCo's integrator in sampled mode: RK4, Euler, implicit, implicitfast; by default that of
-    the file's [replay], else RK4."""
     log: bool = False
     """Write the run as a log that the hardware would write, for `afl-mujoco identify`."""
-    call_limit: CallLimit = None
     page: bool = True
     """Skip the figure; this command makes no report.html."""
     out: Path = Path("renders/simulate")
@@ -340,8 +316,8 @@ class Simulate:
 
         from afl_mujoco.control.catalogue import find_controller
 
-        name = _first(self.controller, replay.controller, SUBJECT)
-        integrator = _first(self.integrator, replay.integrator, "RK4")
+        name = self.controller or (SUBJECT if replay.controller is None else replay.controller)
+        integrator = self.integrator or ("RK4" if replay.integrator is None else replay.integrator)
         timestep = replay.timestep if self.timestep is None else self.timestep
         controller = find_controller(name)
         if self.log:
@@ -374,12 +350,8 @@ class Simulate:
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
         runs[0].save(folder / f"{stem}.npz")
-        as_run = (
-            None
-            if replay == Replay()
-            else Replay(controller=name, integrator=integrator, timestep=timestep)
-        )
-        save_scenario(scenario, resolved, replay=as_run)
+        as_run = Replay(controller=name, integrator=integrator, timestep=timestep)
+        save_scenario(scenario, resolved, replay=None if replay == Replay() else as_run)
         others = [f"{scenario.name}.toml"]
         if self.page:
             others.insert(0, f"{stem}.png")
@@ -406,7 +378,6 @@ class Simulate:
         return CHECK_FAILED if run.missed else SUCCESS
 
     def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
-        """Run one simulator."""
         from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.ode import simulate_ode
@@ -421,8 +392,3 @@ class Simulate:
             control_period=self.control_period,
             integrator=self.integrator or "RK4",
         )
-
-
-def _first(*choices: str | None) -> str:
-    """Return the first choice that was made."""
-    return next(choice for choice in choices if choice is not None)

@@ -45,10 +45,7 @@ OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    arguments: Arguments; ``sys.argv[1:]`` by default.
-    """
+    """Run the command line, by default that of the process."""
     output, errors = Output(sys.stdout), Output(sys.stderr)
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
         code = _run(arguments)

@@ -114,8 +114,7 @@ def _reproduce(records: Sequence[Record], warnings: Sequence[str]) -> Section:
     return Section("Reproduce", "reproduce", blocks)
 
 
-MOST_TOLD = 4
-"""Largest number of scenario files in a folder that are named one by one."""
+MOST_TOLD = 4  # largest number of scenario files in a folder that are named one by one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,27 +190,19 @@ class StudyCommand:
         return kind(**{field.name: separated(getattr(self, field.name)) for field in fields(kind)})
 
 
-@dataclass(frozen=True, kw_only=True)
-class Workers:
-    """Option of a study that shares its work among workers."""
-
-    workers: int = min(2, os.cpu_count() or 1)
-    """Number of processes or threads that share the work; the results do not depend on it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limited:
-    """Option of a study that runs controllers."""
-
-    call_limit: CallLimit = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cluster:
-    """Option of a study that can run on a cluster."""
-
-    cluster: str | None = None
-    """Share the work among the workers of a Dask cluster: tcp://host:port."""
+Workers = Annotated[
+    int,
+    tyro.conf.arg(
+        help="Number of processes or threads that share the work; the results do not depend on it."
+    ),
+]
+Cluster = Annotated[
+    str | None,
+    tyro.conf.arg(help="Share the work among the workers of a Dask cluster: tcp://host:port."),
+]
+CORES = min(2, os.cpu_count() or 1)
+SHARED = {"workers": (Workers, CORES), "cluster": (Cluster, None)}
+"""Options of a study that shares its work, by the name that its run has for them."""
 
 
 def study_commands(chosen: str | None = None) -> list[Any]:
@@ -272,16 +263,13 @@ def study_progress() -> Iterator[Progress]:
 
 def _command(study: Study) -> Any:
     """Return the command of a study: its configuration's options, then those of every study."""
-    mixed: list[type] = [k for k in (Workers, Cluster) if study.takes(k.__name__.lower())]
+    own: list[Any] = [(name, *option) for name, option in SHARED.items() if study.takes(name)]
     if "controllers" in (field.name for field in fields(study.configuration)):
-        mixed.insert(0, Limited)
-    members: dict[str, Any] = {
-        "__doc__": study.configuration.__doc__,
-        "__module__": __name__,
-        "__annotations__": {},
-        "study": study,
-    }
-    name = f"{study.configuration.__name__}Command"
-    made = type(name, (StudyCommand, *mixed, study.configuration), members)
-    command: Any = plain_help(dataclass(frozen=True, kw_only=True)(made))
+        own.insert(0, ("call_limit", CallLimit, None))
+    made = make_dataclass(
+        f"{study.configuration.__name__}Command", own, bases=(StudyCommand, study.configuration),
+        namespace={"__doc__": study.configuration.__doc__, "__module__": __name__, "study": study},
+        frozen=True, kw_only=True,
+    )  # fmt: skip
+    command: Any = plain_help(made)
     return Annotated[command, tyro.conf.subcommand(study.name)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import itertools
 import os
 import shlex
 import time
@@ -34,8 +33,7 @@ CallLimit = Annotated[
 ]
 """Option of a command that runs controllers."""
 
-SECONDS = 30.0
-"""Time between two lines of progress if there is no terminal [s]."""
+SECONDS = 30.0  # time between two lines of progress if there is no terminal [s]
 
 
 def separated(value: Any) -> Any:
@@ -55,7 +53,6 @@ def numbers_apart(words: Sequence[str]) -> list[str]:
 
 
 def _is_number(text: str) -> bool:
-    """Return whether a text is a number."""
     try:
         float(text)
     except ValueError:
@@ -81,14 +78,6 @@ def say(*lines: object) -> None:
     """Print lines that may hold names of files and of what is in them."""
     for line in lines:
         print(printable(str(line)))
-
-
-@contextlib.contextmanager
-def progress_bar(total: int, doing: str) -> Iterator[Callable[[str], None]]:
-    """Yield a function that advances a bar by one, given the name of what was done."""
-    with bars() as add:
-        update, done = add(doing, total), itertools.count(1)
-        yield lambda what: update(next(done), what)
 
 
 @contextlib.contextmanager

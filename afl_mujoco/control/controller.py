@@ -11,14 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.gains import scheduled_gain
 from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force
-from afl_mujoco.errors import ControllerDomainError
+from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 
 AFL, LINEAR, PARTIAL = 0, 1, 2
 """Kinds of controller: the paper's control law (L1)-(L10); state feedback ``F = -k x``; state
 feedback ``u = -k x`` through the input map (L1)."""
-
-_linearizing_force = linearizing_force
 
 
 class CompiledController(NamedTuple):
@@ -33,10 +31,7 @@ class CompiledController(NamedTuple):
 
 @kernel
 def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
-    """Return the force [N] of the control law with the gains of (G1), NaN where it has no value.
-
-    w: Coefficients of the gain function, shape (3, 5).
-    """
+    """Return the force [N] of the control law with the gains of (G1), NaN where it has no value."""
     cart_mass, pole_mass, half_length, gravity = assumed
     return force_kernel(
         z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
@@ -62,20 +57,12 @@ def _weights(grid, value):
     left = min(max(np.searchsorted(grid, value, side="right") - 1, 0), last - 1)
     right, before, after = left + 1, max(left - 1, 0), min(left + 2, last)
     width = grid[right] - grid[left]
-    t = (value - grid[left]) / width
-    if t < 0.0:
-        t = 0.0
-    if t > 1.0:
-        t = 1.0
+    t = min(max((value - grid[left]) / width, 0.0), 1.0)
     rising = t * t * (3.0 - 2.0 * t)
     slope_left = t * (1.0 - t) * (1.0 - t) * width / (grid[right] - grid[before])
     slope_right = -t * t * (1.0 - t) * width / (grid[after] - grid[left])
-    return (before, left, right, after), (
-        -slope_left,
-        1.0 - rising - slope_right,
-        rising + slope_left,
-        slope_right,
-    )
+    weights = -slope_left, 1.0 - rising - slope_right, rising + slope_left, slope_right
+    return (before, left, right, after), weights
 
 
 @kernel
@@ -84,10 +71,6 @@ def interpolated_gains(table, masses, lengths, cart_mass, half_length):
 
     Their slopes are continuous, so that fixed steps stay accurate along a ramp of M or l; the
     reference integrator ends a step at every node.
-
-    table: Gains at the nodes, shape (len(masses), len(lengths), 4).
-    masses, lengths: Nodes M [kg] and l [m], increasing.
-    cart_mass, half_length: The plant's M [kg] and l [m].
     """
     rows, row_weights = _weights(masses, cart_mass)
     columns, column_weights = _weights(lengths, half_length)
@@ -111,9 +94,7 @@ def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains):
         return feedback
     if kind == PARTIAL:
         cart_mass, pole_mass, half_length, gravity = assumed
-        return _linearizing_force(
-            feedback, phi, phi_dot, cart_mass, pole_mass, half_length, gravity
-        )
+        return linearizing_force(feedback, phi, phi_dot, cart_mass, pole_mass, half_length, gravity)
     return np.nan
 
 
@@ -134,10 +115,7 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
 
 @kernel
 def force_from_inputs(kind, state, inputs):
-    """Return the force [N] from gains already looked up, equal to `compiled_force` bit for bit.
-
-    state: (z, phi, z_dot, phi_dot), shape (4,).
-    """
+    """Return the force [N] from gains already looked up, equal to `compiled_force` bit for bit."""
     if kind == AFL:
         return afl_force(state, inputs)
     return _feedback_force(
@@ -148,10 +126,7 @@ def force_from_inputs(kind, state, inputs):
 
 @kernel
 def forces_along(kind, states, inputs):
-    """Return the force at each of many states, shape (N,).
-
-    inputs: As in `force_from_inputs`, shape (N, 7) or (N, 8).
-    """
+    """Return the force at each of many states, shape (N,)."""
     forces = np.empty(len(states))
     for i in range(len(states)):
         forces[i] = force_from_inputs(kind, states[i], inputs[i])
@@ -160,10 +135,7 @@ def forces_along(kind, states, inputs):
 
 @kernel
 def inputs_along(kind, table, masses, lengths, assumed):
-    """Return the inputs of a controller at each of many instants: assumed (M, m, l, g), gains.
-
-    assumed: Assumed (M, m, l, g) at each instant, shape (N, 4).
-    """
+    """Return the inputs of a controller for many assumed (M, m, l, g): these and its gains."""
     count = 7 if kind == AFL else 8
     inputs = np.empty((len(assumed), count))
     for i in range(len(assumed)):
@@ -199,8 +171,8 @@ class Controller(Protocol):
     belief
         Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
         (decision D7).
-    interpreted
-        Whether it is called by the interpreter, through `command`, and has no compiled form.
+    interpreted, not_compiled
+        Whether it is called by the interpreter, through `command`; why it has no compiled form.
     estimates
         Whether M, l and the state are estimated from measured positions, in sampled mode only.
     """
@@ -208,24 +180,22 @@ class Controller(Protocol):
     name: str
     belief: CartPoleParameters | None
     interpreted: ClassVar[bool] = False
+    not_compiled: ClassVar[str] = ""
     estimates: ClassVar[bool] = False
 
     @property
     def kind(self) -> int:
         """Which control law it is in compiled loops; raises if it has no compiled form."""
-        ...
+        raise InvalidValueError(f"controller {self.name!r}", self.not_compiled)
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
         """Return the controller as compiled loops take it, valid for these plants, or raise."""
-        ...
+        raise InvalidValueError(f"controller {self.name!r}", self.not_compiled)
 
     def estimator_for(self, start: CartPoleParameters) -> Estimator | None:
         """Return the estimator of M, l and the state, None if there is none.
 
-        Parameters
-        ----------
-        start
-            The plant at the start of the run, all that may be known of it.
+        The plant at the start of the run is all that may be known of it.
         """
         return None
 
@@ -246,15 +216,7 @@ class Controller(Protocol):
         return []
 
     def estimator_remarks(self, start: CartPoleParameters, plants: PlantRange) -> list[str]:
-        """Return remarks on an estimator that cannot follow a run, one sentence each.
-
-        Parameters
-        ----------
-        start
-            The plant at the start of the run.
-        plants
-            The plants of the run.
-        """
+        """Return remarks on an estimator that cannot follow a run, one sentence each."""
         return []
 
     def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -272,13 +234,7 @@ class Controller(Protocol):
     def assumed_parameters(
         self, cart_mass: float, pole_mass: float, half_length: float, gravity: float
     ) -> tuple[float, float, float, float]:
-        """Return the (M, m, l, g) that the controller assumes of a plant.
-
-        Parameters
-        ----------
-        cart_mass, pole_mass, half_length, gravity
-            The plant's true parameters now [kg, kg, m, m/s^2].
-        """
+        """Return the (M, m, l, g) [kg, kg, m, m/s^2] that the controller assumes of a plant."""
         b = self.belief
         if b is None:
             return cart_mass, pole_mass, half_length, gravity
@@ -304,11 +260,9 @@ class Controller(Protocol):
         """
         z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
         p = truth
-        assumed_parameters = self.assumed_parameters(
-            p.cart_mass, p.pole_mass, p.half_length, p.gravity
-        )
+        assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
         compiled = self.compiled_for(PlantRange.of(p))
-        force = float(compiled_force(*compiled, z, phi, z_dot, phi_dot, assumed_parameters))
+        force = float(compiled_force(*compiled, z, phi, z_dot, phi_dot, assumed))
         if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
             raise ControllerDomainError(
                 "pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad"
@@ -316,17 +270,7 @@ class Controller(Protocol):
         return force
 
     def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
-        """Return the force [N], NaN where the controller has none.
-
-        Parameters
-        ----------
-        time
-            Time [s]; used only by a Python controller.
-        state
-            (z, phi, z_dot, phi_dot), shape (4,).
-        assumed
-            Assumed (M, m, l, g), shape (4,).
-        """
+        """Return the force [N] at a state and an assumed (M, m, l, g), NaN where it has none."""
         x = np.asarray(state, dtype=np.float64).tolist()
         compiled = self.compiled_for(_range_of(assumed[None]))
         return float(compiled_force(*compiled, *x, tuple(assumed.tolist())))
@@ -334,15 +278,7 @@ class Controller(Protocol):
     def assumed_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
-        """Return the assumed (M, m, l, g) along a run, shape (..., 4).
-
-        Parameters
-        ----------
-        cart_mass, half_length
-            True M [kg] and l [m], both of shape (...).
-        pole_mass, gravity
-            True m [kg] and g [m/s^2].
-        """
+        """Return the assumed (M, m, l, g) for true M and l of shape (...), shape (..., 4)."""
         masses = np.asarray(cart_mass, dtype=np.float64)
         assumed = np.empty((*masses.shape, 4))
         assumed[...] = self.assumed_parameters(np.nan, pole_mass, np.nan, gravity)
@@ -355,23 +291,8 @@ class Controller(Protocol):
     ) -> NDArray[np.float64]:
         """Return the inputs of the compiled controller along a run: assumed (M, m, l, g), gains.
 
-        Parameters
-        ----------
-        cart_mass, half_length
-            True M [kg] and l [m], both of shape (...).
-        pole_mass, gravity
-            True m [kg] and g [m/s^2].
-
-        Returns
-        -------
-        ndarray
-            Assumed parameters and gains, shape (..., 7) or (..., 8): the paper's controller has
-            three gains, state feedback four.
-
-        Raises
-        ------
-        InvalidValueError
-            If a gain breaks its rule.
+        For true M and l of shape (...), shape (..., 7) or (..., 8): the paper's controller has
+        three gains, state feedback four. Raises if a gain breaks its rule.
         """
         assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
         rows = assumed.reshape(-1, 4)
@@ -384,16 +305,9 @@ class Controller(Protocol):
         inputs: NDArray[np.float64],
         times: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the force [N] at each of many states; NaN outside the controller's domain.
+        """Return the force [N] at each of N states, shape (N, 4); NaN outside its domain.
 
-        Parameters
-        ----------
-        states
-            Shape (N, 4).
-        inputs
-            From `inputs_along_run`, shape (N, 7) or (N, 8).
-        times
-            Times [s], shape (N,); used only by a Python controller.
+        Inputs are those of `inputs_along_run`; only a Python controller uses the times [s].
         """
         return np.asarray(
             forces_along(self.kind, np.ascontiguousarray(states), np.ascontiguousarray(inputs))
@@ -402,15 +316,7 @@ class Controller(Protocol):
     def saturation_ratio(
         self, states: NDArray[np.float64], inputs: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Return s / Phi at each of many states, None without a boundary layer.
-
-        Parameters
-        ----------
-        states
-            Shape (N, 4).
-        inputs
-            From `inputs_along_run`, shape (N, 7) or (N, 8).
-        """
+        """Return s / Phi at each of N states, for `forces`; None without a boundary layer."""
         return None
 
 

@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, ClassVar
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import kernel
-from afl_mujoco.control.controller import CompiledController, Controller, Estimator
+from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
-from afl_mujoco.scenario.values import require_positive, require_type
+from afl_mujoco.scenario.values import (
+    Positive,
+    Switch,
+    check_fields,
+    require_positive,
+    require_type,
+)
 
-STATES = 6
-"""Length of the estimator's state."""
+STATES = 6  # length of the estimator's state
 
 
 @kernel
 def accelerations(phi, phi_dot, force, plant):
-    """Return (z'', phi'') [m/s^2, rad/s^2], Eq. (E1).
-
-    phi, phi_dot: Pole angle [rad] and its rate [rad/s].
-    force: Force on the cart [N].
-    """
+    """Return (z'', phi'') [m/s^2, rad/s^2] under a force on the cart [N], Eq. (E1)."""
     cart_mass, pole_mass, half_length, gravity = plant
     sin, cos = np.sin(phi), np.cos(phi)
     inertia = (cart_mass + pole_mass) - 0.75 * pole_mass * cos * cos
@@ -38,11 +39,7 @@ def accelerations(phi, phi_dot, force, plant):
 
 @kernel
 def moved(z, phi, z_dot, phi_dot, force, plant, dt):
-    """Return (z, phi, z_dot, phi_dot) after `dt` under a held force: one step of RK4, Eq. (E2).
-
-    force: Force on the cart [N].
-    dt: Length of the step [s].
-    """
+    """Return (z, phi, z_dot, phi_dot) after `dt` under a held force: one step of RK4, Eq. (E2)."""
     half = 0.5 * dt
     z1, p1 = accelerations(phi, phi_dot, force, plant)
     z2, p2 = accelerations(phi + half * phi_dot, phi_dot + half * p1, force, plant)
@@ -58,11 +55,7 @@ def moved(z, phi, z_dot, phi_dot, force, plant, dt):
 
 @kernel
 def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
-    """Write the derivatives of z'' and phi'' with respect to the states, Eq. (E3).
-
-    phi, phi_dot: Pole angle [rad] and its rate [rad/s].
-    force: Force on the cart [N].
-    """
+    """Write the derivatives of z'' and phi'' with respect to the states, Eq. (E3)."""
     cart_mass, pole_mass, half_length, gravity = plant
     sin, cos = np.sin(phi), np.cos(phi)
     cart, pole = accelerations(phi, phi_dot, force, plant)
@@ -84,11 +77,7 @@ def linearise(phi, phi_dot, force, plant, cart_row, pole_row):
 
 @kernel
 def fill_transition(cart_row, pole_row, dt, transition):
-    """Write the transition matrix I + A dt + (A dt)^2 / 2 of the six states, Eq. (E4).
-
-    dt: Length of the step [s].
-    transition: Written, shape (6, 6).
-    """
+    """Write the transition matrix I + A dt + (A dt)^2 / 2 of the six states, Eq. (E4)."""
     half = 0.5 * dt * dt
     cart_by_phi, cart_by_rate = cart_row[1], cart_row[3]
     pole_by_phi, pole_by_rate = pole_row[1], pole_row[3]
@@ -107,12 +96,9 @@ def fill_transition(cart_row, pole_row, dt, transition):
 
 
 FILTER = np.dtype(
-    [
-        *(("state", np.float64, (STATES,)), ("covariance", np.float64, (STATES, STATES))),
-        *(("excitation", np.float64, (2,)), ("nis", np.float64)),
-        *((name, np.float64, (STATES, STATES)) for name in ("transition", "product")),
-        *((name, np.float64, (STATES,)) for name in ("cart_row", "pole_row", "gain", "row")),
-    ]
+    [("excitation", np.float64, (2,)), ("nis", np.float64)]
+    + [(n, np.float64, (STATES, STATES)) for n in ("covariance", "transition", "product")]
+    + [(n, np.float64, (STATES,)) for n in ("state", "cart_row", "pole_row", "gain", "row")]
 )
 """State (z, phi, z', phi', ln M, ln l) and covariance; moving means of z'' and l phi'' [m/s^2]; the
 normalised innovation squared (NIS) of the last update; work space."""
@@ -142,10 +128,7 @@ def filtered_state(filter_):
 
 @kernel
 def start(filter_, settings, z, phi):
-    """Begin with the first measurement and return the initial estimates of M [kg] and l [m].
-
-    z, phi: Measured position [m] and angle [rad].
-    """
+    """Begin with the first measurement and return the initial estimates of M [kg] and l [m]."""
     filter_.nis = 0.0
     for i in range(STATES):
         filter_.state[i] = 0.0
@@ -167,13 +150,14 @@ def start(filter_, settings, z, phi):
 def update(filter_, settings, z, phi, force, dt):
     """Process one control period and return the estimates of M [kg] and l [m].
 
-    z, phi: Position [m] and angle [rad] measured at the end of the period.
-    force: Force on the cart over the period, its mean if it was not constant [N].
-    dt: Length of the period [s].
+    z [m] and phi [rad] are measured at its end; the force [N] is its mean over the period.
     """
     _predict(filter_, settings, force, dt)
     if not abs(filter_.state[3]) * dt < LARGEST_TURN:
-        return _start_anew(filter_, settings, z, phi)
+        mass, length = filter_.state[4], filter_.state[5]
+        start(filter_, settings, z, phi)
+        filter_.state[4], filter_.state[5] = mass, length
+        return estimate(filter_)
     learns = (_learns(filter_, settings, 0), _learns(filter_, settings, 1))
     nis = _correct(filter_, 0, z, settings.position_variance, learns)
     nis += _correct(filter_, 1, phi, settings.angle_variance, learns)
@@ -184,15 +168,6 @@ def update(filter_, settings, z, phi, force, dt):
             filter_.covariance[j, j] = max(filter_.covariance[j, j], settings.least_variance[i])
         within = max(filter_.state[j], settings.ln_lowest[i])
         filter_.state[j] = min(within, settings.ln_highest[i])
-    return estimate(filter_)
-
-
-@kernel
-def _start_anew(filter_, settings, z, phi):
-    """Restart with a measurement, but keep the estimates of M and l."""
-    mass, length = filter_.state[4], filter_.state[5]
-    start(filter_, settings, z, phi)
-    filter_.state[4], filter_.state[5] = mass, length
     return estimate(filter_)
 
 
@@ -277,24 +252,28 @@ def _correct(filter_, which, measured, variance, learns):
 
 
 SETTINGS = np.dtype(
-    [
-        *(("position_variance", np.float64), ("angle_variance", np.float64)),
-        ("acceleration_intensity", np.float64),
-        *(
-            (name, np.float64, (2,))  # of M, then of l
-            for name in (
-                *("least_variance", "least_excitation"),
-                *("ln_start", "ln_variance", "ln_lowest", "ln_highest"),
-            )
-        ),
-        *(("speed_variance", np.float64), ("rate_variance", np.float64)),
-        *(("excitation_memory", np.float64), ("pole_mass", np.float64), ("gravity", np.float64)),
-        ("force_sensed", np.int64),
-    ]
-)
+    [(name, np.float64) for name in (
+        "position_variance", "angle_variance", "acceleration_intensity", "speed_variance",
+        "rate_variance", "excitation_memory", "pole_mass", "gravity",
+    )]
+    + [(name, np.float64, (2,)) for name in (  # of M, then of l
+        "least_variance", "least_excitation", "ln_start", "ln_variance", "ln_lowest", "ln_highest",
+    )]
+    + [("force_sensed", np.int64)]
+)  # fmt: skip
 """The settings as the compiled estimator takes them, SI units."""
 
-_RANGES = ("cart_mass_range", "half_length_range")
+
+def _range(name: str, value: object) -> tuple[float, float]:
+    """Return a range as two floats, or raise unless they are positive and increasing."""
+    require_type(name, value, Iterable)
+    numbers = tuple(require_positive(name, x) for x in value)  # type: ignore[attr-defined]
+    if len(numbers) != 2 or not numbers[0] < numbers[1]:
+        raise InvalidValueError(name, "must be two increasing numbers", numbers)
+    return numbers[0], numbers[1]
+
+
+Range = Annotated[tuple[float, float], _range]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,56 +283,50 @@ class EstimatorSettings:
     # standard deviation of the measured z [m] and phi [rad]; for an encoder that only rounds, its
     # step over the square root of 12. The defaults are for steps of 0.35 mm and 3600 counts per
     # turn
-    position_noise: float = 1e-4
-    angle_noise: float = 5e-4
+    position_noise: Positive = 1e-4
+    angle_noise: Positive = 5e-4
     # intensity of the white acceleration of the cart that the model does not know, from forces that
     # are not measured [m/s^2/sqrt(Hz)]. A larger value makes the estimate of M more robust against
     # friction, and more biased at rest: the controller reacts to the noise that passes the filter
-    acceleration_noise: float = 0.01
+    acceleration_noise: Positive = 0.01
     # least relative standard deviation of M and l while the motion is excited [1]: it keeps the
     # filter able to follow a change of M or l
-    cart_mass_accuracy: float = 0.1
-    half_length_accuracy: float = 0.1
+    cart_mass_accuracy: Positive = 0.1
+    half_length_accuracy: Positive = 0.1
     # excitation: an estimate of M or l that has reached that accuracy is frozen while the moving
     # mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a settled cart-pole is the
     # noise of its own sensors, from which nothing is learned
-    least_cart_acceleration: float = 0.05
-    least_pole_acceleration: float = 0.03
-    excitation_memory: float = 0.3  # time constant of that moving mean [s]
+    least_cart_acceleration: Positive = 0.05
+    least_pole_acceleration: Positive = 0.03
+    excitation_memory: Positive = 0.3  # time constant of that moving mean [s]
     # M and l assumed before the first measurement [kg, m]. A light cart makes the first force
     # gentle: an estimate that is too light costs milliseconds, one that is too heavy can cost the
     # run
-    initial_cart_mass: float = 0.1
-    initial_half_length: float = 0.5
+    initial_cart_mass: Positive = 0.1
+    initial_half_length: Positive = 0.5
     # standard deviation of the logarithms of M and l before the first measurement [1]
-    cart_mass_spread: float = 1.5
-    half_length_spread: float = 1.0
+    cart_mass_spread: Positive = 1.5
+    half_length_spread: Positive = 1.0
     # standard deviation of the velocities, which are assumed to be zero then [m/s, rad/s]
-    speed_spread: float = 1.0
-    rate_spread: float = 1.0
+    speed_spread: Positive = 1.0
+    rate_spread: Positive = 1.0
     # least and largest M [kg] and l [m] that are ever assumed, as one knows them of the hardware
     # and its loads. By default the box of the paper, widened by a quarter at either end, and half
     # to twice the M and l at the start of a run: the plant as it is set up is known, what it
     # becomes is not. A plant beyond them is estimated at the bound, which a remark says
-    cart_mass_range: tuple[float, float] | None = None
-    half_length_range: tuple[float, float] | None = None
+    cart_mass_range: Range | None = None
+    half_length_range: Range | None = None
     # m [kg] and g [m/s^2], which are known: by default those of the scenario
-    pole_mass: float | None = None
-    gravity: float | None = None
+    pole_mass: Positive | None = None
+    gravity: Positive | None = None
     # whether the drive reports the force that it exerts, as a drive that measures its current does.
     # Otherwise the estimator gets the command, cut off at the force limit, which ignores a delay, a
     # slew rate or a lag of the drive
-    force_sensed: bool = False
+    force_sensed: Switch = False
 
     def __post_init__(self) -> None:
-        """Validate every field and store its numbers as floats."""
-        require_type("force_sensed", self.force_sensed, bool)
-        for one in fields(self)[:-1]:
-            name, value = one.name, getattr(self, one.name)
-            if value is None and one.default is None:
-                continue
-            checked = _range(name, value) if name in _RANGES else require_positive(name, value)
-            object.__setattr__(self, name, checked)
+        """Check every field by its type, and that the first assumption is in its range."""
+        check_fields(self)
         for name in ("cart_mass", "half_length"):
             least, largest = getattr(self, f"{name}_range") or (0.0, math.inf)
             value = getattr(self, f"initial_{name}")
@@ -372,10 +345,6 @@ class EstimatorSettings:
         pole_mass = start.pole_mass if self.pole_mass is None else self.pole_mass
         gravity = start.gravity if self.gravity is None else self.gravity
         assumed = PlantRange(masses, lengths, pole_mass, gravity)
-        return self._record(assumed), assumed
-
-    def _record(self, assumed: PlantRange) -> Any:
-        """Return the settings as the compiled estimator takes them."""
         found = np.zeros(1, SETTINGS)
         lowest, highest = np.log([assumed.cart_mass, assumed.half_length]).T
         values = {
@@ -397,11 +366,10 @@ class EstimatorSettings:
         }
         for name, value in values.items():
             found[name] = value
-        return found[0]
+        return found[0], assumed
 
 
-MORE = 1.25
-"""Factor by which an estimate may go beyond the usual plants at either end."""
+MORE = 1.25  # factor by which an estimate may go beyond the usual plants at either end
 
 CHANGED = 2.0
 """Factor by which an estimate may go beyond the plant at the start of a run: a load as heavy as the
@@ -413,17 +381,7 @@ def _around(start: float, usual: tuple[float, ...]) -> tuple[float, float]:
     return min(start / CHANGED, min(usual) / MORE), max(start * CHANGED, max(usual) * MORE)
 
 
-def _range(name: str, value: object) -> tuple[float, float]:
-    """Return a range as two floats, or raise unless they are positive and increasing."""
-    require_type(name, value, Iterable)
-    numbers = tuple(require_positive(name, x) for x in value)  # type: ignore[attr-defined]
-    if len(numbers) != 2 or not numbers[0] < numbers[1]:
-        raise InvalidValueError(name, "must be two increasing numbers", numbers)
-    return numbers[0], numbers[1]
-
-
-GRID = 11
-"""Number of values of M, and of l, for which gains are checked before a run."""
+GRID = 11  # number of values of M, and of l, for which gains are checked before a run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -437,6 +395,7 @@ class EstimatedController(Controller):
     # none: the assumed parameters change along the run
     belief: CartPoleParameters | None = field(default=None, init=False)
     estimates: ClassVar[bool] = True
+    not_compiled: ClassVar[str] = 'uses the estimator; only mode "sampled" supports it'
 
     def __post_init__(self) -> None:
         """Validate the kind of every field."""
@@ -449,20 +408,6 @@ class EstimatedController(Controller):
         if self.controller.belief is not None:
             rule = "must not assume constant parameters"
             raise InvalidValueError(thing, rule, self.controller.name)
-
-    @property
-    def kind(self) -> int:
-        """Raise: a loop without the estimator cannot run it."""
-        raise self._refusal()
-
-    def compiled_for(self, plants: PlantRange) -> CompiledController:
-        """Raise, as `kind`."""
-        raise self._refusal()
-
-    def _refusal(self) -> InvalidValueError:
-        """Return the error to raise where a form without the estimator is needed."""
-        rule = 'uses the estimator; only mode "sampled" supports it'
-        return InvalidValueError(f"controller {self.name!r}", rule)
 
     def estimator_for(self, start: CartPoleParameters) -> Estimator:
         """Return controller and settings as compiled loops take them."""
@@ -515,4 +460,4 @@ def require_no_estimator(controllers: Iterable[Controller]) -> None:
     """Raise if a controller uses the estimator: call before runs that do not support it."""
     for controller in controllers:
         if controller.estimates:
-            _ = controller.kind
+            raise InvalidValueError(f"controller {controller.name!r}", controller.not_compiled)

@@ -25,14 +25,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.controller import CompiledController, Controller, assumed_as_data
-from afl_mujoco.control.names import ESTIMATED
+from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
+from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.values import require_positive, require_type
 
-ARGUMENTS = (0.0, np.zeros(4), None)
-"""As many arguments as a controller's function takes."""
+ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
 
 _WRITES = ("STORE_GLOBAL", "DELETE_GLOBAL", "STORE_DEREF", "DELETE_DEREF")
 """Instructions that write a variable which outlives a call, or which an inner function shares."""
@@ -185,9 +183,8 @@ thousand runs, would take a day."""
 @contextlib.contextmanager
 def calls_limited_to(seconds: float | None) -> Iterator[None]:
     """Give controllers that are made within the block this limit [s]; None changes nothing."""
-    before = _limit.set(
-        _limit.get() if seconds is None else require_positive("call_limit", seconds)
-    )
+    limit = _limit.get() if seconds is None else require_positive("call_limit", seconds)
+    before = _limit.set(limit)
     try:
         yield
     finally:
@@ -232,6 +229,7 @@ class PythonController(Controller):
     first_call_limit: float = FIRST_CALL_LIMIT
     called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
+    not_compiled: ClassVar[str] = "is written in Python, which this simulator does not run"
 
     def __post_init__(self) -> None:
         """Validate the kind of every field, and that a run can be started."""
@@ -260,27 +258,8 @@ class PythonController(Controller):
         plain = not self.stateful or makes_controllers(self.function)
         return "" if plain else why_it_remembers(self.function)
 
-    @property
-    def kind(self) -> int:
-        """Raise: a Python controller has no compiled form."""
-        raise self._refusal()
-
-    def compiled_for(self, plants: PlantRange) -> CompiledController:
-        """Raise, as `kind`."""
-        raise self._refusal()
-
-    def _refusal(self) -> InvalidValueError:
-        """Return the error to raise where a compiled form is needed."""
-        rule = "is written in Python, which this simulator does not run"
-        return InvalidValueError(f"controller {self.name!r}", rule)
-
     def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
-        """Return the force [N], NaN where the controller has none.
-
-        time: Time [s].
-        state: (z, phi, z_dot, phi_dot), shape (4,).
-        assumed: Assumed (M, m, l, g), shape (4,).
-        """
+        """Return the force [N] at a state and an assumed (M, m, l, g), NaN where it has none."""
         mass, pole_mass, length, gravity = (float(x) for x in assumed)
         belief = CartPoleParameters(
             cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
@@ -310,22 +289,16 @@ class PythonController(Controller):
             if isinstance(error, AttributeError) and error.obj is belief:
                 rule += f"; belief has {', '.join(one.name for one in fields(belief))}"
             raise ControllerError(f"controller {self.name!r}", rule) from error
-        return self._number(value, time)
+        try:
+            return _as_float(value)
+        except Exception:  # of any library
+            rule = f"must return one number at t = {time:g} s"
+            raise ControllerError(f"controller {self.name!r}", rule, _seen(value)) from None
 
     @property
     def _known_as(self) -> str:
         """What it is called in messages about it, the same in every run."""
         return self.spec or self.name
-
-    def _number(self, value: Any, time: float) -> float:
-        """Return what the controller returned as a float."""
-        try:
-            return _as_float(value)
-        except Exception:  # of any library
-            shape = _shape(value)
-        got = f"an array of shape {shape}" if shape else told(value, repr)
-        rule = f"must return one number at t = {time:g} s"
-        raise ControllerError(f"controller {self.name!r}", rule, got) from None
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
         """Return the force [N] at one state, NaN where it has none; see `Controller.force`."""
@@ -352,9 +325,8 @@ class PythonController(Controller):
 
     def __reduce__(self) -> Any:
         """Pickle a controller that was loaded by name by that name."""
-        function = self.function if self.spec is None else None
-        limits = self.call_limit, self.first_call_limit
-        return _restored, (self.name, function, self.belief, *limits, self.spec, self.stateful)
+        given = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+        return _restored, (given if self.spec is None else {**given, "function": None},)
 
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance: its name and a hash of its file."""
@@ -390,35 +362,19 @@ def _as_float(value: Any) -> float:
     return float(element)
 
 
-def _shape(value: Any) -> tuple[int, ...]:
-    """Return the shape of an array or a tensor, empty if it has none."""
+def _seen(value: Any) -> str:
+    """Return a text of what is no number: of an array or a tensor its shape."""
     try:
-        return tuple(int(x) for x in getattr(value, "shape", np.shape(value)))
+        shape = tuple(int(x) for x in getattr(value, "shape", np.shape(value)))
     except Exception:
-        return ()
+        shape = ()
+    return f"an array of shape {shape}" if shape else told(value, repr)
 
 
-def _restored(
-    name: str,
-    function: Any,
-    belief: CartPoleParameters | None,
-    call_limit: float,
-    first_call_limit: float,
-    spec: str | None,
-    stateful: bool,
-) -> PythonController:
-    """Return a controller from its pickled fields, its function loaded again by its name."""
-    if spec is not None:
-        function = load_attribute(spec)
-    return PythonController(
-        name=name,
-        function=function,
-        belief=belief,
-        call_limit=call_limit,
-        first_call_limit=first_call_limit,
-        spec=spec,
-        stateful=stateful,
-    )
+def _restored(given: dict[str, Any]) -> PythonController:
+    if given["spec"] is not None:
+        given = {**given, "function": load_attribute(given["spec"])}
+    return PythonController(**given)
 
 
 def require_controller_function(name: str, function: object) -> None:
@@ -439,9 +395,8 @@ def require_controller_function(name: str, function: object) -> None:
 @contextlib.contextmanager
 def _limited(seconds: float) -> Iterator[None]:
     """Raise `_Overrun` if the block takes longer: during the block where signals allow it."""
-    if threading.current_thread() is not threading.main_thread() or not hasattr(
-        signal, "setitimer"
-    ):
+    in_main = threading.current_thread() is threading.main_thread()
+    if not (in_main and hasattr(signal, "setitimer")):
         start = clock.perf_counter()
         yield
         if clock.perf_counter() - start > seconds:
@@ -494,7 +449,9 @@ def load_attribute(spec: str) -> Any:
     module_name, _, function_name = spec.partition(":")
     parts = (*module_name.split("."), *function_name.split("."))
     if module_name.endswith(".py") or not all(part.isidentifier() for part in parts):
-        rule = f"must be module:attribute{_hint(module_name, function_name)}"
+        rule = "must be module:attribute"
+        if (meant := _module_of(module_name)) not in ("", module_name):
+            rule += f", with no slash or .py; did you mean {meant}:{function_name}?"
         raise InvalidValueError(thing, rule)
     folder = os.getcwd()
     if folder not in sys.path:
@@ -514,21 +471,9 @@ def load_attribute(spec: str) -> Any:
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name
-            hides = _hidden_by(file, module_name, folder)
-            raise InvalidValueError(
-                thing, f"must be defined in {file}, which has no {part!r}{hides}"
-            )
+            raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
     return found
-
-
-def _hint(module_name: str, function_name: str) -> str:
-    """Say what may have been meant by names of which one is not an identifier."""
-    if function_name.endswith(ESTIMATED):
-        return f"; only a controller of the catalogue can be followed by {ESTIMATED}"
-    if (meant := _module_of(module_name)) in ("", module_name):
-        return ""
-    return f", with no slash or .py; did you mean {meant}:{function_name}?"
 
 
 def rule_for_file(name: str) -> str:
@@ -543,11 +488,3 @@ def _module_of(path: str) -> str:
     """Return the module of a file below the working directory, or nothing if there can be none."""
     module = os.path.normpath(path.removesuffix(".py")).replace(os.sep, ".")
     return module if all(part.isidentifier() for part in module.split(".")) else ""
-
-
-def _hidden_by(file: str, module_name: str, folder: str) -> str:
-    """Say that an installed module hides a file of the same name in a folder, if it does."""
-    own = os.path.join(folder, f"{module_name}.py")
-    if not os.path.exists(own) or (os.path.exists(file) and os.path.samefile(own, file)):
-        return ""
-    return f" and hides {module_name}.py of this folder: give that file another name"

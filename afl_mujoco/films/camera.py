@@ -14,28 +14,24 @@ from afl_mujoco.films.replay import Replay
 SLOPE = tan(radians(15.0))
 """Half of the picture's height over the distance: the field of view of ``models/scene.xml``."""
 
-ELEVATION = -9.0
-"""Angle of the line of sight above the horizon [deg]."""
+ELEVATION = -9.0  # angle of the line of sight above the horizon [deg]
 
 TILT = radians(ELEVATION)
 
 SMOOTHING = 0.35
 """Standard deviation of the window over which the camera averages the cart's position [s]."""
 
-TRACK = -0.3
-"""Height of the track [m]."""
+TRACK = -0.3  # height of the track [m]
 
 NUMBERS_Y, NUMBERS_Z = -0.78, -0.36
 """Position of the numbers of the rail: in front of the track, a little lower [m]."""
 
-BEYOND_TIP = 0.15
-"""Room above the longest pole [m]."""
+BEYOND_TIP = 0.15  # room above the longest pole [m]
 
 TOGETHER = 6.0
 """Cart-pole and ghost are both kept in the picture while they span less than this [m]."""
 
-CART_REACH = 0.45
-"""Room on both sides of a cart's centre [m]."""
+CART_REACH = 0.45  # room on both sides of a cart's centre [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

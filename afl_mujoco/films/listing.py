@@ -9,14 +9,9 @@ from pathlib import Path
 from afl_mujoco.files import inside, read_json, remove_file, write_json
 from afl_mujoco.films.replay import Deployment
 
-LISTING = "films.json"
-"""File beside the films that says what they show."""
-
-MARK = "made by afl_mujoco"
-"""Comment in the metadata of every film."""
-
-REMOVE = "remove it"
-"""How to fix a broken list that blocks new films."""
+LISTING = "films.json"  # file beside the films that says what they show
+MARK = "made by afl_mujoco"  # comment in the metadata of every film
+REMOVE = "remove it"  # how to fix a broken list that blocks new films
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,8 +37,7 @@ DIVIDER: Rgb = (70, 80, 98)
 TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
 """Gradient behind the scene, that of the sky of ``models/scene.xml``."""
 
-DESIGN = (1280, 720)
-"""Size of the picture for which the sizes of letters are given [px]."""
+DESIGN = (1280, 720)  # size of the picture for which the sizes of letters are given [px]
 
 SMALLEST_LETTER = 10
 BESIDE, PART_LETTERS = Frame(top=0.16, bottom=0.30, foot=0.21), 0.8
@@ -185,7 +184,6 @@ def _numbers(replay: Replay, index: int, path: CameraPath, s: float) -> list[Tex
 
 
 def _rgb(colour: Colour) -> Rgb:
-    """Return a colour of the scene as one of a text."""
     red, green, blue = (round(255 * part) for part in colour[:3])
     return red, green, blue
 
@@ -224,7 +222,6 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
 
 
 def _plot(axes: Sequence[Axes], replays: Sequence[Replay], end: float) -> list[Line2D]:
-    """Draw the curves and return their lines."""
     lines, names = [], [str(replay.controller) for replay in replays]
     colour = colours(names)
     for replay, name, dash in zip(replays, names, LINES, strict=False):

@@ -102,7 +102,6 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     true parameters, and the force of a Python controller is held: it may be stateful, or switch at
     every call.
     """
-    nominal = scenario.ideal
     run = simulate_mujoco(
         scenario,
         controller,
@@ -114,9 +113,9 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
     informed = controller.without_estimator()
     if informed.interpreted:
-        ideal = simulate_ode_held(nominal, informed, timestep=h, control_period=period)
+        ideal = simulate_ode_held(scenario.ideal, informed, timestep=h, control_period=period)
     else:
-        ideal = simulate_ode(nominal, informed, sample_period=h)
+        ideal = simulate_ode(scenario.ideal, informed, sample_period=h)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
     runs_on = times <= run.outcome.time

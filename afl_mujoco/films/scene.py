@@ -32,8 +32,7 @@ LARGEST, SMALLEST = (1920, 1080), 128
 
 GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
 SHADOW: Colour = (0.02, 0.02, 0.04, 0.55)
-RIM = 0.018
-"""How much larger the ghost is [m]."""
+RIM = 0.018  # how much larger the ghost is [m]
 
 VIEW_DISTANCE, VIEW_MARKS, VIEW_PAUSE = 7.5, 40, 1.5
 """Viewer: distance of the camera [m], marks on each side, and pause before a repetition [s]."""
@@ -47,13 +46,7 @@ class Scene:
     renderer: mujoco.Renderer
 
     def draw(self, replay: Replay, index: int, path: CameraPath) -> NDArray[np.uint8]:
-        """Return a frame, shape (height, width, 3)."""
-        self.place(replay, index, path)
-        picture: NDArray[np.uint8] = self.renderer.render()
-        return picture
-
-    def place(self, replay: Replay, index: int, path: CameraPath) -> None:
-        """Move everything to a frame."""
+        """Move everything to a frame and return it, shape (height, width, 3)."""
         pose(self.model, replay, index)
         camera = mujoco.MjvCamera()
         camera.type = mujoco.mjtCamera.mjCAMERA_FREE
@@ -66,6 +59,7 @@ class Scene:
         show_mass(scene, self.model.mj_model.geom("cart").id, mass)
         _add_shadow(scene, replay, index)
         add_overlays(scene, replay, index, path.seen(index, BAR), mass)
+        return np.asarray(self.renderer.render())
 
 
 def pose(model: CartPoleModel, replay: Replay, index: int) -> None:
@@ -85,15 +79,10 @@ def require_size(size: tuple[int, int]) -> None:
             raise InvalidValueError(f"film {thing}", "must be even, for H.264", side)
 
 
-def model_of(replay: Replay) -> CartPoleModel:
-    """Return the cart-pole of a run between track and lights."""
-    return CartPoleModel(replay.plant(0), file="scene.xml")
-
-
 @contextmanager
 def open_scene(replay: Replay, size: tuple[int, int]) -> Iterator[Scene]:
     """Yield a scene, and free its renderer afterwards."""
-    model = model_of(replay)
+    model = CartPoleModel(replay.plant(0), file="scene.xml")
     with mujoco.Renderer(model.mj_model, size[1], size[0]) as renderer:
         yield Scene(model, renderer)
 
@@ -144,7 +133,7 @@ def view(replay: Replay, speed: float) -> None:
     """Show a run in MuJoCo's viewer, over and over, until its window is closed."""
     import mujoco.viewer  # needs a window system, which films do without
 
-    model = model_of(replay)
+    model = CartPoleModel(replay.plant(0), file="scene.xml")
     try:
         handle = mujoco.viewer.launch_passive(
             model.mj_model, model.mj_data, show_left_ui=False, show_right_ui=False

@@ -30,7 +30,6 @@ def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[
 
 
 def _film(entry: Entry, folder: Path) -> Film:
-    """Return a film of a report."""
     return Film(
         title=entry.title,
         caption=f"{sentence(entry.deployment.describe())}.",

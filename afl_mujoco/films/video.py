@@ -24,14 +24,9 @@ from afl_mujoco.pool import interrupts_held, open_executor
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.values import require_distinct
 
-MOST_RUNS, MOST_FPS = 4, 240
-"""Largest number of runs in a film, and of frames per second."""
-
-POSTER_TIME = 1.2
-"""Instant of the poster of a film [s], at which the pole is moving."""
-
-QUALITY = 21
-"""Constant rate factor of x264: a little better than its default."""
+MOST_RUNS, MOST_FPS = 4, 240  # largest number of runs in a film, and of frames per second
+POSTER_TIME = 1.2  # instant of the poster of a film [s], at which the pole is moving
+QUALITY = 21  # constant rate factor of x264: a little better than its default
 
 AS_IS = Deployment()
 
@@ -117,18 +112,6 @@ def plan(
     return planned
 
 
-def write_stills(planned: Sequence[Film], time: float, folder: Path) -> list[Path]:
-    """Write the frame of each film that is nearest to an instant [s]."""
-    for film in planned:
-        last = (film.length - 1) / film.fps
-        if not 0.0 <= time <= last:
-            raise InvalidValueError("still", f"must lie between 0 and {last:g} s", time)
-    for film in planned:
-        picture = next(film.pictures([round(time * film.fps)]))
-        _write_picture(picture, folder / film.entry.poster)
-    return [folder / film.entry.poster for film in planned]
-
-
 def make_films(
     planned: Sequence[Film],
     folder: Path,
@@ -164,7 +147,6 @@ def make_films(
 
 
 def _make(unit: tuple[Film, Path]) -> None:
-    """Write a film and its poster."""
     film, folder = unit
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
     made = film.pictures(range(film.length))
@@ -208,15 +190,11 @@ def write_video(
 
 
 def _end(writer: mediapy.VideoWriter) -> str | None:
-    """Finish a video and return why it failed, if it did."""
-    with contextlib.suppress(BrokenPipeError):  # data left for an encoder that has ended
-        return _close(writer)
-    return _close(writer)
-
-
-def _close(writer: mediapy.VideoWriter) -> str | None:
-    """Close a writer and return the last message of an encoder that failed."""
+    """Finish a video and return why it failed, if it did: the last message of its encoder."""
     try:
+        with contextlib.suppress(BrokenPipeError):  # data left for an encoder that has ended
+            writer.close()
+            return None
         writer.close()
     except RuntimeError as error:
         if writer._popen is not None:  # mediapy leaves the pipes of an encoder that failed open
@@ -227,6 +205,5 @@ def _close(writer: mediapy.VideoWriter) -> str | None:
 
 
 def _write_picture(picture: Picture, path: Path) -> None:
-    """Write a PNG, completely or not at all."""
     with atomic_file(path) as temporary:
         mediapy.write_image(temporary, picture, fmt="png")

@@ -20,7 +20,8 @@ from afl_mujoco.identification.description import (
     PositionColumn,
     to_table,
 )
-from afl_mujoco.identification.identify import Estimate, Identified, Step
+from afl_mujoco.identification.identify import Identified
+from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import write_log
 from afl_mujoco.identification.rig import model_of, physical
 from afl_mujoco.scenario.belief import ERROR, Belief
@@ -31,17 +32,13 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.sampled.hardware import new_run, sense, sensors_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
-DURATION = 10.0
-"""Duration of the scenario [s]."""
-
-TILT = 0.1
-"""Initial angle of the pole, and its variation to either side [rad]."""
+DURATION = 10.0  # duration of the scenario [s]
+TILT = 0.1  # initial angle of the pole, and its variation to either side [rad]
 
 UNCERTAIN = 0.5
 """Half-width of an interval, relative to its estimate, from which nothing is drawn from it."""
 
-NORMAL = 1.959964
-"""Half-width of an interval of 95 % in standard errors."""
+NORMAL = 1.959964  # half-width of an interval of 95 % in standard errors
 
 
 def certain(identified: Identified) -> bool:
@@ -114,36 +111,25 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
     generator = np.random.default_rng(seed)
     tilts = generator.uniform(-TILT, TILT, count)
     drawn: list[dict[str, float]] = [{} for _ in range(count)]
-    for step in (identified.pole, identified.drive):
-        if step is None:
-            continue
+    for step in identified.steps:
         names = [one.name for one in step.estimates]
         mean = np.array([one.value for one in step.estimates])
-        for values, row in zip(
-            drawn, generator.multivariate_normal(mean, _covariance(step), count), strict=True
-        ):
-            values.update(zip(names, row.tolist(), strict=True))
+        errors = np.array([(one.high - one.low) / (2.0 * NORMAL) for one in step.estimates])
+        covariance = np.array(step.correlations) * np.outer(errors, errors)
+        rows = generator.multivariate_normal(mean, covariance, count)
+        for values, row in zip(drawn, rows.tolist(), strict=True):
+            values.update(zip(names, row, strict=True))
     assumed = with_values(identified, identified.values).parameters_at(0.0)
-    scenarios = []
-    for i, (values, tilt) in enumerate(zip(drawn, tilts, strict=True)):
-        one = with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)})
-        scenarios.append(
-            replace(
-                one,
-                name=f"draw-{i:04d}",
-                initial_state=(0.0, float(tilt), 0.0, 0.0),
-                belief=Belief.of(
-                    {"cart_mass": assumed.cart_mass, "half_length": assumed.half_length}
-                ),
-            )
+    belief = Belief.of({"cart_mass": assumed.cart_mass, "half_length": assumed.half_length})
+    return [
+        replace(
+            with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)}),
+            name=f"draw-{i:04d}",
+            initial_state=(0.0, tilt, 0.0, 0.0),
+            belief=belief,
         )
-    return scenarios
-
-
-def _covariance(step: Step) -> np.ndarray:
-    """Return the covariance of the estimates of a step, shape (p, p)."""
-    errors = np.array([(one.high - one.low) / (2.0 * NORMAL) for one in step.estimates])
-    return np.array(step.correlations) * np.outer(errors, errors)
+        for i, (values, tilt) in enumerate(zip(drawn, tilts.tolist(), strict=True))
+    ]
 
 
 def _add(varied: dict[str, tuple[float, float]], name: str, estimate: Estimate) -> None:
@@ -157,9 +143,8 @@ def require_loggable(scenario: Scenario, controller: Controller, simulator: str)
     if simulator != "sampled":
         raise InvalidValueError("simulator", "must be sampled for a log", repr(simulator))
     if controller.estimates:
-        raise InvalidValueError(
-            "controller of a log", "must not use the estimator", controller.name
-        )
+        rule = "must not use the estimator"
+        raise InvalidValueError("controller of a log", rule, controller.name)
     if len({*scenario.cart_mass.values}) > 1 or len({*scenario.half_length.values}) > 1:
         raise InvalidValueError("scenario of a log", "must keep M and l constant", scenario.name)
 
@@ -183,25 +168,14 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
     if (limit := r.input_limit) is not None:
         columns[3] = np.clip(columns[3], -limit, limit)
     files = [folder / f"{stem}-log.csv", folder / f"{stem}-log.toml"]
-    described = description_of(scenario, period, limit or _above(columns[3]))
-    write_log(files[0], *columns)
-    write_text(files[1], tomli_w.dumps(to_table(described)))
-    return files
-
-
-def description_of(scenario: Scenario, period: float, limit: float) -> Description:
-    """Return the description of a log of a scenario and its cart-pole.
-
-    period: Time between two rows [s].
-    limit: Largest command [N].
-    """
-    r, plant = scenario.imperfections, scenario.parameters_at(0.0)
-    return Description(
+    write_log(files[0], columns)
+    plant = scenario.parameters_at(0.0)
+    described = Description(
         name=scenario.name,
         period=period,
         phi=AngleColumn(resolution=r.at("encoder_step.phi")),
         z=PositionColumn(resolution=r.at("encoder_step.z")),
-        command=CommandColumn(limit=limit),
+        command=CommandColumn(limit=limit or float(np.abs(columns[3]).max(initial=0.0)) or 1.0),
         nominal=Nominal(
             pole_mass=plant.pole_mass,
             half_length=plant.half_length,
@@ -213,8 +187,5 @@ def description_of(scenario: Scenario, period: float, limit: float) -> Descripti
             gravity=plant.gravity,
         ),
     )
-
-
-def _above(commands: np.ndarray) -> float:
-    """Return a limit that no command exceeds."""
-    return float(np.abs(commands).max(initial=0.0)) or 1.0
+    write_text(files[1], tomli_w.dumps(to_table(described)))
+    return files

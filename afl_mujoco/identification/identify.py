@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import (
+    Estimate,
     Fit,
     Parameter,
     Residuals,
@@ -22,6 +24,7 @@ from afl_mujoco.identification.least_squares import (
     with_uncertainty_of,
 )
 from afl_mujoco.identification.log import LEAST, Log, Windows, cut
+from afl_mujoco.identification.prediction import explained
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -33,11 +36,8 @@ LEAST_SHARE = 0.5
 """Share of the duration of the logs from which the rest may be judged: below it, what is lost may
 not be lost at random."""
 
-COARSE = 4
-"""The first guess of the drive uses one window in this many."""
-
-ENOUGH = 60
-"""Number of windows that a first guess needs."""
+COARSE = 4  # the first guess of the drive uses one window in this many
+ENOUGH = 60  # number of windows that a first guess needs
 
 FINER = 2
 """Factor by which the last fit of the drive has finer steps: a force that changes within a step
@@ -47,28 +47,11 @@ DIFFERENT, SURELY = 0.1, 6.0
 """Relative difference between two logs, and the same in standard errors, from which they are of
 different cart-poles."""
 
-EARLY = 0.1
-"""Share of a row by which a force may act before its command, as a clock may be off."""
-
-ALIKE = 0.9
-"""Correlation above which two estimates are hard to tell apart."""
+EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
+ALIKE = 0.9  # correlation above which two estimates are hard to tell apart
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """An estimate with its interval."""
-
-    name: str  # name, title and unit of the parameter
-    title: str
-    unit: str
-    value: float  # the estimate, and its interval of 95 %
-    low: float
-    high: float
-    # whether the estimate lies on a bound of its parameter, so that there is no interval
-    on_bound: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,15 +101,19 @@ class Identified:
     share: float = 1.0  # share of their duration that lies in a window [1]
 
     @property
+    def steps(self) -> list[Step]:
+        """The steps that there are."""
+        return [step for step in (self.pole, self.drive) if step is not None]
+
+    @property
     def values(self) -> dict[str, float]:
         """Every estimate of the two steps by name."""
-        steps = [self.pole, *([self.drive] if self.drive else [])]
-        return {one.name: one.value for step in steps for one in step.estimates}
+        return {one.name: one.value for step in self.steps for one in step.estimates}
 
     def find(self, name: str) -> Estimate:
         """Return an estimate by name."""
-        steps = [*self.pole.estimates, *(self.drive.estimates if self.drive else ())]
-        return next(one for one in (*steps, *self.physical) if one.name == name)
+        found = [*(one for step in self.steps for one in step.estimates), *self.physical]
+        return next(one for one in found if one.name == name)
 
 
 def identify(
@@ -138,40 +125,26 @@ def identify(
 ) -> Identified:
     """Identify a cart-pole from its logs."""
     require_radians(logs, description)
+    windows = windows_of(logs)
+    progress(0, 4)
+    drive = None
     try:
-        return _identify(logs, description, workers, progress)
+        first, starts = identify_pole(windows, description)
+        progress(1, 4)
+        if any(np.ptp(log.command) > 0.0 for log in logs):
+            drive = _Drive(windows, description, first, starts, workers).identify(progress)
     except np.linalg.LinAlgError:
         rule = "do not determine a cart-pole: check units, signs and nominal values"
         raise InvalidValueError("logs", rule) from None
-
-
-def _identify(
-    logs: Sequence[Log], description: Description, workers: int, progress: Progress
-) -> Identified:
-    """Identify a cart-pole from its logs, as `identify`."""
-    windows = windows_of(logs)
-    progress(0, 4)
-    first, starts = identify_pole(windows, description)
-    progress(1, 4)
-    drive, steps = None, [first]
-    if any(np.ptp(log.command) > 0.0 for log in logs):
-        drive = _identify_drive(windows, description, first, starts, workers, progress)
-        if not _shows(drive, "gain"):
-            raise InvalidValueError(
-                description.command.column,
-                "must drive the cart: check its sign, and that each command is in its own row",
-                f"{drive.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
-            )
-        steps.append(drive)
     progress(4, 4)
     return Identified(
         description=description,
         logs=tuple(log.name for log in logs),
         seconds=sum(log.duration for log in logs),
         period=float(np.median([log.period for log in logs])),
-        pole=_step(first, windows, None),
-        drive=None if drive is None else _step(drive, windows, 0),
-        physical=() if drive is None else _physical(steps, description),
+        pole=_step(first, windows),
+        drive=None if drive is None else _step(drive, windows),
+        physical=() if drive is None else _physical([first, drive], description),
         dropped=windows.dropped,
         share=windows.share,
     )
@@ -194,10 +167,7 @@ def windows_of(logs: Sequence[Log]) -> Windows:
 
 
 def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Array]:
-    """Identify the pole and the sensors alone.
-
-    Returns fit, starts: The fit, and the states at the first rows, shape (B, 4).
-    """
+    """Identify the pole and the sensors alone; return the states at the first rows too, (B, 4)."""
     w, parameters = windows, pole.parameters_of(description)
     driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
     names = [one.name for one in parameters]
@@ -207,28 +177,24 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
         read = pole.readings(v, driven.angles(v, starts), w.turns)
         return (w.valid * (read - w.phi))[:, None]
 
-    guess = np.array([one.start for one in parameters])
-    starts = pole_starts(errors, guess, w.starts[:, [1, 3]])
+    guess, far = np.array([one.start for one in parameters]), 1e3  # every reading has full weight
+    starts = fitted_starts(
+        lambda own: errors(guess, own)[:, 0] / far, w.starts[:, [1, 3]], pole.START_SCALE
+    )
     found = fit_to_scatter(
         errors, w.valid[:, None], parameters, starts, w.log, start_scale=pole.START_SCALE
     )
     _require_one_rig(errors, w.valid[:, None], found, "gravity_term", w, pole.START_SCALE)
-    off = [
-        one.title
-        for one, ratio in (
-            (parameters[0], found.by_name["gravity_term"] / parameters[0].start),
-            (parameters[1], found.by_name["coupling"]),
-        )
-        if not UNITS_RIGHT[0] < ratio < UNITS_RIGHT[1]
-    ]
-    if off:
-        v = found.by_name
+    w2, k = found.by_name["gravity_term"], found.by_name["coupling"]
+    expected = parameters[0].start
+    ratios = {"gravity term w2": w2 / expected, "coupling k": k}
+    least, most = UNITS_RIGHT
+    if off := [title for title, ratio in ratios.items() if not least < ratio < most]:
         raise InvalidValueError(
             " and ".join(off),
             "must be near the expected value for a pole; check the units and signs of "
             f"{description.phi.column} and {description.z.column}, and the pole's length",
-            f"w2 = {v['gravity_term']:.4g} 1/s² instead of {parameters[0].start:.4g}, "
-            f"k = {v['coupling']:.4g} instead of 1",
+            f"w2 = {w2:.4g} 1/s² instead of {expected:.4g}, k = {k:.4g} instead of 1",
         )
     whole = w.starts.copy()
     whole[:, [1, 3]] = found.starts
@@ -239,76 +205,23 @@ def _require_one_rig(
     errors: Residuals, mask: Array, found: Fit, name: str, windows: Windows, start_scale: Array
 ) -> None:
     """Raise if logs differ in a parameter, each by itself with the others as found."""
-    one = next(one for one in found.parameters if one.name == name)
+    one = found.estimates[name]
     values, sizes = by_cluster(errors, mask, found, name, windows.log, start_scale=start_scale)
     names = [windows.logs[number].name for number in np.unique(windows.log)]
     by_log = list(zip(values.tolist(), sizes.tolist(), names, strict=True))
     sure = [x for x in by_log if x[1] < 0.5 * DIFFERENT * abs(x[0])]
     if not sure:
         return
-    (low, low_error, low_name), (high, high_error, high_name) = min(sure), max(sure)
-    apart = high - low
-    if apart > DIFFERENT * abs(found.by_name[name]) and apart > SURELY * np.hypot(
-        low_error, high_error
-    ):
-        raise InvalidValueError(
-            "logs",
-            "must be of one cart-pole",
-            f"{one.title} {low:.4g} {one.unit} in {low_name} and {high:.4g} {one.unit} in "
-            f"{high_name}",
-        )
-
-
-def pole_starts(errors: Callable[[Array, Array], Array], shared: Array, guess: Array) -> Array:
-    """Return states of the pole at the first rows that fit the readings of their windows.
-
-    guess: (phi, phi_dot) at the first rows, shape (B, 2).
-    """
-    scale = 1e3  # far beyond any error [rad]: every reading has full weight
-
-    def scaled(own: Array) -> Array:
-        return errors(shared, own)[:, 0] / scale
-
-    return fitted_starts(scaled, guess, pole.START_SCALE)
-
-
-def _identify_drive(
-    windows: Windows,
-    description: Description,
-    first: Fit,
-    starts: Array,
-    workers: int,
-    progress: Progress,
-) -> Fit:
-    """Identify cart and drive, from few windows to all, with a lag only if it is significant."""
-    known = _without_dry_friction(first.by_name, windows)
-    parameters = rig.parameters_of(description)
-    some = max(1, min(COARSE, windows.count // ENOUGH))
-    without = {one.name: one.low for one in parameters if one.name == "lag"}
-    free = [
-        replace(one, low=-one.high) if one.name == "delay" else one
-        for one in parameters
-        if one.name not in without
-    ]
-    found = _fit_drive(windows, some, description, {**known, **without}, free, starts, workers)
-    _require_cause(found, description)
-    progress(2, 4)
-    guess = {**found.by_name, "lag": 0.05 * description.period}
-    lagging = [replace(one, start=guess[one.name]) for one in parameters]
-    other = _fit_drive(windows, some, description, known, lagging, starts, workers)
-    progress(3, 4)
-    if _shows(other, "lag"):
-        final = _finished(windows, description, known, first, other, {}, starts, workers)
-        if _shows(final, "lag"):
-            return final
-    return _finished(windows, description, known, first, found, without, starts, workers)
+    (low, low_error, first), (high, high_error, last) = min(sure), max(sure)
+    if high - low > max(DIFFERENT * abs(one.value), SURELY * np.hypot(low_error, high_error)):
+        got = f"{one.title} {low:.4g} {one.unit} in {first} and {high:.4g} {one.unit} in {last}"
+        raise InvalidValueError("logs", "must be of one cart-pole", got)
 
 
 def _require_cause(found: Fit, description: Description) -> None:
     """Raise if the force acts before the row of its command."""
-    at = [one.name for one in found.parameters].index("delay")
-    delay, half = float(found.values[at]), float(found.half_widths[at])
-    if delay < -half and delay < -EARLY * description.period:
+    delay, high = found.estimates["delay"].value, found.estimates["delay"].high
+    if high < 0.0 and delay < -EARLY * description.period:
         raise InvalidValueError(
             description.command.column,
             "must be in the row from which on it acts",
@@ -319,51 +232,81 @@ def _require_cause(found: Fit, description: Description) -> None:
 
 def _shows(fit: Fit, name: str) -> bool:
     """Return whether an estimate is off its bound, and its interval lies above zero."""
-    at = [one.name for one in fit.parameters].index(name)
-    return bool(fit.values[at] > fit.half_widths[at] and not fit.on_bound[at])
+    one = fit.estimates[name]
+    return one.low > 0.0 and not one.on_bound
 
 
-def _finished(
-    windows: Windows,
-    description: Description,
-    known: Mapping[str, float],
-    first: Fit,
-    guess: Fit,
-    bound: Mapping[str, float],
-    starts: Array,
-    workers: int,
-) -> Fit:
-    """Fit cart and drive to all windows from a first guess; parameters on a bound stay there."""
-    parameters = rig.parameters_of(description)
-    on = zip(guess.parameters, guess.values, guess.on_bound, strict=True)
-    bound = {**bound, **{one.name: float(value) for one, value, there in on if there}}
-    values = {**bound, **guess.by_name}
-    parameters = [replace(one, start=values[one.name]) for one in parameters]
-    free = [one for one in parameters if one.name not in bound]
-    fine = windows.finer(FINER)
-    final = _fit_drive(fine, 1, description, {**known, **bound}, free, starts, workers)
-    whole, measured, mask = _whole(fine, description, workers)
-    names, others = [one.name for one in free], [one.name for one in first.parameters]
+class _Drive(NamedTuple):
+    """Cart and drive, identified behind a known pole."""
 
-    def fitted(shared: Array, own: Array) -> Array:
-        values = {**known, **bound, **dict(zip(names, shared.tolist(), strict=True))}
-        return mask * (whole.readings(values, own) - measured)
+    windows: Windows
+    description: Description
+    pole: Fit
+    starts: Array  # of the windows, shape (B, 4)
+    workers: int
 
-    _require_one_rig(fitted, mask, final, "gain", fine, rig.START_SCALE)
+    def identify(self, progress: Progress) -> Fit:
+        """Fit few windows, then all; with a lag only if it is significant."""
+        known = _without_dry_friction(self.pole.by_name, self.windows)
+        parameters = rig.parameters_of(self.description)
+        some = max(1, min(COARSE, self.windows.count // ENOUGH))
+        without = {one.name: one.low for one in parameters if one.name == "lag"}
+        free = [
+            replace(one, low=-one.high) if one.name == "delay" else one
+            for one in parameters
+            if one.name not in without
+        ]
+        found = self._fit(self.windows, some, {**known, **without}, free)
+        _require_cause(found, self.description)
+        progress(2, 4)
+        guess = {**found.by_name, "lag": 0.05 * self.description.period}
+        lagging = [replace(one, start=guess[one.name]) for one in parameters]
+        other = self._fit(self.windows, some, known, lagging)
+        progress(3, 4)
+        if not _shows(other, "lag") or not _shows(final := self._finished(known, other, {}), "lag"):
+            final = self._finished(known, found, without)
+        if not _shows(final, "gain"):
+            raise InvalidValueError(
+                self.description.command.column,
+                "must drive the cart: check its sign, and that each command is in its own row",
+                f"{final.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
+            )
+        return final
 
-    def errors_of(model: rig.Rig) -> Callable[[Array, Array, Array], Array]:
-        def errors(shared: Array, pole_values: Array, own: Array) -> Array:
-            values = dict(zip(others, pole_values.tolist(), strict=True))
-            values |= {**bound, **dict(zip(names, shared.tolist(), strict=True))}
-            return model.readings(values, own) - measured
+    def _fit(
+        self, windows: Windows, every: int, known: Mapping[str, float], free: Sequence[Parameter]
+    ) -> Fit:
+        """Fit some parameters to every n-th window, with n = `every`.
 
-        return errors
+        Dry friction is exact, and the model that softens it gives the derivatives.
+        """
+        w, names = windows.some(every), [one.name for one in free]
+        soft = rig.Rig(windows=w, description=self.description, workers=self.workers)
+        return fit_to_scatter(
+            _errors(replace(soft, exact=True), names, known), _mask(w), free, self.starts[::every],
+            w.log, start_scale=rig.START_SCALE, smooth=_errors(soft, names, known),
+        )  # fmt: skip
 
-    final = with_uncertainty_of(
-        errors_of(replace(whole, exact=True)), mask, final, first,
-        start_scale=rig.START_SCALE, smooth=errors_of(whole),
-    )  # fmt: skip
-    return _with_bound(final, parameters, bound)
+    def _finished(self, known: Mapping[str, float], guess: Fit, bound: Mapping[str, float]) -> Fit:
+        """Fit all windows from a first guess; parameters on a bound stay there."""
+        bound = {**bound, **{n: one.value for n, one in guess.estimates.items() if one.on_bound}}
+        start = {**bound, **guess.by_name}
+        parameters = [
+            replace(one, start=start[one.name]) for one in rig.parameters_of(self.description)
+        ]
+        free = [one for one in parameters if one.name not in bound]
+        fine = replace(self.windows, step=self.windows.step / FINER)
+        final = self._fit(fine, 1, {**known, **bound}, free)
+        soft = rig.Rig(windows=fine, description=self.description, workers=self.workers)
+        names, mask = [one.name for one in free], _mask(fine)
+        errors = _errors(soft, names, {**known, **bound})
+        _require_one_rig(errors, mask, final, "gain", fine, rig.START_SCALE)
+        names += [one.name for one in self.pole.parameters]
+        final = with_uncertainty_of(
+            _errors(replace(soft, exact=True), names, bound), mask, final, self.pole,
+            start_scale=rig.START_SCALE, smooth=_errors(soft, names, bound),
+        )  # fmt: skip
+        return _with_bound(final, parameters, bound)
 
 
 def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[str, float]:
@@ -378,44 +321,20 @@ def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[
     return {**found, "damping": found["damping"] + share * found["friction"], "friction": 0.0}
 
 
-def _fit_drive(
-    windows: Windows,
-    every: int,
-    description: Description,
-    known: Mapping[str, float],
-    parameters: Sequence[Parameter],
-    starts: Array,
-    workers: int,
-) -> Fit:
-    """Fit some parameters of cart and drive to every n-th window, with n = `every`.
+def _errors(model: rig.Rig, names: Sequence[str], known: Mapping[str, float]) -> Residuals:
+    """Return the errors of a model for values of some parameters, others being known."""
+    measured = np.stack([model.windows.z, model.windows.phi], axis=1)
 
-    Dry friction is exact, and the model that softens it gives the derivatives.
-    """
-    w = windows.some(every)
-    whole, measured, mask = _whole(w, description, workers)
-    names = [one.name for one in parameters]
+    def errors(shared: Array, own: Array) -> Array:
+        values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
+        return model.readings(values, own) - measured
 
-    def errors_of(model: rig.Rig) -> Residuals:
-        def errors(shared: Array, own: Array) -> Array:
-            values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
-            return mask * (model.readings(values, own) - measured)
-
-        return errors
-
-    return fit_to_scatter(
-        errors_of(replace(whole, exact=True)), mask, parameters, starts[::every], w.log,
-        start_scale=rig.START_SCALE, smooth=errors_of(whole),
-    )  # fmt: skip
+    return errors
 
 
-def _whole(
-    windows: Windows, description: Description, workers: int
-) -> tuple[rig.Rig, Array, Array]:
-    """Return the cart-poles of windows, the measurements, and a mask of the valid ones."""
-    w = windows
-    measured = np.stack([w.z, w.phi], axis=1)
-    mask = np.stack([w.there, w.valid], axis=1)
-    return rig.Rig(windows=w, description=description, workers=workers), measured, mask
+def _mask(windows: Windows) -> Array:
+    """Return 1 where a reading of position or angle is valid, else 0, shape (B, 2, n)."""
+    return np.stack([windows.there, windows.valid], axis=1)
 
 
 def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, float]) -> Fit:
@@ -431,23 +350,15 @@ def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, f
     )
 
 
-def _step(fit: Fit, windows: Windows, position: int | None) -> Step:
-    """Return a fit as a `Step`; `position` is the index of the position among its signals."""
+def _step(fit: Fit, windows: Windows) -> Step:
+    """Return a fit to the angle, or to position and angle, as a `Step`."""
     return Step(
-        estimates=tuple(
-            Estimate(
-                name=one.name, title=one.title, unit=one.unit, value=float(value),
-                low=float(value - half), high=float(value + half), on_bound=bool(there),
-            )
-            for one, value, half, there in zip(
-                fit.parameters, fit.values, fit.half_widths, fit.on_bound, strict=True
-            )
-        ),
+        estimates=tuple(fit.estimates.values()),
         correlations=tuple(tuple(row) for row in fit.correlations.tolist()),
         scatter_phi=float(fit.scatter[-1]),
-        scatter_z=None if position is None else float(fit.scatter[position]),
+        scatter_z=float(fit.scatter[0]) if len(fit.scatter) > 1 else None,
         windows=windows.count,
-    )  # fmt: skip
+    )
 
 
 _PHYSICAL = {
@@ -475,29 +386,17 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
             slopes[:, i] = [(ahead[name] - base[name]) / delta for name in base]
         spread = np.einsum("ki,ij,kj->k", slopes, step.covariance, slopes)
         variance = {name: variance[name] + float(x) for name, x in zip(base, spread, strict=True)}
-    degrees = min(step.degrees for step in steps)
-    bound = {
-        one.name
-        for step in steps
-        for one, there in zip(step.parameters, step.on_bound, strict=True)
-        if there
-    }
-    found = []
-    for name, value in base.items():
-        half = float(half_widths(np.sqrt(np.array([variance[name]])), degrees)[0])
-        title, unit, made_of = _PHYSICAL[name]
-        found.append(
-            Estimate(
-                name=name,
-                title=title,
-                unit=unit,
-                value=value,
-                low=value - half,
-                high=value + half,
-                on_bound=bool(bound & made_of),
-            )
+    halves = half_widths(np.sqrt([*variance.values()]), min(step.degrees for step in steps))
+    bound = {x.name for step in steps for x in step.estimates.values() if x.on_bound}
+    return tuple(
+        Estimate(
+            name=name, title=title, unit=unit, value=base[name], low=base[name] - half,
+            high=base[name] + half, on_bound=bool(bound & made_of),
         )
-    return tuple(found)
+        for (name, (title, unit, made_of)), half in zip(
+            _PHYSICAL.items(), halves.tolist(), strict=True
+        )
+    )  # fmt: skip
 
 
 def require_radians(logs: Sequence[Log], description: Description) -> None:
@@ -506,18 +405,13 @@ def require_radians(logs: Sequence[Log], description: Description) -> None:
     The second derivative of the angle is compared with the sine of the angle, taken in radians and
     in degrees: if the readings swing far, only one of the two fits.
     """
-    fits = {
-        factor: _share_explained(logs, factor) for factor in (1.0, np.pi / 180.0, 180.0 / np.pi)
-    }
+    fits = {x: _share_explained(logs, x) for x in (1.0, np.pi / 180.0, 180.0 / np.pi)}
     best = max(fits, key=lambda factor: fits[factor])
     if best != 1.0 and fits[best] > fits[1.0] + 0.2:
-        unit = description.phi.unit
-        other = "deg" if best < 1.0 else "rad"
+        rule = f"must be {'deg' if best < 1.0 else 'rad'!r} according to gravity, which then "
+        rule += f"explains {fits[best]:.0%} of the curvature instead of {fits[1.0]:.0%}"
         raise InvalidValueError(
-            f"unit of {description.phi.column}",
-            f"must be {other!r} according to gravity, which then explains "
-            f"{100.0 * fits[best]:.0f} % of the curvature instead of {100.0 * fits[1.0]:.0f} %",
-            repr(unit),
+            f"unit of {description.phi.column}", rule, repr(description.phi.unit)
         )
 
 
@@ -532,6 +426,4 @@ def _share_explained(logs: Sequence[Log], factor: float) -> float:
         curvature.append(bent[0])
         left.append(np.stack([np.sin(angle[inner]), bent[1] * np.cos(angle[inner])], axis=1))
     y, x = np.concatenate(curvature), np.concatenate(left)
-    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-    total = float(np.sum((y - y.mean()) ** 2))
-    return 1.0 - float(np.sum(rest**2)) / total if total > 0.0 else 0.0
+    return explained(y - x @ np.linalg.lstsq(x, y, rcond=None)[0], y)

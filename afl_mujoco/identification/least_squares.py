@@ -21,31 +21,24 @@ Residuals = Callable[[Array, Array], Array]
 ROBUST = 3.0
 """Residuals beyond this many times their scatter count by their size, not by its square."""
 
-LEAST_SCATTER = 1e-12
-"""Least scatter of residuals: those of a simulation may be zero."""
-
-SETTLED = 0.05
-"""Relative change of the scatter below which it has converged."""
-
-ROUNDS = 6
-"""Largest number of rounds to find the scatter."""
+LEAST_SCATTER = 1e-12  # least scatter of residuals: those of a simulation may be zero
+SETTLED = 0.05  # relative change of the scatter below which it has converged
+ROUNDS = 6  # largest number of rounds to find the scatter
 
 FEW_CLUSTERS = 8
 """Number of logs below which windows are taken to be independent, for want of anything better."""
 
-STEP = 1e-4
-"""Step of a finite difference, relative to the scale of its variable."""
+STEP = 1e-4  # step of a finite difference, relative to the scale of its variable
 
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6
 """First and largest damping of the Levenberg-Marquardt method."""
 
-TOLERANCE = 1e-4
-"""Relative decrease of the cost below which the fit has converged."""
+TOLERANCE = 1e-4  # relative decrease of the cost below which the fit has converged
 
 CONFIDENCE = 0.95
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """A parameter to be estimated."""
 
@@ -56,6 +49,20 @@ class Parameter:
     low: float
     high: float
     scale: float  # scale of its changes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """An estimate with its interval."""
+
+    name: str  # name, title and unit of the parameter
+    title: str
+    unit: str
+    value: float  # the estimate, and its interval of 95 %
+    low: float
+    high: float
+    # whether the estimate lies on a bound of its parameter, so that there is no interval
+    on_bound: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,13 +77,23 @@ class Fit:
     starts: Array  # initial states of the windows, shape (B, L)
     residuals: Array  # residuals in units of their scatter, shape (B, R)
     scatter: Array  # robust scatter of each signal, shape (C,)
-    evaluations: int  # number of evaluations of the Jacobian
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The estimates with their intervals by name."""
+        columns = self.values.tolist(), self.half_widths.tolist(), self.on_bound.tolist()
+        return {
+            one.name: Estimate(
+                name=one.name, title=one.title, unit=one.unit, value=value,
+                low=value - half, high=value + half, on_bound=on_bound,
+            )
+            for one, value, half, on_bound in zip(self.parameters, *columns, strict=True)
+        }  # fmt: skip
 
     @property
     def by_name(self) -> dict[str, float]:
         """The estimates by name."""
-        names = (one.name for one in self.parameters)
-        return dict(zip(names, self.values.tolist(), strict=True))
+        return {name: one.value for name, one in self.estimates.items()}
 
     @property
     def errors(self) -> Array:
@@ -92,14 +109,12 @@ class Fit:
     def correlations(self) -> Array:
         """Correlations of the estimates, shape (p, p); zero with one that lies on a bound."""
         errors = np.where(self.errors > 0.0, self.errors, np.inf)
-        found: Array = self.covariance / np.outer(errors, errors)
-        return found + np.diag(1.0 * (errors == np.inf))
+        return np.asarray(self.covariance / np.outer(errors, errors) + np.diag(errors == np.inf))
 
 
 def half_widths(errors: Array, degrees: int) -> Array:
     """Return the half-widths of the intervals of `CONFIDENCE` for standard errors, shape (p,)."""
-    found: Array = errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees))
-    return found
+    return np.asarray(errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees)))
 
 
 def fit_to_scatter(
@@ -117,32 +132,27 @@ def fit_to_scatter(
 
     mask: 1 where a reading is valid, 0 elsewhere, shape (B, C, n).
     """
-    count, signals = len(starts), mask.shape[1]
-    now, scatter = list(parameters), np.full(signals, np.inf)
-    done = 0
+    now, scatter = list(parameters), np.full(mask.shape[1], np.inf)
     for _ in range(ROUNDS):
         rest = errors(np.array([one.start for one in now]), starts)
         before, scatter = scatter, _scatter(rest, mask)
-
-        def scaled(shared: Array, own: Array, scatter: Array = scatter) -> Array:
-            return (mask * errors(shared, own) / scatter[:, None]).reshape(count, -1)
-
-        def smoothed(shared: Array, own: Array, scatter: Array = scatter) -> Array:
-            near = errors if smooth is None else smooth
-            return (mask * near(shared, own) / scatter[:, None]).reshape(count, -1)
-
         found = fit(
-            scaled, now, starts, clusters, start_scale=start_scale, evaluations=evaluations,
-            smooth=smoothed,
+            _in_scatters(errors, mask, scatter), now, starts, clusters, start_scale=start_scale,
+            evaluations=evaluations, smooth=_in_scatters(smooth or errors, mask, scatter),
         )  # fmt: skip
-        starts, done = found.starts, done + found.evaluations
+        starts = found.starts
         now = [
             replace(one, start=float(value)) for one, value in zip(now, found.values, strict=True)
         ]
         if (np.abs(scatter / before - 1.0) <= SETTLED).all():
             break
     final = found.residuals.reshape(mask.shape) * scatter[:, None]
-    return replace(found, parameters=parameters, evaluations=done, scatter=_scatter(final, mask))
+    return replace(found, parameters=parameters, scatter=_scatter(final, mask))
+
+
+def _in_scatters(errors: Residuals, mask: Array, scatter: Array) -> Residuals:
+    """Return errors, shape (B, C, n), as residuals in units of their scatter, shape (B, R)."""
+    return lambda *at: (mask * errors(*at) / scatter[:, None]).reshape(len(mask), -1)
 
 
 def _scatter(rest: Array, mask: Array) -> Array:
@@ -163,21 +173,19 @@ def fit(
 ) -> Fit:
     """Estimate parameters by the Levenberg-Marquardt method.
 
-    starts: First guess of the initial states of the windows, shape (B, L).
+    starts: First guess of the initial states of the windows, shape (B, L), of scales (L,).
     clusters: Index of the log of each window, shape (B,).
-    start_scale: Scale of the changes of a start, shape (L,).
     """
-    near = residuals if smooth is None else smooth
+    near = smooth or residuals
     scales = np.array([one.scale for one in parameters])
     steps, own_steps = STEP * scales, STEP * start_scale
     low, high = (np.array([getattr(one, end) for one in parameters]) for end in ("low", "high"))
     values = np.clip([one.start for one in parameters], low, high)
     rest = residuals(values, starts)
-    cost, damping, done = _cost(rest), FIRST_DAMPING, 0
-    while done < evaluations and damping < LARGEST_DAMPING:
+    cost, damping = _cost(rest), FIRST_DAMPING
+    for _ in range(evaluations):
         slopes = derivatives(near, values, starts, steps, own_steps)
         system = _reduced(*slopes, rest, _weights(rest))
-        done += 1
         stuck = ((values <= low) & (system.gradient > 0.0)) | (
             (values >= high) & (system.gradient < 0.0)
         )
@@ -199,7 +207,7 @@ def fit(
     )
     return Fit(
         parameters=parameters, values=values, covariance=covariance, on_bound=on_bound,
-        degrees=degrees, starts=starts, residuals=rest, scatter=np.ones(1), evaluations=done,
+        degrees=degrees, starts=starts, residuals=rest, scatter=np.ones(1),
     )  # fmt: skip
 
 
@@ -220,14 +228,12 @@ class _Reduced:
     @property
     def matrix(self) -> Array:
         """Gauss-Newton matrix, shape (p, p)."""
-        found: Array = np.einsum("bri,brj->ij", self.slopes, self.slopes)
-        return found
+        return np.asarray(np.einsum("bri,brj->ij", self.slopes, self.slopes))
 
     @property
     def gradient(self) -> Array:
         """Gradient of half the cost, shape (p,)."""
-        found: Array = np.einsum("bri,br->i", self.slopes, self.rest)
-        return found
+        return np.asarray(np.einsum("bri,br->i", self.slopes, self.rest))
 
     def step(self, damping: float, free: NDArray[np.bool_]) -> Array:
         """Return the step of the shared parameters, zero unless free, shape (p,)."""
@@ -241,8 +247,7 @@ class _Reduced:
         """Return the step of the starts for a step of the shared parameters, shape (B, L)."""
         rest = self.rest + self.shared @ step
         right = np.swapaxes(self.q, 1, 2) @ rest[..., None]
-        found: Array = np.linalg.solve(self.r, right)[..., 0].astype(np.float64)
-        return -found
+        return np.asarray(-np.linalg.solve(self.r, right)[..., 0])
 
 
 def _reduced(shared: Array, own: Array, rest: Array, weights: Array) -> _Reduced:
@@ -255,27 +260,24 @@ def _reduced(shared: Array, own: Array, rest: Array, weights: Array) -> _Reduced
 
 
 def with_uncertainty_of(
-    errors: Callable[[Array, Array, Array], Array],
+    errors: Residuals,
     mask: Array,
     fit: Fit,
     known: Fit,
     *,
     start_scale: Array,
-    smooth: Callable[[Array, Array, Array], Array] | None = None,
+    smooth: Residuals | None = None,
 ) -> Fit:
-    """Return a fit whose covariance includes that of the parameters taken as known."""
+    """Return a fit whose covariance includes that of the parameters taken as known.
+
+    errors, smooth: Of the parameters of the fit followed by those that are known, and the starts.
+    """
     p = len(fit.values)
     scales = np.array([one.scale for one in (*fit.parameters, *known.parameters)])
-    near = errors if smooth is None else smooth
-
-    def scaled(shared: Array, own: Array) -> Array:
-        rest = mask * near(shared[:p], shared[p:], own) / fit.scatter[:, None]
-        return rest.reshape(len(own), -1)
-
     values = np.concatenate([fit.values, known.values])
-    rest = mask * errors(fit.values, known.values, fit.starts) / fit.scatter[:, None]
-    rest = rest.reshape(len(fit.starts), -1)
-    slopes = derivatives(scaled, values, fit.starts, STEP * scales, STEP * start_scale)
+    near = _in_scatters(smooth or errors, mask, fit.scatter)
+    rest = _in_scatters(errors, mask, fit.scatter)(values, fit.starts)
+    slopes = derivatives(near, values, fit.starts, STEP * scales, STEP * start_scale)
     matrix = _reduced(*slopes, rest, _weights(rest)).matrix
     free = np.flatnonzero(~fit.on_bound)
     shift = np.zeros((p, len(known.values)))
@@ -295,18 +297,15 @@ def by_cluster(
     """Return an estimate from each cluster alone, and its standard error, to first order.
 
     The other parameters stay as fitted to all; the windows of a cluster count as independent.
-
-    clusters: Index of the cluster of each window, shape (B,).
     """
     at = [one.name for one in fit.parameters].index(name)
 
-    def scaled(shared: Array, own: Array) -> Array:
+    def of_one(shared: Array, own: Array) -> Array:
         values = fit.values.copy()
         values[at] = shared[0]
-        rest = mask * errors(values, own) / fit.scatter[:, None]
-        return rest.reshape(len(own), -1)
+        return errors(values, own)
 
-    value = fit.values[at : at + 1]
+    value, scaled = fit.values[at : at + 1], _in_scatters(of_one, mask, fit.scatter)
     rest = scaled(value, fit.starts)
     steps = np.array([STEP * fit.parameters[at].scale])
     slopes = derivatives(scaled, value, fit.starts, steps, STEP * start_scale)
@@ -327,20 +326,12 @@ def by_cluster(
 def fitted_starts(
     residuals: Callable[[Array], Array], starts: Array, start_scale: Array, *, rounds: int = 6
 ) -> Array:
-    """Return the starts that minimise the residuals of the windows, by Gauss-Newton.
-
-    residuals: Function from the starts to the residuals, shape (B, L) to (B, R).
-    starts: First guess, shape (B, L).
-    start_scale: Scale of the changes of a start, shape (L,).
-    """
+    """Return the starts, shape (B, L), that minimise the residuals of the windows, (B, R)."""
     for _ in range(rounds):
         rest = residuals(starts)
-        slopes = _own_slopes(residuals, starts, rest, STEP * start_scale)
-        weights = _weights(rest)
-        q, r = np.linalg.qr(np.sqrt(weights)[..., None] * slopes)
-        right = np.swapaxes(q, 1, 2) @ (np.sqrt(weights) * rest)[..., None]
-        step: Array = np.linalg.solve(r, right)[..., 0]
-        starts = starts - step
+        slopes = _slopes(residuals, starts, rest, STEP * start_scale)
+        system = _reduced(np.empty((*rest.shape, 0)), slopes, rest, _weights(rest))
+        starts = starts + system.own_step(np.empty(0))
     return starts
 
 
@@ -353,30 +344,22 @@ def derivatives(
 ) -> tuple[Array, Array]:
     """Return the finite-difference derivatives in the shared parameters and in the starts."""
     base = residuals(shared, starts)
-    by_shared = np.empty((*base.shape, len(shared)))
-    for i, step in enumerate(steps):
-        ahead = shared.copy()
-        ahead[i] += step
-        by_shared[..., i] = (residuals(ahead, starts) - base) / step
-    return by_shared, _own_slopes(lambda x: residuals(shared, x), starts, base, own_steps)
+    by_shared = _slopes(lambda x: residuals(x, starts), shared, base, steps)
+    return by_shared, _slopes(lambda x: residuals(shared, x), starts, base, own_steps)
 
 
-def _own_slopes(
-    residuals: Callable[[Array], Array], starts: Array, base: Array, steps: Array
-) -> Array:
-    """Return the derivatives with respect to the starts, shape (B, R, L)."""
-    slopes = np.empty((*base.shape, starts.shape[1]))
+def _slopes(function: Callable[[Array], Array], point: Array, base: Array, steps: Array) -> Array:
+    """Return the derivatives of residuals by the last axis of a point, shape (B, R, len(steps))."""
+    slopes = np.empty((*base.shape, len(steps)))
     for i, step in enumerate(steps):
-        ahead = starts.copy()
-        ahead[:, i] += step
-        slopes[..., i] = (residuals(ahead) - base) / step
+        ahead = point.copy()
+        ahead[..., i] += step
+        slopes[..., i] = (function(ahead) - base) / step
     return slopes
 
 
 def _weights(rest: Array) -> Array:
-    """Return the robust weight of each residual."""
-    weights: Array = 1.0 / np.sqrt(1.0 + (rest / ROBUST) ** 2)
-    return weights
+    return np.asarray(1.0 / np.sqrt(1.0 + (rest / ROBUST) ** 2))
 
 
 def _cost(rest: Array) -> float:

@@ -12,21 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError, InvalidValueError, meant
-from afl_mujoco.files import EncodingError, atomic_file, read_utf8
+from afl_mujoco.errors import FileError, InvalidValueError, meant, reading
+from afl_mujoco.files import atomic_file, read_utf8
 from afl_mujoco.identification.description import UNITS, Description
+from afl_mujoco.scenario.values import require_distinct, within
 
-MOST_BYTES = 100_000_000
-"""Largest size of a file that is read."""
-
-LEAST_ROWS = 50
-"""Least number of rows of a log: a second at 50 Hz."""
+MOST_BYTES = 100_000_000  # largest size of a file that is read
+LEAST_ROWS = 50  # least number of rows of a log: a second at 50 Hz
 
 PERIOD_DIFFERENCE = 0.1
 """Largest relative difference between the period of a log and the nominal period."""
 
-LARGEST = 1e20
-"""Bound on the numbers in a log: nanoseconds since 1970 are below it."""
+LARGEST = 1e20  # bound on the numbers in a log: nanoseconds since 1970 are below it
 
 JITTER = 0.05
 """Scatter of time stamps about a regular period up to which the device is taken to be regular and
@@ -35,8 +32,7 @@ its stamps to be late at random [period]; beyond it, its readings tell."""
 FOLLOWED = 0.2
 """Share of the difference of a stamp by which the clock follows it, until its period is known."""
 
-LEAST_ROUGHNESS = 1e-12
-"""Readings that are smoother than this are taken to be alike [m, rad]."""
+LEAST_ROUGHNESS = 1e-12  # readings that are smoother than this are taken to be alike [m, rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,10 +80,8 @@ def read_log(path: str | Path, description: Description) -> Log:
     """Read a log from a CSV file."""
     path = Path(path)
     table = _read(path, list(description.columns.values()))
-    try:
+    with within(f"{path}: "):
         return log_of(path.stem, table, description)
-    except InvalidValueError as error:
-        raise error.within(f"{path}: ") from None
 
 
 def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log]:
@@ -100,36 +94,19 @@ def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log
         if not found:
             raise FileError(str(path), "must contain logs, *.csv")
         files += found
-    stems = [file.stem for file in files]
-    for stem in stems:
-        if stems.count(stem) > 1:
-            raise InvalidValueError("name of a log", "must be unique", stem)
+    require_distinct("log", [file.stem for file in files])
     return [read_log(file, description) for file in files]
 
 
-def write_log(
-    path: Path,
-    time: NDArray[np.float64],
-    phi: NDArray[np.float64],
-    z: NDArray[np.float64],
-    command: NDArray[np.float64],
-) -> None:
-    """Write a log in SI units, with the default column names of a description.
-
-    time, phi, z, command: Shape (N,) [s, rad, m, N].
-    """
-    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("time", "phi", "z", "command"))
-        rows = zip(time, phi, z, command, strict=True)
-        writer.writerows([f"{x:.9g}" for x in row] for row in rows)
+def write_log(path: Path, columns: NDArray[np.float64]) -> None:
+    """Write time, phi, z and command [s, rad, m, N] as a log with the default column names."""
+    with atomic_file(path) as temporary:
+        header = "time,phi,z,command"
+        np.savetxt(temporary, columns.T, "%.9g", ",", header=header, comments="")
 
 
 def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Description) -> Log:
-    """Return a log from its columns, or raise if it cannot be used for identification.
-
-    table: Columns of the log by header, shape (N,), in the units of the description.
-    """
+    """Return a log from its columns by header, in the units of the description, or raise."""
     d = description
     columns = {signal: table[header] for signal, header in d.columns.items()}
     for signal, values in columns.items():
@@ -194,8 +171,6 @@ def _slots(
 
     The clock follows the stamps slowly: rounding each step by itself would take a late stamp and an
     early one after it for a lost row.
-
-    period, clock: Period, and time on the clock at the first row [s].
     """
     found = [0]
     for stamp in time[1:].tolist():
@@ -245,7 +220,6 @@ def _smoother(log: Log, time: NDArray[np.float64]) -> float:
 def _require_motion(
     phi: NDArray[np.float64], z: NDArray[np.float64], description: Description
 ) -> None:
-    """Raise if a signal is constant, because nothing can be identified from it."""
     d = description
     for signal, values, count, header in (
         ("angle", np.unwrap(phi), d.angle_count, d.phi.column),
@@ -256,7 +230,6 @@ def _require_motion(
 
 
 def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Return some columns of a CSV file."""
     numbered = _lines(path)
     lines = [line for _, line in numbered]
     separator = _separator(lines[0], headers)
@@ -279,19 +252,18 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
     columns = {}
     for header in headers:
         texts = [cells[first.index(header)] for cells in rows]
-        if not any("." in text for text in texts):  # else a comma is one between thousands
-            texts = [text.replace(",", ".") for text in texts]
-        try:
-            columns[header] = np.array(texts, dtype=np.float64)
-        except ValueError:
-            row = next(row for row, text in enumerate(texts) if not _is_number(text))
-            got = repr(rows[row][first.index(header)])
-            raise fault(row, f"must have a number in column {header!r}", got) from None
+        columns[header] = np.empty(len(rows))
+        point = any("." in text for text in texts)  # then a comma is one between thousands
+        for row, text in enumerate(texts):
+            try:
+                columns[header][row] = float(text if point else text.replace(",", "."))
+            except ValueError:
+                rule = f"must have a number in column {header!r}"
+                raise fault(row, rule, repr(text)) from None
     return columns
 
 
 def _require_columns(path: Path, there: Sequence[str], headers: Sequence[str], by: str) -> None:
-    """Raise unless each header is there once."""
     for header in headers:
         if there.count(header) > 1:
             raise FileError(f"{path}: column {header!r}", "must occur only once")
@@ -302,29 +274,12 @@ def _require_columns(path: Path, there: Sequence[str], headers: Sequence[str], b
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     """Return the lines of a CSV file that are no comments, each with its number."""
-    try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            rule = f"must be at most {MOST_BYTES // 10**6} MB: split it into logs of a few minutes"
-            raise InvalidValueError(str(path), rule, f"{size / 1e6:.0f} MB")
-        text = read_utf8(path)
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except EncodingError as error:
-        raise FileError(str(path), str(error)) from None
-    lines = enumerate(text.splitlines(), start=1)
+    with reading(path, ""):
+        lines = enumerate(read_utf8(path, MOST_BYTES).splitlines(), start=1)
     found = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
     if not found:
         raise FileError(str(path), "must have a header and rows of numbers: it is empty")
     return found
-
-
-def _is_number(text: str) -> bool:
-    """Return whether a text is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
@@ -344,8 +299,7 @@ def _separator(header: str, wanted: Sequence[str]) -> str:
 SEEN = 6
 """Readings of the angle that a window must have among its first rows, to find its initial state."""
 
-FINE = 0.01
-"""Readings that are closer together [s] are thinned out; all commands are used."""
+FINE = 0.01  # readings that are closer together [s] are thinned out; all commands are used
 
 GAP = 1.5
 """Gap between two rows, in units of their spacing, from which a row is missing between them."""
@@ -398,10 +352,6 @@ class Windows:
         names = ("log", "first", "time", "phi", "turns", "z", "there", "valid", "starts")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
-    def finer(self, times: int) -> Windows:
-        """Return the windows with a step that is `times` smaller."""
-        return replace(self, step=self.step / times)
-
     @property
     def steps(self) -> int:
         """Number of steps of a simulation to the last row of every window, and a period beyond."""
@@ -425,20 +375,17 @@ def cut(
     gap: float = GAP,
     least: int | None = LEAST,
 ) -> Windows:
-    """Cut logs into windows.
+    """Cut logs into windows of a length [s], one every so many seconds.
 
     A lost row ends a window, and the next begins after it: the command in between is not known, and
     to hold the one before it is off by as much as the command changes in a row.
-
-    length: Length of a window [s].
-    every: Time between the starts of two windows [s].
     """
     period = min(log.period for log in logs)
     stride = stride_of(period)
     rows = max(2, round(length / (stride * period))) + 1
     apart = stride * max(1, round(every / (stride * period)))
     least, head = rows if least is None else min(least, rows), min(rows, head)
-    columns: dict[str, list[NDArray[Any]]] = {name: [] for name in _COLUMNS}
+    columns: dict[str, list[NDArray[Any]]] = {}
     places, starts, dropped, covered = [], [], 0, 0.0
     for number, log in enumerate(logs):
         ends = np.flatnonzero(np.diff(log.slots) > gap * stride)
@@ -451,7 +398,7 @@ def cut(
                     dropped += 1
                     continue
                 for name, column in part.items():
-                    columns[name].append(column)
+                    columns.setdefault(name, []).append(column)
                 places.append((number, row))
                 starts.append(_start(log, row, last, stride))
                 covered += float(part["time"][there[-1]] - part["time"][0])
@@ -472,16 +419,10 @@ def cut(
     )
 
 
-_COLUMNS = ("time", "phi", "turns", "z", "there", "valid")
-
-
 def _part(
     log: Log, row: int, last: int, ahead: NDArray[np.int64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a window from a row on, at most to a last row.
-
-    ahead: How many periods after the first each of its rows is, shape (n,).
-    """
+    """Return the columns of a window: rows so many periods ahead of one, at most a last one."""
     slots = log.slots[row] + ahead
     rows = np.minimum(np.searchsorted(log.slots, slots), last)
     there = (log.slots[rows] == slots).astype(float)

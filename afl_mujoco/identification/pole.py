@@ -17,11 +17,8 @@ from afl_mujoco.identification.least_squares import Parameter
 from afl_mujoco.identification.log import Windows, stride_of
 from afl_mujoco.simulation.mujoco_model import forward
 
-PIECES = 8
-"""Most reversals in a step; beyond them, the cart sticks for the rest of it."""
-
-SECANTS = 12
-"""Most secants to find a reversal."""
+PIECES = 8  # most reversals in a step; beyond them, the cart sticks for the rest of it
+SECANTS = 12  # most secants to find a reversal
 
 
 @kernel
@@ -86,13 +83,9 @@ def _reversal(at, x, force, friction, way, h, end):
 
 @kernel
 def coulomb_motion(at, starts, forces, friction, step, track):
-    """Write the states on the steps of windows, each from its start.
+    """Write the states on the steps of windows, each from its start, as a track (B, steps + 1, 4).
 
-    starts: (z, phi, z_dot, phi_dot), shape (B, 4).
-    forces: Force of the drive in each step [N], shape (B, steps).
-    friction: Dry friction of the rail [N].
-    step: Length of a step [s].
-    track: Written, shape (B, steps + 1, 4).
+    Forces of the drive are [N], shape (B, steps), as is the dry friction of the rail; steps [s].
     """
     for b in range(len(starts)):
         x = (starts[b, 0], starts[b, 1], starts[b, 2], starts[b, 3])
@@ -123,14 +116,9 @@ def coulomb_motion(at, starts, forces, friction, step, track):
 
 Array = NDArray[np.float64]
 
-HARMONICS = 4
-"""Number of harmonics of the angle in the nonlinearity of a sensor with a dead zone."""
-
-SLOW = 0.05
-"""Rate of the hinge below which its dry friction passes smoothly through zero [rad/s]."""
-
-START_SCALE = np.array([0.01, 0.1])
-"""Scale of the changes of a start (phi, phi_dot) [rad, rad/s]."""
+HARMONICS = 4  # number of harmonics of the angle in the nonlinearity of a sensor with a dead zone
+SLOW = 0.05  # rate of the hinge below which its dry friction passes smoothly through zero [rad/s]
+START_SCALE = np.array([0.01, 0.1])  # scale of the changes of a start (phi, phi_dot) [rad, rad/s]
 
 
 def parameters_of(description: Description) -> list[Parameter]:
@@ -140,47 +128,28 @@ def parameters_of(description: Description) -> list[Parameter]:
     covers the whole turn counts its turns.
     """
     w2, reach = description.nominal.gravity_term, max(2.0 * description.period, 0.04)
-    found = [
-        Parameter(name="gravity_term", unit="1/s²", title="gravity term w2", start=w2,
-                  low=w2 / 5.0, high=5.0 * w2, scale=w2),
-        Parameter(name="coupling", unit="1", title="coupling k", start=1.0, low=-0.5, high=5.0,
-                  scale=1.0),
-        Parameter(name="damping", unit="1/s", title="viscous friction of the hinge", start=0.05,
-                  low=-1.0, high=20.0, scale=0.1),
-        Parameter(name="friction", unit="rad/s²", title="dry friction of the hinge", start=0.05,
-                  low=-2.0, high=20.0, scale=0.1),
-        Parameter(name="skew", unit="s", title="skew: the position is read after the angle by",
-                  start=0.0, low=-reach, high=reach,
-                  scale=1e-2),
-        Parameter(name="compliance", unit="s²",
-                  title="compliance: the cart is ahead of its reading by, per acceleration",
-                  start=0.0, low=-1e-3, high=1e-3, scale=1e-4),
-        Parameter(name="angle_offset", unit="rad", title="angle at the zero of its readings",
-                  start=0.0, low=-0.5, high=0.5, scale=0.01),
+    found = [  # name, unit, title, start, low, high, scale
+        Parameter("gravity_term", "1/s²", "gravity term w2", w2, w2 / 5.0, 5.0 * w2, w2),
+        Parameter("coupling", "1", "coupling k", 1.0, -0.5, 5.0, 1.0),
+        Parameter("damping", "1/s", "viscous friction of the hinge", 0.05, -1.0, 20.0, 0.1),
+        Parameter("friction", "rad/s²", "dry friction of the hinge", 0.05, -2.0, 20.0, 0.1),
+        Parameter("skew", "s", "skew: the position is read after the angle by",
+                  0.0, -reach, reach, 1e-2),
+        Parameter("compliance", "s²", "compliance: the cart is ahead of its reading by, "
+                  "per acceleration", 0.0, -1e-3, 1e-3, 1e-4),
+        Parameter("angle_offset", "rad", "angle at the zero of its readings", 0.0, -0.5, 0.5, 0.01),
     ]  # fmt: skip
     if description.phi.dead_zone is not None:
-        found.append(
-            Parameter(
-                name="angle_scale",
-                unit="1",
-                title="scale of the angle",
-                start=0.97,
-                low=0.7,
-                high=1.3,
-                scale=0.1,
-            )
-        )
+        found.append(Parameter("angle_scale", "1", "scale of the angle", 0.97, 0.7, 1.3, 0.1))
         found += [
-            Parameter(name=f"{wave}_{k}", unit="rad", title=f"linearity: {wave} {k} phi",
-                      start=0.0, low=-0.1, high=0.1, scale=2e-3)
+            Parameter(f"{wave}_{k}", "rad", f"linearity: {wave} {k} phi", 0.0, -0.1, 0.1, 2e-3)
             for k in range(1, HARMONICS + 1)
             for wave in ("sin", "cos")
-        ]  # fmt: skip
+        ]
     return found
 
 
-NONE = {"angle_scale": 1.0}
-"""Values of parameters that are not estimated."""
+NONE = {"angle_scale": 1.0}  # values of parameters that are not estimated
 
 
 def linearity(values: Mapping[str, float], angles: Array) -> Array:
@@ -209,10 +178,7 @@ class Drive:
         object.__setattr__(self, "_tracks", found)
 
     def angles(self, values: Mapping[str, float], starts: Array) -> Array:
-        """Return the angles at the rows of the windows [rad], shape (B, n).
-
-        starts: (phi, phi_dot) at the first rows, shape (B, 2).
-        """
+        """Return the angles at the rows [rad], (B, n), from (phi, phi_dot) at the first, (B, 2)."""
         v, w = {**NONE, **values}, self.windows
         factor = v["coupling"] * v["gravity_term"] / self.gravity
         track = pole_motion(
@@ -238,21 +204,14 @@ class Drive:
 
 
 def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
-    """Return what the sensor reads at some angles [rad].
-
-    angles, turns: Angles [rad], and the whole turns in them.
-    """
+    """Return what the sensor reads at some angles with so many whole turns [rad]."""
     v = {**NONE, **values}
     read: Array = (angles - 2.0 * np.pi * turns - v["angle_offset"]) / v["angle_scale"]
     return read + linearity(v, angles)
 
 
 def at_rows(windows: Windows, values: Array, rates: Array, late: float) -> Array:
-    """Return a simulated signal interpolated at the rows of the windows, shape (B, n).
-
-    values, rates: The signal on the steps of the windows, and its derivative, shape (B, steps + 1).
-    late: How much later than the rows the signal is taken [s].
-    """
+    """Return a signal and its rates on the steps, (B, steps + 1), at the rows, (B, n), or later."""
     w = windows
     place = (w.time - w.time[:, :1] + late) / w.step
     i = np.clip(np.floor(place + 1e-9).astype(int), 0, w.steps - 1)
@@ -276,9 +235,7 @@ def _rates(phi, p, drive, w2, c, d):
 def pole_motion(starts, drives, step, w2, c, d):
     """Return (phi, phi') on the steps of each window, by RK4, shape (B, steps + 1, 2).
 
-    starts: (phi, phi_dot), shape (B, 2).
     drives: ``(k w2 / g) z'`` on the half steps [rad/s], shape (B, 2 steps + 1).
-    step: Length of a step [s].
     w2, c, d: Gravity term [1/s^2], viscous [1/s] and dry friction [rad/s^2].
     """
     steps = (drives.shape[1] - 1) // 2

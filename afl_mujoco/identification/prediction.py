@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import read_json
 from afl_mujoco.identification import pole, rig
-from afl_mujoco.identification.description import Description
+from afl_mujoco.identification.description import Description, load_description
 from afl_mujoco.identification.least_squares import fitted_starts
-from afl_mujoco.identification.log import Log, Windows, cut, stride_of
+from afl_mujoco.identification.log import Log, Windows, cut, read_logs, stride_of
 
 if TYPE_CHECKING:
     from afl_mujoco.identification.identify import Identified
@@ -29,9 +29,19 @@ FIT, CHOOSE = FOLDER / "fit", FOLDER / "validate"
 DESCRIPTION, ESTIMATES = FOLDER / "description.toml", FOLDER / "estimates.json"
 
 
+def described_logs(
+    logs: Sequence[str], description: str | None, default: Sequence[Path]
+) -> tuple[list[Log], Description]:
+    """Return logs with their description; without both, some that come with the package."""
+    if bool(logs) != (description is not None):
+        thing = "description" if logs else "logs"
+        raise InvalidValueError(thing, "must be given: logs need their description")
+    known = load_description(description or DESCRIPTION)
+    return read_logs(logs or default, known), known
+
+
 def load_estimates(path: Path = ESTIMATES) -> Identified:
     """Return the estimates in a file that `afl-mujoco identify` wrote."""
-    from afl_mujoco.identification import pole, rig
     from afl_mujoco.identification.identify import Identified
 
     wrong, again = "has no estimates of afl-mujoco identify", "run afl-mujoco identify"
@@ -40,10 +50,9 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
     if found.drive is not None:
         known += rig.parameters_of(found.description)
     expected = [one.name for one in known]
-    for step in (found.pole, found.drive):
-        if step is not None and not step.is_sound:
-            rule = f"must be as that command writes them: {again}"
-            raise FileError(f"{path} {wrong}: correlations and scatter", rule)
+    rule = f"must be as that command writes them: {again}"
+    if not all(step.is_sound for step in found.steps):
+        raise FileError(f"{path} {wrong}: correlations and scatter", rule)
     for one in known:
         value = found.values.get(one.name, one.low)
         if not one.low <= value <= one.high:
@@ -51,20 +60,18 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
             raise FileError(f"{path} {wrong}: {one.name}", bounds, value)
     if list(found.values) != expected:
         named = ", ".join({*expected} ^ {*found.values}) or "their order"
-        raise FileError(f"{path} {wrong}: {named}", f"must be as that command writes them: {again}")
+        raise FileError(f"{path} {wrong}: {named}", rule)
     return found
 
 
 Array = NDArray[np.float64]
 
-AWAY = 0.5
-"""Angle from upright beyond which a small error does not grow by itself [rad]."""
+AWAY = 0.5  # angle from upright beyond which a small error does not grow by itself [rad]
 
 LONG_GAP = 5.0
 """Gap between two rows, in units of their spacing, from which a prediction is left out."""
 
-SEEN = 5
-"""Number of readings of the angle that a fitted state needs."""
+SEEN = 5  # number of readings of the angle that a fitted state needs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,12 +96,7 @@ class Starts:
 
 
 def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Starts:
-    """Return the starts of logs.
-
-    past: Length of the rows that are fitted [s].
-    longest: Longest horizon [s].
-    every: Time between two starts [s].
-    """
+    """Return the starts of logs, every so many seconds, with a past to fit and a horizon."""
     period = min(log.period for log in logs)
     spacing = stride_of(period) * period
     rows = round(past / spacing) + 1
@@ -132,14 +134,11 @@ def errors_of(
     position: bool = True,
     whole: bool = False,
 ) -> tuple[Errors, ...]:
-    """Return the errors of predictions for each horizon.
-
-    predicted: Predicted readings of position and angle, shape (B, 2, n).
-    horizons: Horizons [s].
-    """
+    """Return the errors of predicted z and phi, shape (B, 2, n), after each horizon [s]."""
     w, d, v = starts.windows, description, {**pole.NONE, **values}
     there, first = np.arange(w.count), starts.past - 1
-    angle = _within_turn(v["angle_scale"] * w.phi + v["angle_offset"])
+    angle = v["angle_scale"] * w.phi + v["angle_offset"]
+    angle -= 2.0 * np.pi * np.round(angle / (2.0 * np.pi))  # without whole turns
     found = []
     for horizon in horizons:
         rows, near = starts.rows(horizon)
@@ -157,8 +156,8 @@ def errors_of(
                 rms_z=_rms(z_off) if position else None,
                 counts_phi=_counts(off, d.angle_count),
                 counts_z=_counts(z_off, d.position_count) if position else None,
-                explained_phi=_explained(v["angle_scale"] * off, angle[there, rows][good]),
-                explained_z=_explained(z_off, w.z[there, rows][near]) if position else None,
+                explained_phi=explained(v["angle_scale"] * off, angle[there, rows][good]),
+                explained_z=explained(z_off, w.z[there, rows][near]) if position else None,
                 away_phi=_counts(off[away], d.angle_count) if away.any() else None,
                 clear_phi=_counts(off[clear], d.angle_count) if clear.any() else None,
                 starts=int(good.sum()),
@@ -178,7 +177,7 @@ def predicted_by_pole(
     def read(own: Array) -> Array:
         return pole.readings(values, driven.angles(values, own), w.turns)
 
-    scale = _count(description.angle_count)
+    scale = description.angle_count or 1e-6
     own = fitted_starts(
         lambda x: starts.before * (read(x) - w.phi) / (1e3 * scale), w.starts[:, [1, 3]],
         pole.START_SCALE,
@@ -196,40 +195,32 @@ def predicted_by_rig(
 ) -> tuple[Array, Array]:
     """Return the predicted readings for known commands, and the states at the starts.
 
-    scatter: Scatter of position and angle, which weights their readings [m, rad].
+    The scatter of position and angle [m, rad] weights their readings.
     """
     w = starts.windows
     whole = rig.Rig(windows=w, description=description, workers=workers)
-    past = rig.Rig(windows=_first_rows(w, starts.past), description=description, workers=workers)
-    measured = np.stack([w.z, w.phi], axis=1)[..., : starts.past]
-    before = starts.before[:, : starts.past]
-    weights = np.stack([past.windows.there, before], axis=1) / np.array(scatter)[:, None]
-    guess = w.starts.copy()
+    names = ("time", "phi", "turns", "z", "there", "valid")
+    first = replace(w, **{name: getattr(w, name)[:, : starts.past] for name in names})
+    past = rig.Rig(windows=first, description=description, workers=workers)
+    measured, before = np.stack([first.z, first.phi], axis=1), starts.before[:, : starts.past]
+    weights = np.stack([first.there, before], axis=1) / np.array(scatter)[:, None]
 
     def errors(own: Array) -> Array:
         rest: Array = weights * (past.readings(values, own) - measured)
         return rest.reshape(w.count, -1)
 
-    own = fitted_starts(lambda x: errors(x) / 1e3, guess, rig.START_SCALE, rounds=3)
+    own = fitted_starts(lambda x: errors(x) / 1e3, w.starts, rig.START_SCALE, rounds=3)
     own = fitted_starts(errors, own, rig.START_SCALE, rounds=2)
     track = whole.motion(values, own)
-    states = np.stack(
-        [
-            pole.at_rows(w, track[..., i], np.gradient(track[..., i], w.step, axis=1), 0.0)[
-                :, starts.past - 1
-            ]
-            for i in range(4)
-        ],
-        axis=1,
-    )
-    return whole.read(values, track), states
+    states = [
+        pole.at_rows(w, x, np.gradient(x, w.step, axis=1), 0.0)[:, starts.past - 1]
+        for x in np.moveaxis(track, -1, 0)
+    ]
+    return whole.read(values, track), np.stack(states, axis=1)
 
 
 def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> Array:
-    """Return the predicted readings without any acceleration, shape (B, 2, n).
-
-    states: (z, phi, z_dot, phi_dot) at the starts, shape (B, 4).
-    """
+    """Return the predicted readings without any acceleration from states (B, 4), (B, 2, n)."""
     w = starts.windows
     after = w.time - w.time[:, starts.past - 1 : starts.past]
     z, phi, z_dot, phi_dot = (states[:, i : i + 1] for i in range(4))
@@ -238,24 +229,7 @@ def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> A
     return np.stack([position, angle], axis=1)
 
 
-def _first_rows(windows: Windows, rows: int) -> Windows:
-    """Return the first rows of windows."""
-    names = ("time", "phi", "turns", "z", "there", "valid")
-    return replace(windows, **{name: getattr(windows, name)[:, :rows] for name in names})
-
-
-def _within_turn(angle: Array) -> Array:
-    """Return angles without whole turns, in -pi to pi [rad]."""
-    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
-
-
-def _count(resolution: float) -> float:
-    """Return a resolution, or a small one if there is none."""
-    return resolution if resolution > 0.0 else 1e-6
-
-
 def _rms(errors: Array) -> float:
-    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
 
 
@@ -264,7 +238,7 @@ def _counts(errors: Array, resolution: float) -> float | None:
     return _rms(errors) / resolution if resolution > 0.0 else None
 
 
-def _explained(errors: Array, readings: Array) -> float:
+def explained(errors: Array, readings: Array) -> float:
     """Return the share of variance that a prediction explains."""
     total = float(np.sum((readings - readings.mean()) ** 2))
     return 1.0 - float(np.sum(errors**2)) / total if total > 0.0 else 0.0

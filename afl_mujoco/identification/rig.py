@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,31 +35,25 @@ def parameters_of(description: Description) -> list[Parameter]:
     whole = n.cart_mass + n.pole_mass
     gain, decay = n.force / whole, min(max(n.rail_damping / whole, 1.0), 20.0)
     reach = max(5.0 * period, 0.1)
-    return [
-        Parameter(name="mass_ratio", unit="1", title="m / (M + m): the reaction of the pole",
-                  start=n.pole_mass / whole, low=1e-4, high=0.9, scale=0.1),
-        Parameter(name="gain", unit="m/s²", title="acceleration of one of the command",
-                  start=gain, low=0.01 * gain, high=100.0 * gain, scale=gain),
-        Parameter(name="decay", unit="1/s", title="decay of the speed", start=decay, low=0.0,
-                  high=100.0 * decay, scale=decay),
-        Parameter(name="dry_deceleration", unit="m/s²", title="deceleration by dry friction",
-                  start=0.02 * gain * limit, low=0.0, high=2.0 * gain * limit,
-                  scale=0.1 * gain * limit),
-        Parameter(name="delay", unit="s", title="delay of the command", start=0.2 * period,
-                  low=0.0, high=reach, scale=1e-2),
-        Parameter(name="lag", unit="s", title="lag of the drive", start=0.2 * period, low=0.0,
-                  high=reach, scale=1e-2),
-        Parameter(name="bias", unit="1", title="command at which the drive does not pull",
-                  start=0.0, low=-0.5 * limit, high=0.5 * limit, scale=0.01 * limit),
+    return [  # name, unit, title, start, low, high, scale
+        Parameter("mass_ratio", "1", "m / (M + m): the reaction of the pole",
+                  n.pole_mass / whole, 1e-4, 0.9, 0.1),
+        Parameter("gain", "m/s²", "acceleration of one of the command",
+                  gain, 0.01 * gain, 100.0 * gain, gain),
+        Parameter("decay", "1/s", "decay of the speed", decay, 0.0, 100.0 * decay, decay),
+        Parameter("dry_deceleration", "m/s²", "deceleration by dry friction",
+                  0.02 * gain * limit, 0.0, 2.0 * gain * limit, 0.1 * gain * limit),
+        Parameter("delay", "s", "delay of the command", 0.2 * period, 0.0, reach, 1e-2),
+        Parameter("lag", "s", "lag of the drive", 0.2 * period, 0.0, reach, 1e-2),
+        Parameter("bias", "1", "command at which the drive does not pull",
+                  0.0, -0.5 * limit, 0.5 * limit, 0.01 * limit),
     ]  # fmt: skip
 
 
 def physical(values: Mapping[str, float], description: Description) -> dict[str, float]:
     """Return masses, forces and frictions from identified ratios, for a pole of the given mass.
 
-    Returns physical: ``half_length`` [m], ``cart_mass`` [kg], ``force`` [N] per unit of command,
-        ``rail_damping`` [N s/m], ``rail_friction`` [N], ``hinge_damping`` [N m s/rad],
-        ``hinge_friction`` [N m].
+    In SI units; the force is for one unit of command.
     """
     v, n = values, description.nominal
     half_length = 0.75 * n.gravity / v["gravity_term"]
@@ -77,8 +70,7 @@ def physical(values: Mapping[str, float], description: Description) -> dict[str,
     }
 
 
-FRICTION = "dry_friction.z"
-"""Dry friction of the rail among the imperfections."""
+FRICTION = "dry_friction.z"  # dry friction of the rail among the imperfections
 
 
 def model_of(
@@ -93,14 +85,11 @@ def model_of(
         gravity=n.gravity,
     )
     # one estimated as negative, within its error, is none
-    friction: dict[str, Any] = {
-        field: {"z": max(0.0, found[rail]), "phi": max(0.0, found[hinge])}
-        for field, rail, hinge in (
-            ("damping", "rail_damping", "hinge_damping"),
-            ("dry_friction", "rail_friction", "hinge_friction"),
-        )
-    }
-    return plant, Imperfections(**friction)
+    damping, dry = (
+        {"z": max(0.0, found[f"rail_{kind}"]), "phi": max(0.0, found[f"hinge_{kind}"])}
+        for kind in ("damping", "friction")
+    )
+    return plant, Imperfections(damping=damping, dry_friction=dry)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -122,11 +111,7 @@ class Rig:
         object.__setattr__(self, "_models", models)
 
     def readings(self, values: Mapping[str, float], starts: Array) -> Array:
-        """Return the readings of the sensors at the rows of the windows, shape (B, 2, n).
-
-        starts: (z, phi, z_dot, phi_dot) at the first rows, shape (B, 4).
-        Returns readings: Readings of the position [m] and the angle [rad].
-        """
+        """Return the readings at the rows, shape (B, 2, n), from states at the first, (B, 4)."""
         return self.read(values, self.motion(values, starts))
 
     def read(self, values: Mapping[str, float], track: Array) -> Array:
@@ -146,7 +131,7 @@ class Rig:
         """Return the states on the steps of the windows, shape (B, steps + 1, 4)."""
         forces = self.forces(values)
         plant, imperfections = model_of(values, self.description)
-        if self.exact and imperfections.at("dry_friction.z") > 0.0:
+        if self.exact and imperfections.at(FRICTION) > 0.0:
             return self._exact_motion(plant, imperfections, starts, forces)
         model = self._models[0]
         model.set_imperfections(imperfections, plant)
@@ -154,8 +139,7 @@ class Rig:
         full = mujoco.mjtState.mjSTATE_FULLPHYSICS
         initial = np.zeros((len(starts), mujoco.mj_stateSize(model.mj_model, full)))
         initial[:, 1:5] = starts
-        threads = min(self.workers, len(starts))
-        data = [mujoco.MjData(model.mj_model) for _ in range(threads)]
+        data = [mujoco.MjData(model.mj_model) for _ in range(min(self.workers, len(starts)))]
         found, _ = rollout.rollout(model.mj_model, data, initial, forces[..., None])
         return np.concatenate([starts[:, None], found[..., 1:5]], axis=1)
 
@@ -205,10 +189,8 @@ class Rig:
 def _impulses(times, commands, lag, when):
     """Return the integral of a held command behind a first-order lag, shape of `when`.
 
-    times, commands: Times [s] and the commands that hold from each of them on, shape (N,); before
-        the first time the first command holds, and the lag has settled.
-    lag: Time constant [s].
-    when: Times of the integral [s], shape (B, K), ascending in each row.
+    A command holds from its time on; before the first time the first one does, and the lag has
+    settled. `when` ascends in each row [s].
     """
     count = len(times)
     behind, whole = np.empty(count), np.zeros(count)  # lagged command and integral at each time

@@ -42,14 +42,12 @@ SEEDS, QUICK_SEEDS, MOST_SEEDS = 8, 2, 1000
 TRUE, NOMINAL, ESTIMATED = "true", "nominal", "estimated"
 """Kinds of M and l that a controller assumes."""
 
-METRICS = ("objective", "iae_z", "iae_phi", "max_force")
-"""Metrics that are reported for a loop."""
+METRICS = ("objective", "iae_z", "iae_phi", "max_force")  # metrics that are reported for a loop
 
 UNTIL, EVERY = 12.0, 4
 """End of the curves that are kept [s], after which nothing happens; every so many instants."""
 
-DRAWN = ("step-step", "trapezoid-trapezoid")
-"""Schedules that are drawn if they were studied."""
+DRAWN = ("step-step", "trapezoid-trapezoid")  # schedules that are drawn if they were studied
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,21 +117,11 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ramp:
-    """A stretch of time in which the truth changes at a constant rate."""
-
-    start: float  # [s]
-    end: float  # [s]
-    lag: float | None  # mean of (truth - estimate) / rate after `SETTLING` [s]; None if shorter
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Tracking:
     """How one estimate follows the truth."""
 
     rms: dict[str, float | None]  # of ln(estimate / truth) in each window; None without an instant
     steps: tuple[Step, ...]
-    ramps: tuple[Ramp, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,24 +137,6 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Curves:
-    """Curves of one schedule up to `UNTIL`: instants [s], M [kg], l [m] and pole angles [rad].
-
-    Estimates and their angle are of the first seed, the true angle of the loop without noise.
-    """
-
-    time: Array
-    cart_mass: Array
-    half_length: Array
-    true_cart_mass: Array
-    true_half_length: Array
-    estimated_time: Array
-    estimated_angle: Array
-    true_time: Array
-    true_angle: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
     """What was found on one schedule."""
 
@@ -174,33 +144,17 @@ class Case:
     cart_mass: tuple[Tracking, ...]  # one for each seed
     half_length: tuple[Tracking, ...]
     loops: tuple[Loop, ...]
-    curves: Curves
+    # by quantity, what is true and what is estimated up to `UNTIL`: instants [s] and values. Those
+    # estimated are of the first seed, the true angle is of the loop without noise
+    curves: dict[str, dict[str, tuple[Array, Array]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """How well M and l are tracked, and what estimation costs the closed loop.
+    """How well M and l are tracked, and what estimation costs the closed loop."""
 
-    Attributes
-    ----------
-    controller
-        Name that the controller has with the true parameters.
-    windows
-        Names of the time windows over which errors are judged.
-    found_within
-        Relative error within which a step counts as found [1].
-    noise_z, noise_phi
-        Noise of the sensors in the noisy runs [m, rad].
-    cases
-        The schedules.
-    """
-
-    controller: str
-    windows: tuple[str, ...]
-    found_within: float
-    noise_z: float
-    noise_phi: float
-    cases: tuple[Case, ...]
+    controller: str  # name that it has with the true parameters
+    cases: tuple[Case, ...]  # the schedules
 
 
 # --- the runs -----------------------------------------------------------------------------------
@@ -213,14 +167,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     advance = counted(progress, "estimating", len(units))
     with open_executor(min(workers, len(units))) as executor:
         cases = compute_all(run_case, units, executor, advance)
-    return Result(
-        controller=request.controller.name,
-        windows=tuple(WINDOWS),
-        found_within=FOUND,
-        noise_z=NOISE.at("noise.z"),
-        noise_phi=NOISE.at("noise.phi"),
-        cases=tuple(cases),
-    )
+    return Result(controller=request.controller.name, cases=tuple(cases))
 
 
 def run_case(unit: Request) -> Case:
@@ -259,17 +206,20 @@ def run_case(unit: Request) -> Case:
         cart_mass=tuple(tracking(scenario.cart_mass, x.time, x.cart_mass) for x in followed),
         half_length=tuple(tracking(scenario.half_length, x.time, x.half_length) for x in followed),
         loops=tuple(loops),
-        curves=Curves(
-            time=time,
-            cart_mass=found.cart_mass[part],
-            half_length=found.half_length[part],
-            true_cart_mass=scenario.cart_mass(time),
-            true_half_length=scenario.half_length(time),
-            estimated_time=first.time[mine],
-            estimated_angle=first.state[mine, 1],
-            true_time=oracle.time[its],
-            true_angle=oracle.state[its, 1],
-        ),
+        curves={
+            "cart mass M [kg]": {
+                TRUE: (time, scenario.cart_mass(time)),
+                ESTIMATED: (time, found.cart_mass[part]),
+            },
+            "half-length l [m]": {
+                TRUE: (time, scenario.half_length(time)),
+                ESTIMATED: (time, found.half_length[part]),
+            },
+            "pole angle φ [rad]": {
+                TRUE: (oracle.time[its], oracle.state[its, 1]),
+                ESTIMATED: (first.time[mine], first.state[mine, 1]),
+            },
+        },
     )
 
 
@@ -309,11 +259,7 @@ WINDOWS = {"0.05-1 s": (0.05, 1.0), "1-6 s": (1.0, 6.0), "6 s to the end": (6.0,
 """Time windows over which the error is judged [s]: after the start, while the paper's plants
 change by steps, and after that."""
 
-FOUND = 0.1
-"""Relative error within which an estimate counts as found."""
-
-SETTLING = 0.2
-"""Time at the beginning of a ramp that is left out of its lag [s]."""
+FOUND = 0.1  # relative error within which an estimate counts as found
 
 _BESIDE = 1e-9
 
@@ -323,19 +269,14 @@ def tracking(truth: Schedule, time: Values, estimate: Values) -> Tracking:
     error = np.log(estimate / truth(time))
     end = float(time[-1])
     edges = sorted({0.0, *(t for t in truth.breakpoints if 0.0 < t < end), end})
-    spans = list(itertools.pairwise(edges))
     rms = {name: error[_within(time, *span)] for name, span in WINDOWS.items()}
     return Tracking(
         rms={n: float(np.sqrt(np.mean(x**2))) if len(x) else None for n, x in rms.items()},
         steps=tuple(
             _step(time, error, start, stop)
-            for start, stop in spans
-            if start > 0.0 and _differ(truth.before(start), truth.at(start))
-        ),
-        ramps=tuple(
-            Ramp(start=start, end=stop, lag=_lag(truth, time, estimate, start, stop))
-            for start, stop in spans
-            if _rate(truth, start, stop)
+            for start, stop in itertools.pairwise(edges)
+            if start > 0.0
+            and not math.isclose(truth.before(start), truth.at(start), rel_tol=1e-6)  # a rounding
         ),
     )
 
@@ -343,17 +284,6 @@ def tracking(truth: Schedule, time: Values, estimate: Values) -> Tracking:
 def _within(time: Values, start: float, end: float) -> NDArray[np.bool_]:
     """Return which instants lie in a stretch of time, excluding its end."""
     return np.asarray((time >= start - _BESIDE) & (time < end - _BESIDE))
-
-
-def _differ(one: float, other: float) -> bool:
-    """Return whether two values differ by more than rounding."""
-    return not math.isclose(one, other, rel_tol=1e-6)
-
-
-def _rate(truth: Schedule, start: float, end: float) -> float:
-    """Return how fast the truth changes between two breakpoints; 0 if only by rounding."""
-    first, last = truth.at(start), truth.before(end)
-    return (last - first) / (end - start) if _differ(first, last) else 0.0
 
 
 def _step(time: Values, error: Values, start: float, end: float) -> Step:
@@ -367,15 +297,6 @@ def _step(time: Values, error: Values, start: float, end: float) -> Step:
         reached_after=late[int(near.argmax())] if near.any() else None,
         found_after=late[int(outside[-1]) + 1] if len(outside) else 0.0,
     )
-
-
-def _lag(truth: Schedule, time: Values, estimate: Values, start: float, end: float) -> float | None:
-    """Return how late the estimate is on a ramp."""
-    part = _within(time, start + SETTLING, end)
-    if not part.any():
-        return None
-    late = (truth(time[part]) - estimate[part]) / _rate(truth, start, end)
-    return float(np.mean(late))
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -402,9 +323,9 @@ def report(result: Result) -> Report:
         Figure(
             name="estimation" if number == 0 else f"estimation-{number + 1}",
             title=f"M and l estimated on {case.scenario}",
-            caption=f"{result.controller} with {1e3 * result.noise_z:g} mm and "
-            f"{1e3 * result.noise_phi:g} mrad of noise on z and φ; beside it, the same controller "
-            "with the true M and l and without noise.",
+            caption=f"{result.controller} with {1e3 * NOISE.at('noise.z'):g} mm and "
+            f"{1e3 * NOISE.at('noise.phi'):g} mrad of noise on z and φ; beside it, the same "
+            "controller with the true M and l and without noise.",
             draw=partial(_draw, case.curves),
         )
         for number, case in enumerate(drawn)
@@ -413,13 +334,11 @@ def report(result: Result) -> Report:
 
 
 def _find(case: Case, parameters: str, *, noise: bool) -> Loop:
-    """Return one of the loops of a schedule."""
     wanted = parameters, noise
     return next(loop for loop in case.loops if (loop.parameters, loop.noise) == wanted)
 
 
 def _loops(result: Result) -> Matrix:
-    """Return the cost of each loop."""
     return Matrix(
         caption="Cost of the loop by the M and l that are assumed: medians, and the largest force "
         "of all runs",
@@ -464,13 +383,13 @@ def _tracking(result: Result) -> Matrix:
     return Matrix(
         folded="Errors of the estimates",
         caption="Root mean square of ln(estimate / truth), the largest over the seeds, by window; "
-        f"medians of the time after each step to {100.0 * result.found_within:g} % [s]",
-        columns=["Scenario", "Of", *result.windows, "Found first", "Found for good"],
+        f"medians of the time after each step to {100.0 * FOUND:g} % [s]",
+        columns=["Scenario", "Of", *WINDOWS, "Found first", "Found for good"],
         rows=[
             [
                 case.scenario,
                 symbol,
-                *(largest(found, window) for window in result.windows),
+                *(largest(found, window) for window in WINDOWS),
                 *(medians(found, name) for name in ("reached_after", "found_after")),
             ]
             for case in result.cases
@@ -479,34 +398,12 @@ def _tracking(result: Result) -> Matrix:
     )
 
 
-def _draw(made: Curves) -> Any:
+def _draw(made: dict[str, dict[str, tuple[Array, Array]]]) -> Any:
     """Draw M, l and the pole angle, true and estimated."""
     from afl_mujoco.report.figures import Panel, curves
 
-    panels = [
-        Panel(
-            label="cart mass M [kg]",
-            curves={
-                "true": (made.time, made.true_cart_mass),
-                "estimated": (made.time, made.cart_mass),
-            },
-        ),
-        Panel(
-            label="half-length l [m]",
-            curves={
-                "true": (made.time, made.true_half_length),
-                "estimated": (made.time, made.half_length),
-            },
-        ),
-        Panel(
-            label="pole angle φ [rad]",
-            curves={
-                "true": (made.true_time, made.true_angle),
-                "estimated": (made.estimated_time, made.estimated_angle),
-            },
-        ),
-    ]
-    ends = [float(time[-1]) for time in (made.time, made.true_time, made.estimated_time)]
+    ends = [float(time[-1]) for pair in made.values() for time, _ in pair.values()]
+    panels = [Panel(label=label, curves=pair) for label, pair in made.items()]
     return curves(panels, 0.999 * max(ends))  # a cross is only where a run ended early
 
 
@@ -514,7 +411,7 @@ STUDY = Study(
     name="estimation",
     title="M and l estimated online",
     order=50,
-    schema=3,
+    schema=4,
     configuration=Options,
     prepare=prepare,
     run=run,

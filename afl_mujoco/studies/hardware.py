@@ -20,7 +20,7 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.identification.export import TILT, certain
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.prediction import AWAY, Errors, Starts
+from afl_mujoco.identification.prediction import Errors
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import MISSING, listed, percent, short
@@ -29,6 +29,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import Progress, Study, silent
 from afl_mujoco.studies.identified_parts import Shown, draw_shown, physical_matrix, shown_of
+from afl_mujoco.studies.robustness import LARGEST_SEED
 from afl_mujoco.studies.run import run_all
 
 MOST_DRAWS = 100_000
@@ -60,7 +61,6 @@ class Request(NamedTuple):
 
     logs: Sequence[Log]
     identified: Identified
-    source: str  # where the recordings are
     draws: int
     seed: int
 
@@ -79,8 +79,7 @@ def prepare(options: Options) -> Request:
 
     o = options
     require_count("draws", o.draws, 0, MOST_DRAWS)
-    if not 0 <= o.seed < 2**63:
-        raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", o.seed)
+    require_count("seed", o.seed, 0, LARGEST_SEED)
     identified = load_estimates(ESTIMATES if o.estimates is None else Path(o.estimates))
     if o.estimates is not None and o.logs is None:
         raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
@@ -90,10 +89,8 @@ def prepare(options: Options) -> Request:
     for name in identified.description.limits:
         if name not in known:
             raise UnknownNameError.among("limits", name, known)
-    folder = CHOOSE if o.logs is None else Path(o.logs)
-    logs = read_logs([folder], identified.description)
-    source = f"{folder.name}/, which comes with the package" if o.logs is None else o.logs
-    return Request(logs, identified, source, o.draws, o.seed)
+    logs = read_logs([CHOOSE if o.logs is None else o.logs], identified.description)
+    return Request(logs, identified, o.draws, o.seed)
 
 
 # --- what is found ------------------------------------------------------------------------------
@@ -147,60 +144,24 @@ class Survival:
     survived: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """What recordings say about the identified model.
+    """What recordings say about the identified model."""
 
-    Attributes
-    ----------
-    source
-        Where the recordings are.
-    logs
-        Names of the recordings.
-    fitted
-        Names of those that the estimates were fitted to: they prove nothing.
-    identified
-        The estimates.
-    terms
-        Terms of the pole's equation, by name: gravity, coupling and friction.
-    held_out
-        Errors of the whole cart-pole in MuJoCo, given the command, by horizon.
-    whole
-        The same for starts around which no row is missing; the command of a missing row is unknown.
-    pole
-        Errors of the pole alone, given the motion of the cart.
-    baselines
-        Errors of other models, given the command, by name.
-    statements
-        The statements of the protocol, judged.
-    speeds
-        Largest abs(z') [m/s] and abs(phi') [rad/s], of any reading.
-    reach, turned
-        Largest abs(z) [m], and the largest range of the angle in a recording [rad].
-    band
-        Horizons [s], and the rms errors of position [m] and angle [rad] after them, shape (3, H).
-    recorded
-        A recording beside its predictions.
-    survival
-        What controllers would do on that cart-pole; empty if nothing was drawn, or the estimates
-        are too uncertain to draw from.
-    """
-
-    source: str
-    logs: tuple[str, ...]
-    fitted: tuple[str, ...]
+    logs: tuple[str, ...]  # names of the recordings
+    fitted: tuple[str, ...]  # of those that the estimates were fitted to: they prove nothing
     identified: Identified
-    terms: dict[str, Term]
-    held_out: tuple[Errors, ...]
+    terms: dict[str, Term]  # of the pole's equation, by name: gravity, coupling and friction
+    held_out: tuple[Errors, ...]  # of the whole in MuJoCo, given the command, by horizon
+    # the same for starts around which no row is missing; the command of a missing row is unknown
     whole: tuple[Errors, ...]
-    pole: tuple[Errors, ...]
-    baselines: dict[str, tuple[Errors, ...]]
-    statements: tuple[Judged, ...]
-    speeds: tuple[float, float]
-    reach: float
-    turned: float
-    band: Array
-    recorded: Shown
+    pole: tuple[Errors, ...]  # of the pole alone, given the motion of the cart
+    baselines: dict[str, tuple[Errors, ...]]  # of other models, given the command, by name
+    statements: tuple[Judged, ...]  # of the protocol
+    band: Array  # horizons [s], and the rms errors of z [m] and phi [rad] after them, shape (3, H)
+    recorded: Shown  # a recording beside its predictions
+    # what controllers would do on that cart-pole; empty if nothing was drawn, or the estimates are
+    # too uncertain to draw from
     survival: tuple[Survival, ...] = ()
 
     @property
@@ -209,20 +170,13 @@ class Result:
         found = self.statements
         return any(one.holds for one in found) and not any(one.fails for one in found)
 
-    def __repr__(self) -> str:
-        """Summarise the outcome in one line."""
-        return f"<{report(self).headline}>"
-
 
 # --- the recordings and the model ---------------------------------------------------------------
 
 Values = NDArray[np.float64]
 
-BAND = 26
-"""Number of horizons up to half a second at which the band of a prediction is measured."""
-
-NO_REACTION = 1e-6
-"""Mass ratio at which the cart does not feel the pole."""
+BAND = 26  # number of horizons up to half a second at which the band of a prediction is measured
+NO_REACTION = 1e-6  # mass ratio at which the cart does not feel the pole
 
 
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
@@ -233,36 +187,45 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         predicted_by_pole,
         predicted_by_rig,
         starts_of,
+        straight_on,
     )
 
-    logs, identified, source, draws, seed = request
+    logs, identified, draws, seed = request
     d, values, p = identified.description, identified.values, protocol()["prediction"]
     horizons = p["horizons"]
     require_radians(logs, d)
-    progress("judging", 0, 5)
+    progress("judging", 0, 3)
     terms = _terms(logs, identified)
-    progress("judging", 1, 5)
     starts = starts_of(logs, p["past"], max(horizons), p["every"])
     angle = predicted_by_pole(starts, values, d)
     by_pole = np.stack([np.zeros_like(angle), angle], axis=1)
     pole = errors_of(starts, by_pole, horizons, values, d, position=False)
-    progress("judging", 2, 5)
     drive = identified.drive
     if drive is None or drive.scatter_z is None:
         raise InvalidValueError("estimates", "must include cart and drive")
-    scatter = (drive.scatter_z, drive.scatter_phi)
-    read, states = predicted_by_rig(starts, values, d, scatter, workers=workers)
+
+    def predicted(of: dict[str, float]) -> tuple[Values, Values]:
+        scatter = drive.scatter_z or 0.0, drive.scatter_phi
+        return predicted_by_rig(starts, of, d, scatter, workers=workers)
+
+    read, states = predicted(values)
     held_out = errors_of(starts, read, horizons, values, d)
-    progress("judging", 3, 5)
-    baselines = _baselines(starts, identified, scatter, states, horizons, workers)
-    progress("judging", 4, 5)
+    progress("judging", 1, 3)
+    owners, _ = predicted(nominal := nominal_values(identified))
+    cart, _ = predicted({**values, "mass_ratio": NO_REACTION})
+    angle = predicted_by_pole(starts, {**values, "coupling": 0.0}, d)
+    others: dict[str, tuple[Values, dict[str, float]]] = {
+        "nominal": (owners, nominal),
+        "uncoupled": (np.stack([cart[:, 0], angle], axis=1), values),
+        "constant_velocity": (straight_on(starts, states, values), values),
+    }
+    progress("judging", 2, 3)
     steps = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, steps.tolist(), values, d)
     most = int(np.bincount(starts.windows.log).argmax())
     survival = outlook(identified, draws, seed, workers) if draws and certain(identified) else ()
-    progress("judging", 5, 5)
+    progress("judging", 3, 3)
     return Result(
-        source=source,
         logs=tuple(log.name for log in logs),
         fitted=tuple(log.name for log in logs if log.name in identified.logs),
         identified=identified,
@@ -270,14 +233,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         held_out=held_out,
         whole=errors_of(starts, read, horizons, values, d, whole=True),
         pole=pole,
-        baselines=baselines,
+        baselines={n: errors_of(starts, x, horizons, of, d) for n, (x, of) in others.items()},
         statements=_judge(identified, terms, pole, held_out),
-        speeds=(
-            max(float(np.abs(np.gradient(log.z, log.time)).max()) for log in logs),
-            max(float(np.abs(np.gradient(log.angle, log.time)).max()) for log in logs),
-        ),
-        reach=max(float(np.abs(log.z).max()) for log in logs),
-        turned=max(float(np.ptp(log.angle)) for log in logs),
         band=np.array([steps, [e.rms_z or 0.0 for e in spread], [e.rms_phi for e in spread]]),
         recorded=shown_of(logs[most], starts, read, values, most),
         survival=survival,
@@ -290,13 +247,14 @@ def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
 
     found, _ = identify_pole(windows_of(logs), identified.description)
     expected = {"gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0}
+    called = {"gravity_term": "gravity"} | {n: n for n in ("coupling", "damping", "friction")}
     return {
-        "gravity" if one.name == "gravity_term" else one.name: Term(
-            value=float(value), low=float(value - half), high=float(value + half),
-            expected=expected.get(one.name), unit=one.unit, title=one.title,
+        called[name]: Term(
+            value=one.value, low=one.low, high=one.high, expected=expected.get(name),
+            unit=one.unit, title=one.title,
         )
-        for one, value, half in zip(found.parameters, found.values, found.half_widths, strict=True)
-        if one.name in ("gravity_term", "coupling", "damping", "friction")
+        for name, one in found.estimates.items()
+        if name in called
     }  # fmt: skip
 
 
@@ -320,43 +278,12 @@ def nominal_values(identified: Identified) -> dict[str, float]:
     }
 
 
-def _baselines(
-    starts: Starts,
-    identified: Identified,
-    scatter: tuple[float, float],
-    states: Values,
-    horizons: Sequence[float],
-    workers: int,
-) -> dict[str, tuple[Errors, ...]]:
-    """Return the errors of the baselines of the protocol."""
-    from afl_mujoco.identification.prediction import (
-        errors_of,
-        predicted_by_pole,
-        predicted_by_rig,
-        straight_on,
-    )
-
-    d, values = identified.description, identified.values
-    nominal = nominal_values(identified)
-    owners, _ = predicted_by_rig(starts, nominal, d, scatter, workers=workers)
-    alone = {**values, "mass_ratio": NO_REACTION}
-    cart, _ = predicted_by_rig(starts, alone, d, scatter, workers=workers)
-    angle = predicted_by_pole(starts, {**values, "coupling": 0.0}, d)
-    found: dict[str, tuple[Values, Mapping[str, float]]] = {
-        "nominal": (owners, nominal),
-        "uncoupled": (np.stack([cart[:, 0], angle], axis=1), values),
-        "constant_velocity": (straight_on(starts, states, values), values),
-    }
-    return {name: errors_of(starts, read, horizons, of, d) for name, (read, of) in found.items()}
-
-
 def _judge(
     identified: Identified,
     terms: Mapping[str, Term],
     pole: Sequence[Errors],
     held_out: Sequence[Errors],
 ) -> tuple[Judged, ...]:
-    """Judge every statement of the protocol."""
     (driven,) = (one for one in pole if one.horizon == 0.2)
     (whole,) = (one for one in held_out if one.horizon == 0.5)
     why = ""
@@ -400,13 +327,11 @@ def _off(term: Term) -> tuple[float | None, float]:
 CONTROLLERS = ("adaptive", "adaptive-retuned", "lqr")
 """The paper's controller, the same with gains found here, and a baseline."""
 
-ANGLES = (1, 2, 3, 5, 7, *range(10, 85, 5))
-"""Starting angles that are tried, to either side [deg]."""
+ANGLES = (1, 2, 3, 5, 7, *range(10, 85, 5))  # starting angles that are tried, to either side [deg]
 
 AS_IT_IS = "as it is"
 
-STEP = 1e-3
-"""Control period of a cart-pole that has none [s]."""
+STEP = 1e-3  # control period of a cart-pole that has none [s]
 
 
 def changes(scenario: Scenario) -> dict[str, Scenario]:
@@ -505,7 +430,7 @@ def report(result: Result) -> Report:
             caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
             "recorded command, for half a second from each fitted state. Bands: twice the rms "
             "error of all recordings after that time.",
-            draw=partial(_draw, result),
+            draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
         ),
         _errors("Whole cart-pole in MuJoCo, from the command alone", result.held_out),
         _models(result),
@@ -516,17 +441,10 @@ def report(result: Result) -> Report:
             result.whole,
             "Errors without missing rows",
         ),
-        _pole(result),
+        _errors("The pole alone, given the motion of the cart", result.pole, "The pole alone"),
         replace(physical_matrix(result.identified), folded="The cart-pole in MuJoCo"),
-        _range(result),
     ]
     return Report(headline=headline, passed=result.passed, blocks=blocks)
-
-
-def _draw(result: Result) -> Any:
-    """Draw a recording beside its predictions, with bands of twice their error."""
-    horizons, z, phi = result.band
-    return draw_shown(result.recorded, np.array([horizons, 2.0 * z, 2.0 * phi]))
 
 
 def _statements(result: Result) -> list[Block]:
@@ -569,7 +487,6 @@ def _statements(result: Result) -> list[Block]:
 
 
 def _errors(caption: str, errors: Sequence[Errors], folded: str = "") -> Matrix:
-    """Return errors by horizon."""
     return Matrix(
         caption=caption,
         folded=folded,
@@ -599,7 +516,6 @@ def _share(value: float | None) -> str:
 
 
 def _models(result: Result) -> Matrix:
-    """Return the errors of the model, and of those that know less."""
     found = {"": result.held_out, "pole": result.pole, **result.baselines}
     return Matrix(
         caption="rms error of φ [mrad], z [mm], after a time",
@@ -617,31 +533,7 @@ def _models(result: Result) -> Matrix:
     )
 
 
-def _pole(result: Result) -> Matrix:
-    """Return the errors of the pole alone."""
-    return Matrix(
-        caption="The pole alone, given the motion of the cart",
-        folded="The pole alone",
-        columns=[
-            "Horizon [s]", "φ [mrad]", "counts", f"counts beyond {short(AWAY)} rad from upright",
-            "explained [%]", "Starts",
-        ],
-        rows=[
-            [
-                short(one.horizon),
-                short(1e3 * one.rms_phi, 3),
-                short(one.counts_phi, 3),
-                short(one.away_phi, 3),
-                _share(one.explained_phi),
-                str(one.starts),
-            ]
-            for one in result.pole
-        ],
-    )  # fmt: skip
-
-
 def _terms_matrix(result: Result) -> Matrix:
-    """Return the terms of the pole's equation."""
     return Matrix(
         caption="Term by term, estimated again from these recordings alone",
         columns=["Term", "Unit", "Estimate", "95 % interval", "Expected", "Off [%]"],
@@ -681,27 +573,11 @@ def _outlook(result: Result) -> list[Block]:
     ]
 
 
-def _range(result: Result) -> Matrix:
-    """Return what the recordings cover: beyond it, and for another cart-pole, nothing is shown."""
-    v, w = result.speeds
-    return Matrix(
-        caption=f"Recordings of {result.source}, of {result.identified.description.name}",
-        folded="What the recordings cover",
-        columns=["Quantity", "Largest"],
-        rows=[
-            ["|z| [m]", short(result.reach, 2)],
-            ["|z′| [m/s]", short(v, 2)],
-            ["|φ′| [rad/s]", short(w, 2)],
-            ["range of φ [°]", short(math.degrees(result.turned), 3)],
-        ],
-    )
-
-
 STUDY = Study(
     name="hardware",
     title="Measured hardware",
     order=81,
-    schema=2,
+    schema=3,
     configuration=Options,
     prepare=prepare,
     run=run,

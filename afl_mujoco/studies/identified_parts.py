@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.identification.identify import Estimate, Identified
+from afl_mujoco.identification.identify import Identified
+from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import Starts
 from afl_mujoco.report.blocks import Matrix
@@ -18,8 +19,7 @@ from afl_mujoco.studies.arrays import Array
 
 Values = NDArray[np.float64]
 
-AHEAD = 0.5
-"""How long each simulation that is shown runs from its fitted state [s]."""
+AHEAD = 0.5  # how long each simulation that is shown runs from its fitted state [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -60,38 +60,18 @@ class Request(NamedTuple):
 
 def prepare(options: Options) -> Request:
     """Return the logs and what they mean, or raise."""
-    from afl_mujoco.identification.description import load_description
-    from afl_mujoco.identification.log import read_logs
-    from afl_mujoco.identification.prediction import DESCRIPTION, FIT
+    from afl_mujoco.identification.prediction import FIT, described_logs
 
-    o = options
-    if o.logs and o.description is None:
-        raise InvalidValueError("description", "must be given with logs: --description RIG.toml")
-    if o.description is not None and not o.logs:
-        raise InvalidValueError("logs", "must be given with a description")
-    description = load_description(DESCRIPTION if o.description is None else o.description)
-    return Request(read_logs(o.logs or [FIT], description), description)
+    return Request(*described_logs(options.logs, options.description, [FIT]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """A cart-pole identified.
+    """A cart-pole identified."""
 
-    Attributes
-    ----------
-    identified
-        The estimates.
-    shown
-        The longest log beside the model; None if no drive was identified, or no log is long enough.
-    """
-
-    identified: Identified
+    identified: Identified  # the estimates
+    # the longest log beside the model; None if no drive was identified, or no log is long enough
     shown: Shown | None
-
-    def __repr__(self) -> str:
-        """Summarise what was identified in one line."""
-        one = self.identified
-        return f"<{one.description.name} identified from {len(one.logs)} logs>"
 
 
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
@@ -191,11 +171,10 @@ def _fit(one: Identified) -> Matrix:
 
 def _correlations(one: Identified) -> Matrix:
     """Return the estimates that are known better in combination than individually."""
-    steps = [one.pole, *([one.drive] if one.drive else [])]
-    titles = {x.name: x.title for step in steps for x in step.estimates}
+    titles = {x.name: x.title for step in one.steps for x in step.estimates}
     pairs = [
         pair
-        for step in steps
+        for step in one.steps
         for pair in step.alike
         if not any(name.startswith(("sin_", "cos_")) for name in pair[:2])  # of its linearity
     ]

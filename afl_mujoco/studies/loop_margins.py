@@ -33,14 +33,12 @@ STEP = 1e-5
 """Step of the central differences [m, rad, m/s, rad/s, N]: their error falls with its square, the
 rounding error grows with its inverse; here both are near 1e-10."""
 
-COARSER = 10.0
-"""Ratio of a second, longer step, with which the first is compared, to the first."""
+COARSER = 10.0  # ratio of a second, longer step, with which the first is compared, to the first
 
 AGREEMENT = 1e-5
 """Largest relative difference between the two results: the longer step's error is near 1e-7."""
 
-REST = 1e-9
-"""Largest force at upright [N]."""
+REST = 1e-9  # largest force at upright [N]
 
 KINK = 1e-3
 """Largest difference between a controller's slopes on either side of upright, relative to its
@@ -52,8 +50,7 @@ COARSE, FINE = 80, 40
 BEYOND = 100.0
 """Factor by which these frequencies reach below the slowest and above the fastest pole."""
 
-PERIOD = 1e-3
-"""Default control period [s]."""
+PERIOD = 1e-3  # default control period [s]
 
 LINEAR = (
     "delay", "lag", "damping.z", "damping.phi", "armature.z", "armature.phi", "tip_mass_share",
@@ -136,7 +133,9 @@ def linearize(
     a, b, k = fine
     if not np.isfinite(k).all():
         raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
-    kink = float(np.abs(_bend(force, _UPRIGHT, STEP)).max() / max(np.abs(k).max(), 1e-300))
+    ahead, behind = _sides(force, _UPRIGHT, STEP)
+    bend = float(np.abs(ahead + behind - 2.0 * at_rest).max()) / STEP
+    kink = bend / max(float(np.abs(k).max()), 1e-300)
     if not disagreement <= AGREEMENT:
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
         raise NotSmoothError(thing, rule, f"{disagreement:.1e}")
@@ -149,31 +148,22 @@ def linearize(
 
 def _lagging(loop: Loop, lag: float) -> Loop:
     """Return a loop whose force follows what is commanded with a first-order lag [s]."""
-    order = len(loop.a)
-    a = np.zeros((order + 1, order + 1))
-    a[:order, :order], a[:order, order], a[order, order] = loop.a, loop.b, -1.0 / lag
-    b = np.zeros(order + 1)
-    b[order] = 1.0 / lag
-    return Loop(a, b, np.append(loop.k, 0.0), loop.disagreement)
+    last = np.append(np.zeros(len(loop.b)), 1.0 / lag)
+    a = np.block([[loop.a, loop.b[:, None]], [-last]])
+    a[-1, :-1] = 0.0
+    return Loop(a, last, np.append(loop.k, 0.0), loop.disagreement)
 
 
 def _jacobian(function: Callable[[Array], Array], point: Array, step: float) -> Array:
     """Return the derivative of a function by central differences, shape (outputs, inputs)."""
-    columns = [
-        (function(point + offset) - function(point - offset)) / (2.0 * step)
-        for offset in step * np.eye(len(point))
-    ]
-    return np.stack(columns, axis=-1)
+    ahead, behind = _sides(function, point, step)
+    return np.asarray((ahead - behind) / (2.0 * step))
 
 
-def _bend(function: Callable[[Array], Array], point: Array, step: float) -> Array:
-    """Return how far the slopes on either side differ, shape (outputs, inputs)."""
-    middle = 2.0 * function(point)
-    columns = [
-        (function(point + offset) + function(point - offset) - middle) / step
-        for offset in step * np.eye(len(point))
-    ]
-    return np.stack(columns, axis=-1)
+def _sides(function: Callable[[Array], Array], point: Array, step: float) -> list[Array]:
+    """Return a function a step ahead of a point and a step behind, shapes (outputs, inputs)."""
+    offsets = step * np.eye(len(point))
+    return [np.stack([function(point + x) for x in s * offsets], axis=-1) for s in (1.0, -1.0)]
 
 
 # --- margins of a linear loop -------------------------------------------------------------------

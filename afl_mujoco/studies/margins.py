@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,7 +29,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
-from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER, find_threshold, scan_levels
+from afl_mujoco.studies.bisection import find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, counted, silent
 from afl_mujoco.studies.loop_margins import (
     LINEAR,
@@ -49,17 +50,10 @@ if TYPE_CHECKING:
 LONGEST_PERIOD = 10.0
 """Longest control period [s], longer than any pole of a laboratory takes to fall."""
 
-QUICK = 4
-"""A quick run studies one in so many M and l."""
-
-LEVELS = 5
-"""Number of M and l of a scenario that are studied if they change."""
-
-METRICS = tuple(one.name for one in fields(Margins))
-"""The margins, in their order."""
-
-GROWS_WORSE = ("gain_decrease", "crossover")
-"""The margins whose largest value is the worst."""
+QUICK = 4  # A quick run studies one in so many M and l
+LEVELS = 5  # number of M and l of a scenario that are studied if they change
+METRICS = tuple(one.name for one in fields(Margins))  # the margins, in their order
+GROWS_WORSE = ("gain_decrease", "crossover")  # the margins whose largest value is the worst
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,8 +100,7 @@ class Deployment(NamedTuple):
     timestep: float | None = None  # [s]; None for the longest up to 1 ms that divides the period
 
 
-USUAL = Deployment()
-"""Perfect hardware and the default control period."""
+USUAL = Deployment()  # perfect hardware and the default control period
 
 Plants = tuple[CartPoleParameters, ...]
 
@@ -119,19 +112,13 @@ class Request(NamedTuple):
     cart_masses: tuple[float, ...] = CART_MASSES
     half_lengths: tuple[float, ...] = HALF_LENGTHS
     deployed: Deployment = USUAL
-    pole_mass: float = NOMINAL.pole_mass
-    gravity: float = NOMINAL.gravity
+    nominal: CartPoleParameters = NOMINAL  # of which m and g count
     scenario: Scenario | None = None  # that it comes from
     measured: Sequence[tuple[float, float]] = ()  # M and l of the plants that are measured too
 
     def plant(self, cart_mass: float, half_length: float) -> CartPoleParameters:
         """Return the plant at a point of the grid."""
-        return CartPoleParameters(
-            cart_mass=cart_mass,
-            half_length=half_length,
-            pole_mass=self.pole_mass,
-            gravity=self.gravity,
-        )
+        return replace(self.nominal, cart_mass=cart_mass, half_length=half_length)
 
     def require(self) -> Request:
         """Return it, or raise before anything slow.
@@ -143,20 +130,13 @@ class Request(NamedTuple):
             rule = f"must be at most {LONGEST_PERIOD:g} s"
             raise InvalidValueError("control_period", rule, f"{period:g}")
         for thing in ("controllers", "cart_masses", "half_lengths"):
-            items = list(getattr(self, thing))
-            if thing == "controllers":
-                items = [controller.name for controller in items]
-            else:
-                items = [require_positive(thing, x) for x in items]
+            items = [getattr(one, "name", one) for one in getattr(self, thing)]
             if not items or len(set(items)) < len(items):
                 raise InvalidValueError(thing, "must hold at least one, each once", items)
-        require_positive("pole_mass", self.pole_mass)
-        require_positive("gravity", self.gravity)
-        first = self.plant(self.cart_masses[0], self.half_lengths[0])
-        refused = [refusal(one, first, self.deployed) for one in self.controllers]
-        known = [error for error in refused if error is not None]
-        if len(known) == len(refused):
-            raise known[0]
+        plants = [self.plant(*x) for x in itertools.product(self.cart_masses, self.half_lengths)]
+        refused = [refusal(one, plants[0], self.deployed) for one in self.controllers]
+        if refused[0] is not None and None not in refused:
+            raise refused[0]
         if self.deployed.timestep is not None:
             whole_steps("control_period", period, "timestep", self.deployed.timestep)
         return self
@@ -169,24 +149,25 @@ def prepare(options: Options) -> Request:
     o = options
     scenario = None if o.scenario is None else find_scenario(o.scenario)
     masses, lengths = (grid[:: QUICK if o.quick else 1] for grid in (CART_MASSES, HALF_LENGTHS))
-    pole_mass, gravity, deployed = NOMINAL.pole_mass, NOMINAL.gravity, USUAL
+    nominal, deployed = NOMINAL, USUAL
     if scenario is not None:
-        (mass, length, pole_mass, gravity), varied = scenario.plants, scenario.ranges.varied
+        (mass, length, *_), varied = scenario.plants, scenario.ranges.varied
         masses = _levels(varied.get("cart_mass", mass))
         lengths = _levels(varied.get("half_length", length))
         linear = linear_part(scenario.imperfections)
-        known = scenario.belief.known(scenario.parameters_at(0.0))
+        nominal = scenario.parameters_at(0.0)
+        known = scenario.belief.known(nominal)
         deployed = Deployment(linear.control_period or PERIOD, linear, known)
     masses = masses if o.cart_masses is None else tuple(map(float, o.cart_masses))
     lengths = lengths if o.half_lengths is None else tuple(map(float, o.half_lengths))
     period = deployed.period if o.control_period is None else o.control_period
+    given = {n: x for n in ("pole_mass", "gravity") if (x := getattr(o, n)) is not None}
     request = Request(
         [find_controller(name) for name in o.controllers],
         masses,
         lengths,
         deployed._replace(period=period, timestep=o.timestep),
-        pole_mass if o.pole_mass is None else o.pole_mass,
-        gravity if o.gravity is None else o.gravity,
+        replace(nominal, **given),
         scenario,
     ).require()
     measured = measured_plants(masses, lengths, few=o.quick) if o.measure else ()
@@ -217,39 +198,14 @@ def measured_plants(
 
 # --- what is found ------------------------------------------------------------------------------
 
-Grid = tuple[tuple[float | None, ...], ...]
-"""A margin by cart mass and half-length; None where it is infinite, or the loop is not stable."""
+Loop = dict[str, tuple[tuple[bool | float | None, ...], ...]]
+"""Margins of one loop by cart mass and half-length, as in `Margins`, and whether it is "stable".
+
+None where a margin is infinite, or the loop is not stable.
+"""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoopGrid:
-    """Margins of one loop over the plants, as in `Margins`, and whether it is stable."""
-
-    stable: tuple[tuple[bool, ...], ...]
-    gain_decrease: Grid
-    gain_increase: Grid
-    phase: Grid
-    delay: Grid
-    crossover: Grid
-    disk: Grid
-    disk_gain: Grid
-    disk_phase: Grid
-
-    @property
-    def unstable(self) -> int:
-        """Number of plants on which the loop is not stable."""
-        return sum(not flag for row in self.stable for flag in row)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ControllerMargins:
-    """Margins of the continuous and of the sampled controller."""
-
-    continuous: LoopGrid
-    sampled: LoopGrid
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class DelayComparison:
     """The delay that one controller tolerates on one plant, linearised and in MuJoCo."""
 
@@ -274,7 +230,7 @@ class DelayComparison:
         return abs(self.difference) <= REACH
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class SmallMotions:
     """What a loop in MuJoCo tolerates, one controller on one plant, before small motions grow."""
 
@@ -297,43 +253,22 @@ class Worst(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """Margins by controller and plant.
+    """Margins by controller and plant."""
 
-    Attributes
-    ----------
-    control_period
-        How long the sampled loop holds its force [s].
-    cart_masses, half_lengths
-        The grid, M [kg] and l [m].
-    pole_mass, gravity
-        m [kg] and g [m/s^2].
-    imperfections
-        Those of the linear loop, by their keys; "none" for the ideal loop.
-    linearisation_step
-        Step of the central differences [m, rad, m/s, rad/s, N].
-    margins
-        The margins by controller.
-    measured
-        Margin and measurement on some of the plants; empty if none was measured.
-    scenario, left_out
-        Name of the scenario, if any; and its imperfections that are not modelled.
-    not_linear
-        Why each of the other controllers has no linear margins, by its name.
-    small_motions
-        What small motions of those controllers tolerate on some of the plants.
-    """
-
-    control_period: float
-    cart_masses: tuple[float, ...]
+    control_period: float  # how long the sampled loop holds its force [s]
+    cart_masses: tuple[float, ...]  # the grid, M [kg] and l [m]
     half_lengths: tuple[float, ...]
-    pole_mass: float
+    pole_mass: float  # m [kg] and g [m/s^2]
     gravity: float
-    imperfections: str
-    linearisation_step: float
-    margins: dict[str, ControllerMargins]
-    measured: tuple[DelayComparison, ...] = ()
-    scenario: str | None = None
+    imperfections: str  # those of the linear loop, by their keys; "none" for the ideal loop
+    linearisation_step: float  # of the central differences [m, rad, m/s, rad/s, N]
+    # by controller, those of the "continuous" and those of the "sampled" loop
+    margins: dict[str, dict[str, Loop]]
+    measured: tuple[DelayComparison, ...] = ()  # on some of the plants; empty if none was measured
+    scenario: str | None = None  # its name, if any; and its imperfections that are not modelled
     left_out: tuple[str, ...] = ()
+    # why each of the other controllers has no linear margins, by its name; what small motions of
+    # those tolerate on some of the plants
     not_linear: dict[str, str] = field(default_factory=dict)
     small_motions: tuple[SmallMotions, ...] = ()
 
@@ -342,20 +277,23 @@ class Result:
         """Number of plants."""
         return len(self.cart_masses) * len(self.half_lengths)
 
-    def grid(self, controller: str, *, sampled: bool = False) -> LoopGrid:
+    def loop(self, controller: str, *, sampled: bool = False) -> Loop:
         """Return the margins of one controller, by its name."""
         if controller not in self.margins:
             raise UnknownNameError.among("controller", controller, self.margins)
-        found = self.margins[controller]
-        return found.sampled if sampled else found.continuous
+        return self.margins[controller]["sampled" if sampled else "continuous"]
+
+    def unstable(self, controller: str, *, sampled: bool = False) -> int:
+        """Return the number of plants on which a loop is not stable."""
+        return sum(not x for row in self.loop(controller, sampled=sampled)["stable"] for x in row)
 
     def values(self, controller: str, metric: str, *, sampled: bool = False) -> NDArray[np.float64]:
         """Return one of `METRICS`, shape (masses, lengths); NaN where the loop is not stable."""
-        grid = self.grid(controller, sampled=sampled)
+        loop = self.loop(controller, sampled=sampled)
         if metric not in METRICS:
             raise UnknownNameError.among("margin", metric, METRICS)
-        rows = [[math.inf if x is None else x for x in row] for row in getattr(grid, metric)]
-        return np.where(np.array(grid.stable), np.array(rows, dtype=np.float64), np.nan)
+        rows = [[math.inf if x is None else x for x in row] for row in loop[metric]]
+        return np.where(np.array(loop["stable"]), np.array(rows, dtype=np.float64), np.nan)
 
     def worst(self, controller: str, metric: str, *, sampled: bool = False) -> Worst | None:
         """Return the worst value of a margin over the stable plants; None if there is none."""
@@ -402,14 +340,15 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         control_period=r.deployed.period,
         cart_masses=r.cart_masses,
         half_lengths=r.half_lengths,
-        pole_mass=r.pole_mass,
-        gravity=r.gravity,
+        pole_mass=r.nominal.pole_mass,
+        gravity=r.nominal.gravity,
         imperfections=departures_text(replace(r.deployed.imperfections, control_period=None)),
         linearisation_step=STEP,
         margins={
-            name: ControllerMargins(
-                continuous=_grid(np.stack(table)[:, :, 0]), sampled=_grid(np.stack(table)[:, :, 1])
-            )
+            name: {
+                kind: _as_loop(np.stack(table)[:, :, k])
+                for k, kind in enumerate(("continuous", "sampled"))
+            }
             for name, table in tables.items()
             if name not in not_linear
         },
@@ -446,12 +385,10 @@ def refusal(
     """Return why a controller has neither linear margins nor small motions; None if it has."""
     try:
         if why_not_linear(controller) is None:
-            try:
+            with suppress(NotSmoothError):
                 linearize(controller, plant, deployed.imperfections, deployed.belief)
-            except NotSmoothError:
-                require_equilibrium(controller, plant, deployed)
-        else:
-            require_equilibrium(controller, plant, deployed)
+                return None
+        require_equilibrium(controller, plant, deployed)
     except AflMujocoError as error:
         return error
     return None
@@ -479,22 +416,17 @@ def margins_of_row(
     return row
 
 
-def _grid(table: NDArray[np.float64]) -> LoopGrid:
+def _as_loop(table: NDArray[np.float64]) -> Loop:
     """Return margins of shape (masses, lengths, margins), NaN where unstable, as plain data."""
-    grids = {
-        name: tuple(
-            tuple(x if math.isfinite(x) else None for x in row) for row in table[..., k].tolist()
-        )
-        for k, name in enumerate(METRICS)
-    }
-    stable = ~np.isnan(table[..., METRICS.index("disk")])
-    return LoopGrid(stable=tuple(tuple(row) for row in stable.tolist()), **grids)
+    plain = np.where(np.isfinite(table), table, None)  # type: ignore[call-overload]
+    named = {"stable": ~np.isnan(table[..., METRICS.index("disk")])}
+    named |= {name: plain[..., k] for k, name in enumerate(METRICS)}
+    return {name: tuple(map(tuple, rows.tolist())) for name, rows in named.items()}
 
 
 # --- small motions in MuJoCo --------------------------------------------------------------------
 
-START = 1e-3
-"""Pole angle at the start of a measurement [rad], small enough for the linearisation."""
+START = 1e-3  # pole angle at the start of a measurement [rad], small enough for the linearisation
 
 DURATION, PARTS = 20.0, 5
 """Length of a run [s], and the number of parts into which it is cut. A motion decays if it is no
@@ -504,26 +436,16 @@ SMALL = 10.0 * START
 """Largest pole angle in the last part [rad]: the motion may have grown into a limit cycle, which
 no longer grows."""
 
-TOLERANCE = 1e-3
-"""Relative tolerance of the delay that is compared with a margin [1]."""
-
-DELAY = 0.05
-"""Delay around which a threshold is sought if there is no margin [s]."""
-
-REACH = 0.05
-"""Relative difference up to which margin and measurement agree [1]."""
+TOLERANCE = 1e-3  # relative tolerance of the delay that is compared with a margin [1]
+DELAY = 0.05  # delay around which a threshold is sought if there is no margin [s]
+REACH = 0.05  # relative difference up to which margin and measurement agree [1]
 
 GAINS = scan_levels(1.0, 100.0, 13)
 """Factors on the force that are tried, and their inverses, before the bisection [1]."""
 
-DELAYS = scan_levels(1e-4, 1.0, 13)
-"""Delays that are tried before the bisection [s]."""
-
-ROUGHLY = 1e-2
-"""Relative tolerance of what is measured of a controller without linear margins [1]."""
-
-AT_REST = 1.0
-"""Length of the run that shows whether upright is an equilibrium [s]."""
+DELAYS = scan_levels(1e-4, 1.0, 13)  # delays that are tried before the bisection [s]
+ROUGHLY = 1e-2  # relative tolerance of what is measured of a controller without linear margins [1]
+AT_REST = 1.0  # length of the run that shows whether upright is an equilibrium [s]
 
 
 def measure(
@@ -534,26 +456,19 @@ def measure(
     Where that cannot be measured of one that is not, return why.
     """
     controller, plant, deployed, linear = unit
-    names: dict[str, Any] = {
-        "controller": controller.name,
-        "cart_mass": plant.cart_mass,
-        "half_length": plant.half_length,
-    }
+    place = controller.name, plant.cart_mass, plant.half_length
     decays = partial(motion_decays, controller, plant, deployed=deployed)
     if linear:
         margin = delay_margin(controller, plant, *deployed[:3])
         about = DELAY if margin is None else margin
-        found = find_threshold(decays, scan_levels(about / 5.0, about * 5.0, 7), TOLERANCE)
-        measured = None
-        if found.bound == BRACKETED and found.holds_at is not None and found.fails_at is not None:
-            measured = math.sqrt(found.holds_at * found.fails_at)
-        return DelayComparison(**names, margin=margin, measured=measured)
+        measured = _least(decays, scan_levels(about / 5.0, about * 5.0, 7), TOLERANCE)
+        return DelayComparison(*place, margin, measured or None)
     try:
         require_equilibrium(controller, plant, deployed)
         if not decays(0.0):
-            return SmallMotions(**names, decays=False)
+            return SmallMotions(*place, decays=False)
         return SmallMotions(
-            **names,
+            *place,
             decays=True,
             gain_decrease=_least(lambda x: decays(0.0, gain=x), [1.0 / x for x in GAINS]),
             gain_increase=_least(lambda x: decays(0.0, gain=x), GAINS),
@@ -563,14 +478,14 @@ def measure(
         return error
 
 
-def _least(holds: Callable[[float], bool], scan: list[float]) -> float | None:
+def _least(
+    holds: Callable[[float], bool], scan: list[float], tolerance: float = ROUGHLY
+) -> float | None:
     """Return where a motion no longer decays; 0 before the first level, None beyond the last."""
-    found = find_threshold(holds, scan, ROUGHLY)
-    if found.bound == LOWER:
+    found = find_threshold(holds, scan, tolerance)
+    if found.fails_at is None:
         return None
-    if found.bound == UPPER or found.holds_at is None or found.fails_at is None:
-        return 0.0
-    return math.sqrt(found.holds_at * found.fails_at)
+    return 0.0 if found.holds_at is None else math.sqrt(found.holds_at * found.fails_at)
 
 
 def require_equilibrium(
@@ -641,9 +556,8 @@ def small_motion(
         motor = spec.actuator("force")
         motor.gear = gain * motor.gear
 
-    hardware = scenario.imperfections
-    model = CartPoleModel(plant, edit=amplify, imperfections=hardware)
-    model.compute_only(hardware)
+    model = CartPoleModel(plant, edit=amplify, imperfections=scenario.imperfections)
+    model.compute_only(scenario.imperfections)
     return simulate_sampled(
         scenario, controller, timestep=timestep, control_period=period, model=model
     )
@@ -689,10 +603,11 @@ def report(result: Result) -> Report:
                 draw=partial(_draw, result),
             )
         )
-    if result.margins:
+    if result.margins or result.not_linear:
         blocks.append(_worst_matrix(result, held))
     if result.not_linear:
-        blocks.append(_motions_matrix(result))
+        reasons = (plain(f"{name}: {reason}") for name, reason in result.not_linear.items())
+        blocks.append("\n".join(f"- {reason}" for reason in reasons))
     if result.measured:
         blocks.append(_measured_matrix(result))
     said = [*(_said(result, name) for name in result.margins)]
@@ -702,7 +617,7 @@ def report(result: Result) -> Report:
 
 def _said(result: Result, name: str) -> str:
     """Say how much delay a controller tolerates on its worst plant."""
-    if unstable := result.grid(name, sampled=True).unstable:
+    if unstable := result.unstable(name, sampled=True):
         return f"{name} unstable on {unstable} of {result.plants} plants"
     worst = result.worst(name, "delay", sampled=True)
     return f"{name} {_ms(None if worst is None else worst.value)} ms"
@@ -718,7 +633,6 @@ def _tolerated(result: Result, name: str) -> str:
 
 
 def _ms(delay: float | None) -> str:
-    """Return a delay in milliseconds."""
     return "∞" if delay is not None and math.isinf(delay) else fixed(delay and 1e3 * delay, 1)
 
 
@@ -744,10 +658,11 @@ def _graded(result: Result, name: str, plant: tuple[float, float]) -> tuple[int,
         delay = float(result.values(name, "delay", sampled=True)[row, column])
         text = _ms(delay)
     else:
-        there = [x for x in _motions(result, name) if (x.cart_mass, x.half_length) == plant]
-        if not there:
+        one = next(
+            (x for x in _motions(result, name) if (x.cart_mass, x.half_length) == plant), None
+        )
+        if one is None:
             return 4, MISSING
-        (one,) = there
         delay = math.nan if not one.decays else math.inf if one.delay is None else one.delay
         text = _delay([one])
     if math.isnan(delay):
@@ -756,10 +671,10 @@ def _graded(result: Result, name: str, plant: tuple[float, float]) -> tuple[int,
 
 
 def _worst_matrix(result: Result, held: str) -> Matrix:
-    """Return the worst margins of each controller, continuous and held."""
+    """Return the worst margins of each controller, continuous, held and measured."""
     rows: list[list[Cell | str]] = []
     for name, sampled in itertools.product(result.margins, (False, True)):
-        unstable = result.grid(name, sampled=sampled).unstable
+        unstable = result.unstable(name, sampled=sampled)
         least = result.worst(name, "delay", sampled=sampled)
         cells = []
         for _, metric, decimals, factor in SHOWN:
@@ -775,9 +690,26 @@ def _worst_matrix(result: Result, held: str) -> Matrix:
                 "" if least is None else f"{least.cart_mass:g} kg, {least.half_length:g} m",
             ]
         )
+    for name in result.not_linear:
+        motions = _motions(result, name)
+        decaying = [one for one in motions if one.decays]
+        lows, highs = (
+            [x for one in decaying if (x := getattr(one, key)) is not None]
+            for key in ("gain_decrease", "gain_increase")
+        )
+        cells = [
+            fixed(max(lows), 2) if lows else f"< {1.0 / GAINS[-1]:.2g}",
+            fixed(min(highs), 1) if highs else f"> {GAINS[-1]:g}",
+            MISSING,
+            MISSING,
+            _delay(motions),
+        ]
+        grow = len(motions) - len(decaying)
+        count = Cell(f"{grow} of {len(motions)}" if motions else MISSING, "bad" if grow else "")
+        rows.append([name, "measured", count, *(cells if decaying else [MISSING] * 5), ""])
     return Matrix(
         caption=f"Worst margins over {result.plants} plants, {held}, and where the delay margin is "
-        "least",
+        f"least; measured: by motions of {short(1e3 * START)} mrad in MuJoCo",
         columns=["Controller", "Force", "Unstable", *(name for name, *_ in SHOWN), "At M, l"],
         rows=rows,
     )
@@ -805,38 +737,7 @@ def _measured_matrix(result: Result) -> Matrix:
 
 
 def _motions(result: Result, name: str) -> list[SmallMotions]:
-    """Return the small motions of a controller."""
     return [one for one in result.small_motions if one.controller == name]
-
-
-def _motions_matrix(result: Result) -> Matrix:
-    """Return what small motions of each controller without linear margins tolerate."""
-    rows: list[list[Cell | str]] = []
-    for name, reason in result.not_linear.items():
-        motions = _motions(result, name)
-        grow = sum(not one.decays for one in motions)
-        cells = [MISSING] * 3
-        if grow < len(motions):
-            lows, highs = (
-                [x for one in motions if one.decays and (x := getattr(one, key)) is not None]
-                for key in ("gain_decrease", "gain_increase")
-            )
-            cells = [
-                fixed(max(lows), 2) if lows else f"< {1.0 / GAINS[-1]:.2g}",
-                fixed(min(highs), 1) if highs else f"> {GAINS[-1]:g}",
-                _delay(motions),
-            ]
-        count = f"{grow} of {len(motions)}" if motions else MISSING
-        rows.append([name, Cell(count, "bad" if grow else ""), *cells, reason])
-    return Matrix(
-        caption=f"Measured by motions of {short(1e3 * START)} mrad in MuJoCo: the worst of the "
-        "plants where they decay",
-        columns=[
-            "Controller", "Grow on", "Gain down to", "Gain up to", "Delay [ms]",
-            "Why no linear margins",
-        ],
-        rows=rows,
-    )  # fmt: skip
 
 
 def _delay(motions: Sequence[SmallMotions]) -> str:

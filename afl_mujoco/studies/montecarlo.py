@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import REFERENCE, SUBJECT, subject_of
-from afl_mujoco.errors import FileError, InvalidValueError, require_count
+from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
@@ -36,7 +36,6 @@ from afl_mujoco.studies.contract import (
 from afl_mujoco.studies.cube_search import Budget
 from afl_mujoco.studies.robustness import (
     HARDEST,
-    MOST_SAMPLES,
     NEAREST,
     Worst,
     changes_of,
@@ -55,14 +54,12 @@ LABORATORY = "laboratory"
 SAMPLES, QUICK_SAMPLES = 1000, 100
 GENERATIONS, QUICK_GENERATIONS = 30, 5
 
-FOLDER = "montecarlo"
-"""Folder of the scenario files; it holds a folder for each controller."""
+FOLDER = "montecarlo"  # folder of the scenario files; it holds a folder for each controller
 
 FILES = {HARDEST: "hardest.toml", NEAREST: "nearest-failure.toml"}
 """Names of the scenario files of what a search found."""
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Quantiles of the least margin that are shown."""
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)  # quantiles of the least margin that are shown
 
 PANELS, BINS, FEWEST = 6, 5, 5
 """Most coordinates that the figure of failures shows, bins of each, and fewest runs of a kind."""
@@ -102,8 +99,6 @@ class Options:
     period."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, the default of `simulate`, Euler, implicit, implicitfast."""
-    keep: int | None = None
-    """Number of failures of each controller to keep as scenario files; all by default."""
     film: bool = False
     """Film the hardest sample found for each controller."""
 
@@ -119,7 +114,6 @@ class Request(NamedTuple):
     seed: int = 1
     deployed: Deployed = Deployed()
     budget: Budget | None = None  # of the searches, if there are any
-    keep: int | None = None
     film: bool = False
 
     @property
@@ -154,13 +148,10 @@ def prepare(options: Options) -> Request:
         seed=o.seed,
         deployed=Deployed(o.integrator, o.timestep),
         budget=budget if o.worst_case else None,
-        keep=o.keep,
         film=o.film,
     )
     space, controllers = request.space, request.controllers
     require_samples(controllers, space, request.samples, o.seed, request.deployed)
-    if o.keep is not None:
-        require_count("keep", o.keep, 0, MOST_SAMPLES)
     if o.film:
         from afl_mujoco.films.video import AS_IS, side_by_side
 
@@ -192,43 +183,19 @@ class Found:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """Every controller on the same samples, and the worst that a search found.
+    """Every controller on the same samples, and the worst that a search found."""
 
-    Attributes
-    ----------
-    seed
-        Of the samples.
-    integrator, timestep
-        MuJoCo's integrator, and its step [s], None for the default.
-    space
-        The space that the samples are drawn from.
-    rows
-        Every run, controller by controller; its draw is the number of the sample.
-    asked
-        By controller, the name by which it was asked for.
-    rates
-        By controller, shares of the runs that pass and that settle, with exact 95 % intervals.
-    worst_cases
-        What the searches found; none if nothing was searched.
-    keep
-        How many failures of each controller have a scenario file; None for all.
-    assumed
-        Whether the scenario does not say what varies.
-    film
-        Whether the hardest samples are to be filmed.
-    """
-
-    seed: int
-    integrator: str
+    seed: int  # of the samples
+    integrator: str  # of MuJoCo, and its step [s], None for the default
     timestep: float | None
-    space: SampleSpace
-    rows: Rows
-    asked: Mapping[str, str]
+    space: SampleSpace  # that the samples are drawn from
+    rows: Rows  # every run, controller by controller; its draw is the number of the sample
+    asked: Mapping[str, str]  # by controller, the name by which it was asked for
+    # by controller, shares of the runs that pass and that settle, with exact 95 % intervals
     rates: Mapping[str, Mapping[str, tuple[float, float, float]]]
-    worst_cases: tuple[Found, ...] = ()
-    keep: int | None = None
-    assumed: bool = False
-    film: bool = False
+    worst_cases: tuple[Found, ...] = ()  # none if nothing was searched
+    assumed: bool = False  # whether the scenario does not say what varies
+    film: bool = False  # whether the hardest samples are to be filmed
 
     @property
     def runs(self) -> dict[str, list[Run]]:
@@ -241,8 +208,8 @@ class Result:
         return len(self.rows) // len(self.asked)
 
     def failures(self, controller: str) -> list[Run]:
-        """Return the runs of a controller that have a scenario file."""
-        return [run for run in self.runs[controller] if run.failure][: self.keep]
+        """Return the runs of a controller that failed; each has a scenario file."""
+        return [run for run in self.runs[controller] if run.failure]
 
 
 def rate(runs: Sequence[bool]) -> tuple[float, float, float]:
@@ -282,34 +249,29 @@ def run(
             for one in controllers:
                 if budget is None:
                     break
-                doing, most = f"searching the worst case for {one.name}", 2 * budget.points
+                most = 2 * budget.points
+
+                def advance(done: int, name: str = one.name, most: int = most) -> None:
+                    progress(f"searching the worst case for {name}", done, most)
+
                 found = search_worst(
-                    one, space, runs[one.name], seed, budget, deployed, executor,
-                    partial(_advance, progress, doing, most),
-                )  # fmt: skip
-                worst += [_found(one.name, each) for each in found]
+                    one, space, runs[one.name], seed, budget, deployed, executor, advance
+                )
+                worst += [
+                    Found(
+                        controller=one.name, question=each.question, run=(each.run,),
+                        point=each.point, distance=each.distance, tried=each.tried,
+                        file=f"{FOLDER}/{one.name}/{FILES[each.question]}",
+                    )
+                    for each in found
+                ]  # fmt: skip
         except KeyboardInterrupt:
             done = f"{total} samples, {len(worst)} searches"
             raise Interrupted(_result(request, runs, worst), done) from None
     return _result(request, runs, worst)
 
 
-def _advance(progress: Progress, doing: str, most: int, done: int) -> None:
-    """Report how far a search is."""
-    progress(doing, done, most)
-
-
-def _found(controller: str, one: Worst) -> Found:
-    """Return what a search found, with the file that it will have."""
-    return Found(
-        controller=controller, question=one.question, run=(one.run,), point=one.point,
-        distance=one.distance, tried=one.tried,
-        file=f"{FOLDER}/{controller}/{FILES[one.question]}",
-    )  # fmt: skip
-
-
 def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Found]) -> Result:
-    """Put the runs together."""
     return Result(
         seed=request.seed,
         integrator=request.deployed.integrator,
@@ -325,7 +287,6 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Fou
             for name, some in runs.items()
         },
         worst_cases=tuple(worst),
-        keep=request.keep,
         assumed=request.assumed,
         film=request.film,
     )
@@ -506,7 +467,6 @@ def _draw_failures(result: Result) -> Any:
 
 
 def _worst_cases(result: Result) -> Matrix:
-    """Return what the searches found."""
     rows: list[list[Cell | str]] = []
     for one in result.worst_cases:
         (run,) = one.run
@@ -593,7 +553,7 @@ def require_files(folder: Path) -> None:
 
 
 def write_files(result: Result, folder: Path) -> list[Path]:
-    """Write a scenario file of each failure kept and of each worst case, in place of older ones."""
+    """Write a scenario file of each failure and of each worst case, in place of older ones."""
     require_files(folder)
     space, seed = result.space, result.seed
     scenarios = {
@@ -649,7 +609,7 @@ STUDY = Study(
     name="montecarlo",
     title="Monte Carlo and worst case",
     order=20,
-    schema=6,
+    schema=7,
     configuration=Options,
     prepare=prepare,
     run=run,

@@ -31,7 +31,7 @@ def projected(path, index, state, half_length):
 
 def segments(scene, replay, index, path):
     """Return object id and type at every pixel of a frame, shape (height, width, 2)."""
-    scene.place(replay, index, path)
+    scene.draw(replay, index, path)
     scene.renderer.enable_segmentation_rendering()
     try:
         return scene.renderer.render()
@@ -119,7 +119,7 @@ def test_the_arrows_point_along_the_forces(graphics, stage, replay):
     pushed = 10
     assert replay.push[pushed] == -10.0
     for index, arrows in ((0, 1), (pushed, 2)):
-        scene.place(replay, index, path)
+        scene.draw(replay, index, path)
         drawn = [
             geom
             for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
@@ -166,7 +166,7 @@ def test_the_cart_touches_an_end_stop_where_the_rail_ends(graphics, stage, repla
     edge = path.project(index, np.array([z + np.sign(z) * half]), 0.0, np.array([-0.2]))[0, 0]
     seen = columns.min() if z > 0.0 else columns.max() + 1
     assert seen == pytest.approx(edge, abs=8.0)  # the cart's front hides its inner side
-    scene.place(replay, index, path)
+    scene.draw(replay, index, path)
     drawn = scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
     assert not any(geom.rgba.tolist() == pytest.approx(STOP) for geom in drawn)
 

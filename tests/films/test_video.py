@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.errors import FileError, InvalidValueError
+from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, load_listing
 from afl_mujoco.films.replay import Deployment, record
-from afl_mujoco.films.video import make_films, plan, side_by_side, write_stills, write_video
+from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
 
 pytestmark = pytest.mark.slow
 
@@ -77,13 +77,6 @@ def test_the_list_keeps_what_is_there_and_says_what_it_shows(graphics, films, tm
     (tmp_path / films[0].entry.file).unlink()
     make_films(films[2:], tmp_path)
     assert load_listing(tmp_path) == (films[2].entry,)
-
-
-def test_a_still_is_the_frame_of_its_instant(graphics, films, tmp_path):
-    files = write_stills(films, 0.3, tmp_path)
-    assert [file.name for file in files] == [film.entry.poster for film in films]
-    with pytest.raises(InvalidValueError, match=r"still must lie between 0 and 0\.466667 s, got 9"):
-        write_stills(films, 9.0, tmp_path)
 
 
 def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, tmp_path):

@@ -118,11 +118,11 @@ def test_what_was_taken_as_known_widens_the_interval() -> None:
         [parameter("rate", 1.0)], np.ones((40, 1)), np.arange(40), start_scale=np.ones(1),
     )  # fmt: skip
 
-    def errors(shared, known, own):
-        return (own * np.exp(-(shared[0] + known[0]) * T) - data)[:, None]
+    def errors(values, own):
+        return (own * np.exp(-values.sum() * T) - data)[:, None]
 
     second = fit_to_scatter(
-        lambda shared, own: errors(shared, first.values, own), np.ones((40, 1, len(T))),
+        lambda shared, own: errors(np.append(shared, first.values), own), np.ones((40, 1, len(T))),
         [parameter("rest", 0.1)], np.ones((40, 1)), np.arange(40), start_scale=np.ones(1),
     )  # fmt: skip
     whole = with_uncertainty_of(

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,8 @@ VALUES = {
 
 @pytest.fixture(scope="module")
 def windows():
-    return cut([log_of("a", swing(TRUTH, 5), TRUTH.description)], 0.5, 0.5, least=None).finer(2)
+    windows = cut([log_of("a", swing(TRUTH, 5), TRUTH.description)], 0.5, 0.5, least=None)
+    return replace(windows, step=windows.step / 2)
 
 
 def test_ratios_become_masses_and_forces_of_the_given_pole() -> None:

@@ -24,7 +24,6 @@ def test_windows_share_their_ends_and_reach_the_last_row(log) -> None:
     assert (windows.dropped, windows.share) == (0, 1.0)
     assert windows.time[1:, 0] == pytest.approx(windows.time[:-1, -1])
     assert windows.steps * windows.step >= windows.time[0, -1] - windows.time[0, 0] + log.period
-    assert windows.finer(2).step == windows.step / 2
     assert windows.some(3).count == 3
 
 

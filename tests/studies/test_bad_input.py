@@ -209,7 +209,7 @@ CASES = {
     ],
     "margins": [
         (["--controllers", "lqr", "lqr"], "controllers must hold at least one, each once"),
-        (["--cart-masses", "nan"], "cart_masses must be "),
+        (["--cart-masses", "nan"], "cart_mass must be "),
         (["--gravity", "-9.81"], "gravity must be positive, got -9.81"),
         (["--control-period", "0"], "control_period must be positive, got 0"),
         (["--control-period", "1e9"], "control_period must be at most 10 s, got 1e+09"),
@@ -218,8 +218,8 @@ CASES = {
     ],
     "identify": [
         (["none.csv", "--description", "rig.toml"], "none.csv cannot be read: no such file"),
-        (["still.csv"], "description must be given with logs"),
-        (["--description", "rig.toml"], "logs must be given with a description"),
+        (["still.csv"], "description must be given: logs need their description"),
+        (["--description", "rig.toml"], "logs must be given: logs need their description"),
         (["still.csv", "--description", "none.toml"], "none.toml cannot be read: no such file"),
         (["still.csv", "--description", "rig.toml"], "phi must vary: the angle is constant"),
         (["real.toml", "--description", "rig.toml"], "real.toml: column 'time' is missing"),

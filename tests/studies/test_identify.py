@@ -23,11 +23,15 @@ from tests.synthetic_logs import Truth, swing
 TRUTH = Truth()
 
 
+def table(c: dict) -> np.ndarray:
+    return np.array([c[name] for name in ("time", "phi", "z", "command")])
+
+
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
     (tmp_path / "logs").mkdir()
     c = swing(TRUTH, 4, 1.6)
-    write_log(tmp_path / "logs" / "one.csv", c["time"], c["phi"], c["z"], c["command"])
+    write_log(tmp_path / "logs" / "one.csv", table(c))
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(to_table(TRUTH.description)))
     return tmp_path
 
@@ -70,7 +74,7 @@ def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> N
 
 def identify_logs(folder: Path, command_line, columns: dict) -> str:
     for name, c in columns.items():
-        write_log(folder / "logs" / f"{name}.csv", c["time"], c["phi"], c["z"], c["command"])
+        write_log(folder / "logs" / f"{name}.csv", table(c))
     code, output, errors = command_line(
         "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1"
     )

@@ -70,9 +70,9 @@ def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: Result) -> None
     assert not np.isnan(survey.values("fixed-nominal", "delay")[0, 0])
     worst = survey.worst("fixed-nominal", "delay", sampled=True)
     assert (worst.cart_mass, worst.half_length) != (0.1, 0.05)
-    grid = survey.grid("fixed-nominal", sampled=True)
-    assert grid.stable == ((False, True), (True, True))
-    assert grid.delay[0][0] is None and grid.unstable == 1
+    loop = survey.loop("fixed-nominal", sampled=True)
+    assert loop["stable"] == ((False, True), (True, True))
+    assert loop["delay"][0][0] is None and survey.unstable("fixed-nominal", sampled=True) == 1
     assert "fixed-nominal unstable on 1 of 4 plants" in report(survey).headline
 
 
@@ -120,10 +120,10 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     request = prepare(asked)
     assert request.cart_masses == (8.0, 8.5, 9.0, 9.5, 10.0)
     assert request.half_lengths == (1.5,)
-    assert (request.deployed.period, request.pole_mass) == (0.01, 0.2)
+    assert (request.deployed.period, request.nominal.pole_mass) == (0.01, 0.2)
     assert request.deployed.imperfections == Imperfections(control_period=0.01, delay=0.004)
     assert prepare(replace(asked, control_period=0.002)).deployed.period == 0.002
-    assert prepare(replace(asked, pole_mass=0.3)).pole_mass == 0.3
+    assert prepare(replace(asked, pole_mass=0.3)).nominal.pole_mass == 0.3
     found = run(request._replace(cart_masses=(8.0,)))
     assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
     said = report(found).blocks[0]
@@ -270,8 +270,10 @@ def test_the_table_has_the_worst_of_the_stable_plants() -> None:
 
 
 def test_the_figure_has_the_delay_margin_of_each_plant_infinite_and_unstable_ones_too() -> None:
-    held = replace(MADE_UP.grid("adaptive", sampled=True), delay=((None, 0.03, 0.1), (0.013,) * 3))
-    both = replace(MADE_UP.margins["adaptive"], sampled=held)
+    held = {
+        **MADE_UP.loop("adaptive", sampled=True), "delay": ((None, 0.03, 0.1), (0.013,) * 3),
+    }  # fmt: skip
+    both = {**MADE_UP.margins["adaptive"], "sampled": held}
     (figure,) = figures_of(report(replace(MADE_UP, margins={"adaptive": both})).blocks)
     (axes,) = figure.draw().axes
     assert [text.get_text() for text in axes.texts] == [
@@ -299,9 +301,9 @@ def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() 
     )
     (rows,) = matrices(result)
     assert rows == [
-        ["mine", "0 of 2", "0.50", "8.0", "< 0.1", "has a memory"],
-        ["wild", "✗ 1 of 2", "< 0.01", "> 100", "> 1000", "must be smooth"],
-        ["biased", "–", "–", "–", "–", "pushes"],
+        ["mine", "measured", "0 of 2", "0.50", "8.0", "–", "–", "< 0.1", ""],
+        ["wild", "measured", "✗ 1 of 2", "< 0.01", "> 100", "–", "–", "> 1000", ""],
+        ["biased", "measured", *["–"] * 6, ""],
     ]
     assert report(result).headline == (
         "Least delay margin: mine < 0.1 ms · wild unstable on 1 of 2 plants · biased has none"
