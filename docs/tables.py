@@ -6,6 +6,7 @@ import ast
 import inspect
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby, pairwise
@@ -160,7 +161,7 @@ def results_table() -> str:
     rows = []
     for study in studies().values():
         file = f"`{study.stem}.json`, schema {study.schema}"
-        said = _attributes(study.result_type)
+        said = _comments(study.result_type) | _attributes(study.result_type)
         names = [field.name for field in fields(study.result_type)]
         for text, alike in groupby(names, key=said.__getitem__):
             rows.append((file, ", ".join(f"`{name}`" for name in alike), text))
@@ -179,6 +180,18 @@ def _attributes(kind: type) -> dict[str, str]:
         for name in names if line.startswith(" ") else ():
             found.setdefault(name, []).append(line.strip())
     return {name: " ".join(lines).removesuffix(".") for name, lines in found.items()}
+
+
+def _comments(kind: type) -> dict[str, str]:
+    """Return the comment above or behind each field of a dataclass, else that of the one before."""
+    found, above, text = {}, [], ""
+    for line in inspect.getsource(kind).splitlines():
+        code, _, comment = line.partition("#")
+        if field := re.match(r"    (\w+): ", code):
+            text = " ".join(filter(None, [*above, comment.strip()])) or text
+            found[field[1]] = text
+        above = [*above, comment.strip()] if comment and not code.strip() else []
+    return found
 
 
 def fields_table() -> str:
