@@ -81,10 +81,10 @@ def test_a_backend_that_is_not_installed_is_one_line(tmp_path):
 
 def test_a_film_is_drawn_whatever_platform_pyopengl_is_told(graphics, tmp_path):
     (tmp_path / "short.toml").write_text("duration = 0.1\n")
-    arguments = ("short.toml", "--controllers", "lqr", "--size", "320x240", "--still", "0")
+    arguments = ("short.toml", "--controllers", "lqr", "--size", "320x240", "--fps", "10")
     result = run("render", *arguments, "--out", ".", cwd=tmp_path, PYOPENGL_PLATFORM="glx")
     assert result.returncode == 0, result.stderr
-    assert (tmp_path / "short-lqr.png").is_file()
+    assert (tmp_path / "short-lqr.mp4").is_file()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
