@@ -24,12 +24,7 @@ def wild(replay, seed, gap=0.0):
     arrays = {name: np.full(count, 1.0) for name in ("force", "push", "cart_mass")}
     lengths = rng.uniform(0.05, 1.0, count)
     return replace(
-        replay,
-        time=np.arange(count) / FPS,
-        state=state,
-        ideal=ideal,
-        half_length=lengths,
-        **arrays,
+        replay, time=np.arange(count) / FPS, state=state, ideal=ideal, half_length=lengths, **arrays
     )
 
 
@@ -64,12 +59,7 @@ def test_the_camera_moves_more_smoothly_than_the_cart(replay):
     time = np.arange(count) / FPS
     jerky = np.zeros((count, 4))
     jerky[:, 0] = np.where(time > 2.0, 1.0, 0.0)  # a metre within a frame
-    run = replace(
-        wild(replay, 0),
-        state=jerky,
-        ideal=jerky,
-        half_length=np.full(count, 0.5),
-    )
+    run = replace(wild(replay, 0), state=jerky, ideal=jerky, half_length=np.full(count, 0.5))
     path = follow(run, FPS, (1280, 720), Frame())
     assert np.abs(np.diff(path.x)).max() < 0.1
     assert path.x[0] == pytest.approx(0.0, abs=1e-6)

@@ -10,21 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import afl_mujoco as afl
-from afl_mujoco.control.catalogue import digests
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
 from afl_mujoco.films.replay import Deployment
 from afl_mujoco.films.sections import sections
-from afl_mujoco.films.video import side_by_side, write_video
+from afl_mujoco.films.video import write_video
 from afl_mujoco.report.blocks import Film
 from tests.verification_result import film_entry, write_listing
-
-
-def test_without_a_list_there_are_no_films(tmp_path: Path) -> None:
-    assert load_listing(tmp_path) == ()
-    assert load_listing(tmp_path / "nowhere") == ()
-    assert sections(tmp_path) == []
 
 
 def test_a_film_takes_the_place_of_one_of_its_name_and_those_gone_are_left_out(
@@ -34,9 +26,7 @@ def test_a_film_takes_the_place_of_one_of_its_name_and_those_gone_are_left_out(
     (tmp_path / "b.mp4").write_bytes(b"film")
     write_listing(tmp_path, film_entry("gone.mp4"), film_entry("b.mp4"), film_entry("a.mp4"))
     new = film_entry(
-        "a.mp4",
-        title="new",
-        deployment=Deployment(timestep=2e-3, control_period=4e-3),
+        "a.mp4", title="new", deployment=Deployment(timestep=2e-3, control_period=4e-3)
     )
     list_film(tmp_path, new)
     assert load_listing(tmp_path) == (new, film_entry("b.mp4"))
@@ -58,13 +48,6 @@ def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path: Path) -
     assert isinstance(wide, Film) and isinstance(single, Film)
     assert [wide.file.name, single.file.name] == ["b.mp4", "a.mp4"]
     assert single.caption == "As deployed: RK4 at 1 ms, force held for 5 ms."
-
-
-def test_the_entry_of_a_film_says_which_scenarios_and_controllers_it_is_of() -> None:
-    scenario, controllers = afl.SCENARIOS["step-step"], [*afl.CONTROLLERS.values()][:2]
-    film = side_by_side(scenario, controllers)
-    assert film.entry.inputs == digests([scenario], controllers)
-    assert len(film.entry.inputs) == 3
 
 
 def entry(**changes: Any) -> str:

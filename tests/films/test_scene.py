@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
 
 from afl_mujoco.films.camera import Frame, follow
 from afl_mujoco.films.scene import open_scene
-from afl_mujoco.simulation.decor import ARROW_SCALE, STOP, cart_size
 
 pytestmark = pytest.mark.slow
 
@@ -79,21 +76,6 @@ def test_the_tip_is_seen_where_the_mathematics_puts_it(graphics, stage, replay, 
     assert np.abs(seen - expected).max() < NEAR
 
 
-def test_a_tip_of_the_wrong_length_would_be_noticed(graphics, stage, replay):
-    scene, path = stage
-    expected = projected(path, AFTER, replay.state[AFTER], replay.half_length[BEFORE])
-    seen = seen_tip(scene, segments(scene, replay, AFTER, path))
-    assert np.abs(seen - expected).max() > 20 * NEAR
-
-
-@pytest.mark.parametrize("index", [BEFORE, AFTER], ids=str)
-def test_the_ghost_is_a_rim_around_the_pole_where_both_agree(graphics, stage, replay, index):
-    scene, path = stage
-    agreeing = replace(replay, ideal=replay.state)
-    picture = segments(scene, agreeing, index, path)
-    assert np.abs(seen_ghost(scene, picture) - seen_tip(scene, picture)).max() < NEAR
-
-
 @pytest.mark.parametrize("index", [BEFORE, AFTER], ids=str)
 def test_the_ghost_is_where_the_ideal_tip_is_when_they_part(graphics, stage, apart, index):
     scene, path = stage
@@ -129,46 +111,6 @@ def test_the_arrows_point_along_the_forces(graphics, stage, replay):
         along = [float(np.asarray(geom.mat).reshape(3, 3)[0, 2]) for geom in drawn]
         wanted = [replay.force[index], replay.push[index]][:arrows]
         np.testing.assert_allclose(along, np.sign(wanted), atol=1e-6)
-
-
-def test_an_arrow_is_as_long_as_its_force_asks_and_ends_at_the_cart(graphics, stage, replay):
-    scene, path = stage
-    index = 10
-    picture = segments(scene, replay, index, path)
-    z, half = replay.state[index, 0], cart_size(replay.cart_mass[index])[0]
-    reach = ARROW_SCALE * np.sqrt(abs(replay.push[index]))
-    ends = np.array([z + half, z + half + reach])  # it pushes toward -z
-    expected = path.project(index, ends, 0.0, np.full(2, -0.03))[:, 0]
-    arrows = [
-        geom.objid
-        for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
-        if geom.type == mujoco.mjtGeom.mjGEOM_ARROW
-    ]
-    columns = np.nonzero((picture[..., 0] == arrows[1]) & (picture[..., 1] == 0))[1]
-    assert columns.min() == pytest.approx(expected[0], abs=8.0)  # the cart's front hides its tip
-    assert columns.max() + 1 == pytest.approx(expected[1], abs=NEAR)
-
-
-def test_the_cart_touches_an_end_stop_where_the_rail_ends(graphics, stage, replay):
-    scene, path = stage
-    index, z = AFTER, replay.state[AFTER, 0]
-    picture = segments(scene, replace(replay, end_stops={"z": abs(z)}), index, path)
-    stops = [
-        geom
-        for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
-        if geom.rgba.tolist() == pytest.approx(STOP)
-    ]
-    half = cart_size(replay.cart_mass[index])[0]
-    inner = [abs(geom.pos[0]) - geom.size[0] for geom in stops]
-    assert inner == pytest.approx([abs(z) + half] * 2)
-    near = next(geom.objid for geom in stops if np.sign(geom.pos[0]) == np.sign(z))
-    columns = np.nonzero((picture[..., 0] == near) & (picture[..., 1] == 0))[1]
-    edge = path.project(index, np.array([z + np.sign(z) * half]), 0.0, np.array([-0.2]))[0, 0]
-    seen = columns.min() if z > 0.0 else columns.max() + 1
-    assert seen == pytest.approx(edge, abs=8.0)  # the cart's front hides its inner side
-    scene.draw(replay, index, path)
-    drawn = scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
-    assert not any(geom.rgba.tolist() == pytest.approx(STOP) for geom in drawn)
 
 
 def test_drawing_leaves_the_model_as_a_fresh_compile_would_have_it(graphics, stage, replay):

@@ -14,7 +14,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
-from afl_mujoco.films.listing import LISTING, load_listing
+from afl_mujoco.films.listing import LISTING
 from afl_mujoco.films.replay import Deployment, record
 from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
 
@@ -67,16 +67,6 @@ def test_processes_make_the_same_films_one_of_each_run_and_one_side_by_side(
     for film in films:
         name = film.entry.file
         np.testing.assert_array_equal(decode(one / name)[1], decode(two / name)[1])
-
-
-def test_the_list_keeps_what_is_there_and_says_what_it_shows(graphics, films, tmp_path):
-    for film in (films[0], films[2], films[0]):
-        make_films([film], tmp_path)
-    entries = load_listing(tmp_path)
-    assert entries == tuple(sorted((films[0].entry, films[2].entry), key=lambda e: e.file))
-    (tmp_path / films[0].entry.file).unlink()
-    make_films(films[2:], tmp_path)
-    assert load_listing(tmp_path) == (films[2].entry,)
 
 
 def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, tmp_path):

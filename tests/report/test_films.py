@@ -26,9 +26,7 @@ def film(path: Path, *, wide: bool = False, poster: Path | None = None) -> Film:
     )  # fmt: skip
 
 
-def test_a_small_film_is_inside_the_page_and_a_large_one_linked(
-    folders: tuple[Path, Path],
-) -> None:
+def test_a_small_film_is_inside_the_page_and_a_large_one_linked(folders: tuple[Path, Path]) -> None:
     films, page = folders
     small, large = films / "small one.mp4", films / "large & one.mp4"
     small.write_bytes(b"film")
@@ -39,22 +37,6 @@ def test_a_small_film_is_inside_the_page_and_a_large_one_linked(
     assert shown[large].source == "../large%20%26%20one.mp4"
     assert not shown[large].embedded
     assert shown[large].size == SMALL + 1
-
-
-def test_where_there_is_no_room_the_wide_ones_come_first(folders: tuple[Path, Path]) -> None:
-    films, page = folders
-    paths = [films / f"{number}.mp4" for number in range(4)]
-    for path in paths:
-        path.write_bytes(bytes(900))
-    found = [film(path, wide=k in (1, 2)) for k, path in enumerate(paths)]
-    shown = show_films(found, page, room=3000)
-    assert [shown[path].embedded for path in paths] == [False, True, True, False]
-
-
-def test_a_film_that_is_not_there_has_no_size(folders: tuple[Path, Path]) -> None:
-    films, page = folders
-    gone = films / "gone.mp4"
-    assert show_films([film(gone)], page)[gone].size == 0
 
 
 def test_a_poster_becomes_a_small_jpeg(folders: tuple[Path, Path]) -> None:

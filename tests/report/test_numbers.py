@@ -6,15 +6,7 @@ import math
 
 import pytest
 
-from afl_mujoco.report.numbers import (
-    ceil_to,
-    fixed,
-    floor_to,
-    limit,
-    percent,
-    scientific,
-    short,
-)
+from afl_mujoco.report.numbers import ceil_to, floor_to, limit, scientific, short
 
 
 @pytest.mark.parametrize(
@@ -47,15 +39,6 @@ def test_short_numbers_are_plain_where_that_is_short(value: float | None, text: 
 )  # fmt: skip
 def test_a_limit_that_is_a_power_of_ten_is_written_as_one(value: float, text: str) -> None:
     assert limit(value) == text
-
-
-def test_shares_and_columns() -> None:
-    assert percent(0.00052) == "0.052 %"
-    assert percent(0.504, 3) == "50.4 %"
-    assert percent(None) == "–"
-    assert fixed(-0.04, 1) == "0.0"
-    assert fixed(-66.49, 1) == "−66.5"
-    assert fixed(None, 1) == fixed(math.inf, 1) == fixed(math.nan, 1) == "–"
 
 
 def test_numbers_are_rounded_to_the_safe_side() -> None:

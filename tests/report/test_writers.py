@@ -96,11 +96,6 @@ def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are(c
     assert capsys.readouterr().out.splitlines()[-1] == f"FAIL: 1 of 3 fails {NASTY}"
 
 
-def test_a_row_does_not_repeat_the_name_of_the_row_above_on_the_terminal() -> None:
-    twice = Matrix(caption="t", columns=("a", "b"), rows=(("x", "1"), ("x", "2")))
-    assert to_text([twice]).count("x") == 1
-
-
 def test_a_row_of_another_length_is_refused() -> None:
     with pytest.raises(ValueError, match="every row of 't' must have 2 cells"):
         to_text([Matrix(caption="t", columns=("a", "b"), rows=(("x",),))])

@@ -49,17 +49,6 @@ def test_only_the_impulse_scenarios_carry_the_pulse_of_d6(name):
     assert SCENARIOS[name].disturbances == ((pulse,) if name.endswith("-impulse") else ())
 
 
-def test_the_nominal_scenario_never_changes():
-    assert SCENARIOS["nominal"].breakpoints == ()
-    p = SCENARIOS["nominal"].parameters_at(3.0)
-    assert (p.cart_mass, p.half_length) == (1.0, 0.5)
-
-
-def test_the_catalogue_cannot_be_written_to():
-    with pytest.raises(TypeError):
-        SCENARIOS["new"] = SCENARIOS["nominal"]
-
-
 def test_an_unknown_name_is_answered_with_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
         find_scenario("step-stop")

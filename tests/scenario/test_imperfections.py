@@ -6,7 +6,6 @@ import pytest
 
 from afl_mujoco import (
     CONTROLLERS,
-    SCENARIOS,
     Scenario,
     load_scenario,
     save_scenario,
@@ -16,9 +15,7 @@ from afl_mujoco import (
     simulate_ode_rk4,
 )
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.scenario.files import scenario_to_table
-from afl_mujoco.scenario.imperfections import DRAWS, IDEAL, Imperfections
-from afl_mujoco.scenario.words import departures_text
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 
 REAL = Imperfections(
     control_period=0.004,
@@ -56,28 +53,10 @@ def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
         assert load_scenario(tmp_path / "s.toml") == scenario
 
 
-def test_a_file_holds_only_what_is_not_ideal(tmp_path):
-    save_scenario(Scenario(name="x", imperfections=Imperfections(delay=0.002)), tmp_path / "s.toml")
-    text = (tmp_path / "s.toml").read_text()
-    assert "[imperfections]\ndelay = 0.002\n" in text
-    assert [name for name in FIELDS if f"{name} =" in text] == ["delay"]
-
-
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_an_ideal_scenario_has_the_table_it_always_had(name):
-    assert SCENARIOS[name].imperfections == IDEAL
-    assert list(scenario_to_table(SCENARIOS[name])) == [
-        *("name", "duration", "initial_state", "schedule", "disturbances"),
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "drag = 1",
-            "imperfections.drag is not a known key; known keys: control_period, delay, ",
-        ),
+        ("drag = 1", "imperfections.drag is not a known key; known keys: control_period, delay, "),
         (
             "encoder_step.z = 1e-13",
             "imperfections.encoder_step.z must be 0 or at least 1e-12, got 1e-13",
@@ -107,12 +86,6 @@ def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message,
     assert "\n" not in str(caught.value)
 
 
-def test_imperfections_that_is_no_table_is_refused(tmp_path):
-    (tmp_path / "bad.toml").write_text("imperfections = 3")
-    with pytest.raises(InvalidValueError, match=r"bad.toml: imperfections must be a table, got 3$"):
-        load_scenario(tmp_path / "bad.toml")
-
-
 SIMULATORS = {
     "ode": simulate_ode,
     "ode RK4": simulate_ode_rk4,
@@ -134,12 +107,3 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
         "that (the commands simulate, without --compare, and compare do), or remove "
         "[imperfections] and [belief]"
     )
-
-
-def test_no_two_fields_are_drawn_on_one_axis() -> None:
-    assert [draw.axis for draw in DRAWS.values()] == list(range(len(DRAWS)))
-
-
-def test_a_switch_is_shown_as_a_file_has_it() -> None:
-    shown = departures_text(Imperfections(differentiated=True, delay=0.004))
-    assert shown == "delay = 0.004; differentiated = true"

@@ -169,17 +169,6 @@ def test_a_space_in_which_nothing_varies_is_refused() -> None:
         SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
 
 
-def test_a_repr_is_short_and_makes_the_same_again(rig: afl.Scenario) -> None:
-    from afl_mujoco.scenario import belief, disturbances, requirements, scenario, schedules
-
-    modules = (belief, disturbances, requirements, scenario, schedules)
-    names = {name: value for one in modules for name, value in vars(one).items()}
-    for one in (rig, LABORATORY, *afl.SCENARIOS.values()):
-        assert eval(repr(one), dict(names)) == one
-    assert repr(rig.imperfections) == "Imperfections(delay=0.004)"
-    assert len(repr(afl.SCENARIOS["step-step"])) < 260
-
-
 def test_without_changes_m_and_l_are_drawn_once_for_the_whole_run() -> None:
     varied = {"cart_mass": (10.0, 15.0), "half_length": (0.5, 1.0)}
     space = SampleSpace(afl.Scenario(name="own", ranges=Ranges(varied=varied, changes=0)))
@@ -194,30 +183,6 @@ def test_without_changes_m_and_l_are_drawn_once_for_the_whole_run() -> None:
         masses.add(mass)
     assert len(masses) == 5
     np.testing.assert_allclose(space.scenario_of([0.4, 0.2], 0, 0).cart_mass.values, 12.0)
-
-
-def test_a_range_of_one_number_has_no_axis_and_sets_it() -> None:
-    varied = {"phi": (-0.5, 0.5), "delay": (0.003, 0.003), "cart_mass": (2.0, 2.0)}
-    own = afl.Scenario(name="own", ranges=Ranges(varied=varied))
-    space = SampleSpace(own)
-    assert space.coordinates == ("phi",)
-    sample = sample_scenario(space, 4, 1)
-    assert sample.imperfections.delay == 0.003
-    assert set(sample.cart_mass.values) == {2.0}
-
-
-def test_an_encoder_step_finer_than_any_is_exact() -> None:
-    space = SampleSpace(LABORATORY)
-    point = np.full(space.dimension, 0.5)
-    point[space.coordinates.index("encoder_step.z")] = 5e-9
-    assert space.scenario_of(point, 0, 0).imperfections.at("encoder_step.z") == 0.0
-
-
-def test_every_sample_of_a_space_starts_on_its_rail() -> None:
-    varied = {"z": (0.0, 0.5), "end_stops.z": (0.2, 1.0)}
-    own = afl.Scenario(name="own", ranges=Ranges(varied=varied))
-    with pytest.raises(AflMujocoError, match="must lie within the shortest end_stops"):
-        SampleSpace(own)
 
 
 @pytest.mark.parametrize(

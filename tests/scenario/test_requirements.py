@@ -10,7 +10,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.files import save_scenario
-from afl_mujoco.scenario.requirements import NONE, Requirements, recoveries
+from afl_mujoco.scenario.requirements import Requirements, recoveries
 
 PUSHES = (
     afl.ForcePulse(force=5.0, start=2.0, duration=0.5),
@@ -48,12 +48,6 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
     save_scenario(scenario, tmp_path / "again.toml")
     assert afl.load_scenario(tmp_path / "again.toml") == scenario
     assert "bands.phi" not in (tmp_path / "again.toml").read_text()  # a default
-
-
-def test_to_complete_is_what_every_scenario_requires() -> None:
-    assert all(scenario.requirements == NONE for scenario in afl.SCENARIOS.values())
-    assert NONE.completes
-    assert all(list(scenario.required) == ["completes"] for scenario in afl.SCENARIOS.values())
 
 
 @pytest.mark.parametrize(
@@ -101,10 +95,7 @@ def test_a_requirement_that_breaks_its_rule_is_named(
 def test_what_a_run_could_not_show_is_refused(asked: dict[str, float], message: str) -> None:
     with pytest.raises(AflMujocoError, match=message):
         afl.Scenario(
-            name="pushed",
-            disturbances=PUSHES,
-            duration=10.0,
-            requirements=Requirements(**asked),
+            name="pushed", disturbances=PUSHES, duration=10.0, requirements=Requirements(**asked)
         )
 
 

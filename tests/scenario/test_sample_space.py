@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY
-from afl_mujoco.scenario.files import load_scenario, save_scenario
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.sample_space import (
-    SHAPES,
     SampleSpace,
     acting,
     sample_point,
@@ -22,9 +18,6 @@ from afl_mujoco.scenario.sample_space import (
     search_generator,
 )
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.record import load_record
-from afl_mujoco.studies.registry import studies
-from tests.sample_spaces import near_laboratory
 
 SPACE = SampleSpace(LABORATORY)
 MANY = 300
@@ -121,28 +114,6 @@ def test_the_shapes_and_their_instants_are_as_said(samples: list[Scenario]) -> N
     assert min(counts.values()) > MANY / 2  # each a third of twice as many schedules
 
 
-def test_a_coordinate_moves_what_it_names_and_nothing_else() -> None:
-    middle = at()
-    assert middle.initial_state == (0.0, 0.0, 0.0, 0.0)
-    assert middle.imperfections.at("dry_friction.z") == 0.5
-    assert at(**{"dry_friction.z": 1.0}) == replace(
-        middle, imperfections=replace(middle.imperfections, dry_friction={"z": 1.0})
-    )
-    assert at(phi=1.0).initial_state == (0.0, math.radians(75.0), 0.0, 0.0)
-    shapes = [at(cart_mass__shape=x, cart_mass__level__1=0.0) for x in (0.0, 0.34, 0.67, 1.0)]
-    assert [len(s.cart_mass.breakpoints) for s in shapes] == [0, 2, 4, 4]
-    assert all(s.half_length == middle.half_length for s in shapes)
-    assert len(SHAPES) == 3
-
-
-def test_instants_that_coincide_in_the_cube_do_not_in_the_scenario() -> None:
-    names = [f"cart_mass__instant {i}" for i in (1, 2, 3, 4)]
-    last = at(cart_mass__shape=1.0, **dict.fromkeys(names, 1.0))
-    assert last.cart_mass.times == pytest.approx((9.997, 9.998, 9.999, 10.0))
-    first = at(cart_mass__shape=1.0, **dict.fromkeys(names, 0.0))
-    assert first.cart_mass.times == pytest.approx((0.001, 0.002, 0.003, 0.004))
-
-
 def test_the_reference_is_the_papers_nominal_run_on_ideal_hardware() -> None:
     sample = SPACE.scenario_of(SPACE.reference, 0, 0)
     nominal = Scenario(name="nominal")
@@ -152,47 +123,7 @@ def test_the_reference_is_the_papers_nominal_run_on_ideal_hardware() -> None:
     assert sample.imperfections == Imperfections(seed=sample.imperfections.seed)
 
 
-def test_a_sample_survives_its_file(samples: list[Scenario], tmp_path) -> None:
-    for sample in samples[:30]:
-        save_scenario(sample, tmp_path / "sample.toml")
-        assert load_scenario(tmp_path / "sample.toml") == sample
-
-
-def test_an_imperfection_that_is_left_out_is_ideal_and_has_no_axis() -> None:
-    few = near_laboratory(imperfections={"delay": (0.0, 1.0)})
-    assert few.dimension == SPACE.dimension - len(HARDWARE_RANGES) + 1
-    found = few.scenario_of(np.ones(few.dimension), 0, 0).imperfections
-    assert found == Imperfections(delay=1.0, seed=found.seed)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"z": (1.0, 0.0)}, "z must not decrease, got 1 to 0"),
-        ({"imperfections": {"noise.z": (-1.0, 0.0)}}, "noise.z must not be negative, got -1.0"),
-        ({"imperfections": {"delay": (1.0, 0.0)}}, "delay must not decrease, got 1 to 0"),
-        (
-            {"imperfections": {"rail_fricton": (0.0, 1.0)}},
-            "rail_fricton is not a known key; known keys: z, phi, ",
-        ),
-        ({"cart_mass": (0.0, 1.0)}, "cart_mass must be positive, got 0.0"),
-        ({"last_change": 21.0}, "last_change must be within the duration, got 21.0"),
-    ],
-    ids=str,
-)
-def test_a_space_that_no_hardware_has_is_refused(changes, message: str) -> None:
-    with pytest.raises(AflMujocoError) as raised:
-        near_laboratory(**changes)
-    assert str(raised.value).startswith(message)
-
-
 @pytest.mark.parametrize("point", [np.zeros(3), np.full(SPACE.dimension, 1.1)], ids=["3", "1.1"])
 def test_a_point_outside_the_cube_is_refused(point) -> None:
     with pytest.raises(InvalidValueError, match=r"^point must "):
         SPACE.scenario_of(point, 0, 0)
-
-
-def test_the_published_samples_are_of_this_laboratory() -> None:
-    results = Path(__file__).parents[2] / "docs" / "results"
-    record = load_record(studies()["montecarlo"], results)
-    assert record.result.space.scenario == LABORATORY

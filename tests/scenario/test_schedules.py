@@ -26,36 +26,31 @@ def schedules(draw):
     ("schedule", "expected", "breakpoints"),
     [
         pytest.param(constant(3.0), {-1: 3, 0: 3, 7: 3}, (), id="constant"),
-        pytest.param(
+        (
             staircase((1.0, 3.0), (0.5, 1.0, 2.0)),
             {0: 0.5, 0.999: 0.5, 1: 1, 2.999: 1, 3: 2, 99: 2},
             (1, 3),
-            id="step",
         ),
         pytest.param(staircase((), (0.5,)), {0: 0.5, 9: 0.5}, (), id="step without a jump"),
-        pytest.param(
+        (
             trapezoid((0.0, 2.0, 6.0, 8.0), 0.5, 2.0),
             {-1: 0.5, 0: 0.5, 1: 1.25, 2: 2, 4: 2, 6: 2, 7: 1.25, 8: 0.5, 9: 0.5},
             (0, 2, 6, 8),
-            id="trapezoid",
         ),
-        pytest.param(
+        (
             piecewise_linear((1.0, 2.0, 2.0, 4.0), (0.0, 4.0, 1.0, 2.0)),
             {0: 0, 1: 0, 1.5: 2, 2: 1, 3: 1.5, 4: 2, 5: 2},
             (1, 2, 4),
-            id="table with a jump",
         ),
-        pytest.param(
+        (
             joined((1.0, 3.0), (trapezoid((0.0, 1.0, 4.0, 5.0), 1.0, 2.0), constant(7.0))),
             {0: 1, 1: 1, 1.5: 1.5, 2: 2, 2.999: 2, 3: 7, 9: 7},
             (1, 2, 3),
-            id="joined",
         ),
-        pytest.param(
+        (
             joined((0.0, 2.0), (staircase((2.0,), (1.0, 5.0)), constant(7.0))),
             {0: 1, 1: 1, 1.999: 1, 2: 7},
             (2,),
-            id="joined where the first piece jumps",
         ),
     ],
 )
@@ -63,29 +58,6 @@ def test_a_schedule_has_its_hand_written_values_and_breakpoints(schedule, expect
     assert {t: schedule.at(t) for t in expected} == expected
     np.testing.assert_array_equal(schedule(list(expected)), list(expected.values()))
     assert schedule.breakpoints == breakpoints
-
-
-def test_before_and_after_a_jump_differ_and_elsewhere_agree():
-    schedule = staircase((1.0,), (0.5, 2.0))
-    assert (schedule.before(1.0), schedule.at(1.0)) == (0.5, 2.0)
-    assert schedule.before(2.0) == schedule.at(2.0) == 2.0
-    assert schedule.before(0.5) == schedule.at(0.5) == 0.5
-
-
-def test_a_ramp_has_its_slope_from_its_start_on():
-    schedule = trapezoid((1.0, 3.0, 6.0, 7.0), 0.5, 2.5)
-    slopes = [schedule.piece(t)[1] for t in (0.0, 1.0, 2.9, 3.0, 6.0, 7.0)]
-    assert slopes == [0.0, 1.0, 1.0, 0.0, -2.0, 0.0]
-
-
-def test_a_straight_line_through_a_knot_has_no_breakpoint_there():
-    assert piecewise_linear((0.0, 1.0, 2.0), (1.0, 2.0, 3.0)).breakpoints == (0.0, 2.0)
-
-
-def test_a_call_keeps_the_shape_of_the_times():
-    schedule = staircase((1.0,), (0.5, 2.0))
-    assert schedule(0.0).shape == ()
-    assert schedule(np.zeros((2, 3))).shape == (2, 3)
 
 
 def test_a_piece_ends_where_the_next_starts_even_when_clocks_do_not_add_up_exactly():
@@ -128,68 +100,30 @@ def test_joined_follows_each_piece_on_its_own_clock(first, second, start, gap):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        pytest.param(
+        (
             lambda: piecewise_linear((1.0, 5.0, 3.0), (1, 1, 1)),
             "times must increase, got 3.0 after 5.0",
-            id="table out of order",
         ),
-        pytest.param(
+        (
             lambda: staircase((1.0, 5.0, 3.0), (1, 1, 1, 1)),
             "times must increase, got 3.0 after 5.0",
-            id="steps out of order",
         ),
-        pytest.param(
-            lambda: staircase((1.0, 1.0), (1, 2, 3)),
-            "times must increase, got 1.0 after 1.0",
-            id="two steps at once",
-        ),
-        pytest.param(
-            lambda: trapezoid((0, 2, 8, 6), 1, 2),
-            "times must increase, got 6.0 after 8.0",
-            id="trapezoid out of order",
-        ),
-        pytest.param(
-            lambda: trapezoid((0, 2, 8), 1, 2),
-            "times must be four for a trapezoid, got 3",
-            id="trapezoid of three",
-        ),
-        pytest.param(
+        (lambda: staircase((1.0, 1.0), (1, 2, 3)), "times must increase, got 1.0 after 1.0"),
+        (lambda: trapezoid((0, 2, 8, 6), 1, 2), "times must increase, got 6.0 after 8.0"),
+        (lambda: trapezoid((0, 2, 8), 1, 2), "times must be four for a trapezoid, got 3"),
+        (
             lambda: piecewise_linear((1, 1, 1), (1, 2, 3)),
             "times may repeat a time once, for a jump, got 1.0",
-            id="a time thrice",
         ),
-        pytest.param(
-            lambda: piecewise_linear((), ()), "times must hold at least one time", id="empty"
-        ),
-        pytest.param(
-            lambda: piecewise_linear((1, 2), (1,)),
-            "values must be as many as times (2), got 1",
-            id="too few values",
-        ),
-        pytest.param(
-            lambda: staircase((1, 2), (1, 2)),
-            "values must be one more than the times (2), got 2",
-            id="too few levels",
-        ),
-        pytest.param(
-            lambda: piecewise_linear((0, 1), (1, float("nan"))),
-            "values must be finite, got nan",
-            id="nan value",
-        ),
-        pytest.param(
-            lambda: staircase((float("nan"),), (1, 2)),
-            "times must be finite, got nan",
-            id="nan time",
-        ),
-        pytest.param(
-            lambda: joined((), ()),
-            "starts must be as many as the pieces (0), at least one, got 0",
-            id="nothing joined",
-        ),
-        pytest.param(
+        (lambda: piecewise_linear((), ()), "times must hold at least one time"),
+        (lambda: piecewise_linear((1, 2), (1,)), "values must be as many as times (2), got 1"),
+        (lambda: staircase((1, 2), (1, 2)), "values must be one more than the times (2), got 2"),
+        (lambda: piecewise_linear((0, 1), (1, float("nan"))), "values must be finite, got nan"),
+        (lambda: staircase((float("nan"),), (1, 2)), "times must be finite, got nan"),
+        (lambda: joined((), ()), "starts must be as many as the pieces (0), at least one, got 0"),
+        (
             lambda: joined((2.0, 1.0), (constant(1), constant(2))),
             "starts must increase, got 1.0 after 2.0",
-            id="starts out of order",
         ),
     ],
 )

@@ -6,8 +6,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.schedules import Schedule, piecewise_linear
-from afl_mujoco.scenario.words import MOST, describe, schedule_text
+from afl_mujoco.scenario.words import MOST, describe
 
 
 @pytest.mark.parametrize(
@@ -20,40 +19,6 @@ from afl_mujoco.scenario.words import MOST, describe, schedule_text
 )
 def test_the_papers_schedules_are_told_as_they_are(name: str, text: str) -> None:
     assert dict(describe(afl.SCENARIOS[name]))["cart mass M"] == text
-
-
-@pytest.mark.parametrize(
-    ("schedule", "text"),
-    [
-        (
-            piecewise_linear((0.1507, 0.1507, 0.4003, 1.2), (0.7, 1.6, 1.6, 1.1)),
-            "0.7 kg; jumps to 1.6 kg at 0.1507 s; falls to 1.1 kg over 0.4003 to 1.2 s",
-        ),
-        (piecewise_linear((1.0, 3.0), (1.0, 2.0)), "1 kg; rises to 1.5 kg over 1 to 2 s"),
-        (piecewise_linear((-1.0, 1.0), (1.0, 2.0)), "1.5 kg; rises to 2 kg over 0 to 1 s"),
-        (piecewise_linear((2.5, 2.5), (1.0, 2.0)), "1 kg throughout"),
-        (piecewise_linear((-2.0, -0.5), (1.0, 2.0)), "2 kg throughout"),
-        (
-            piecewise_linear(tuple(range(21)), tuple(1.0 + k % 2 for k in range(21))),
-            "1 kg; rises to 2 kg over 0 to 1 s; falls to 1 kg over 1 to 2 s",
-        ),
-    ],
-    ids=[
-        "jump and ramp",
-        "cut by the end",
-        "begun before",
-        "after the end",
-        "before the start",
-        "saw",
-    ],
-)
-def test_what_changes_within_the_horizon_is_told(schedule: Schedule, text: str) -> None:
-    assert schedule_text(schedule, "kg", 2.0) == text
-
-
-def test_a_schedule_with_many_changes_is_told_by_its_range() -> None:
-    saw = piecewise_linear(tuple(range(21)), tuple(1.0 + k % 2 for k in range(21)))
-    assert schedule_text(saw, "kg", 20.0) == "1 to 2 kg, 20 changes"
 
 
 def test_disturbances_start_and_horizon_are_told() -> None:
