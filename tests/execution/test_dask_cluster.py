@@ -22,8 +22,6 @@ from afl_mujoco import pool as dask_cluster
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.pool import compute_all, open_executor
-from research.gain_tuning import pair_searches, search_pair
-from research.genetic import GeneticSettings
 from tests.execution.units import (
     COUNT,
     PATIENCE,
@@ -78,19 +76,6 @@ def test_the_results_are_the_serial_ones_though_a_worker_is_killed(
     assert repr(computed(doomed_once, tmp_path, address)) == repr(SERIAL)
     assert tries(tmp_path)[VICTIM] == 2
     assert caplog.messages == []
-
-
-def test_the_gain_table_is_the_serial_one(address: str) -> None:
-    settings = GeneticSettings(population_size=60, generations=20)
-    units = pair_searches((0.5, 1.0), (0.4, 0.8), settings, seed=7)
-    with open_executor(1, address) as executor:
-        assert compute_all(search_pair, units, executor) == [search_pair(unit) for unit in units]
-
-
-def test_equal_units_are_each_computed(tmp_path: Path, address: str) -> None:
-    with open_executor(1, address) as executor:
-        compute_all(noted, [(tmp_path, 3)] * 5, executor)
-    assert tries(tmp_path) == {3: 5}
 
 
 def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(tmp_path: Path) -> None:

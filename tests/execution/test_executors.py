@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -24,7 +23,6 @@ from tests.execution.units import (
     doomed_always,
     doomed_once,
     group_lives,
-    hashed,
     kept,
     noted,
     program,
@@ -131,13 +129,6 @@ def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line() -> None:
     assert "\n" not in str(error.value)
 
 
-def test_workers_are_there_again_after_a_death(tmp_path: Path) -> None:
-    with open_executor(2) as executor:
-        units = [(tmp_path, i) for i in range(COUNT)]
-        compute_all(doomed_once, units, executor)
-        assert repr(compute_all(hashed, range(COUNT), executor)) == repr(SERIAL)
-
-
 # Signals
 
 
@@ -196,12 +187,3 @@ def test_without_dask_the_message_says_what_to_install(monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(AflMujocoError, match=r"needs Dask: pip install afl-mujoco\[cluster\]$"):
         opened(2, "tcp://127.0.0.1:1")
-
-
-def test_importing_the_executors_imports_nothing_heavy() -> None:
-    heavy = {"distributed", "dask", "mujoco", "multiprocessing", "numba", "pydantic", "scipy"}
-    program = "import sys, afl_mujoco.pool; print(*sys.modules)"
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert heavy.isdisjoint(run.stdout.split())

@@ -9,8 +9,7 @@ import time
 
 import pytest
 
-from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.pool import Task, require_threads, share
+from afl_mujoco.pool import Task, share
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
@@ -66,21 +65,6 @@ def test_the_error_of_the_first_item_is_raised_whichever_thread_was_quicker() ->
         assert len(begun) < 1000
 
 
-def test_an_error_of_progress_stops_the_threads() -> None:
-    begun = []
-
-    def task(part: slice) -> None:
-        begun.append(part.start)
-        time.sleep(1e-3)
-
-    def progress(items: int) -> None:
-        raise RuntimeError("enough")
-
-    with pytest.raises(RuntimeError, match="enough"):
-        share(1000, [task] * 2, progress, part=1)
-    assert len(begun) < 100
-
-
 def test_ctrl_c_stops_after_the_parts_that_are_under_way() -> None:
     begun = []
 
@@ -99,9 +83,3 @@ def test_ctrl_c_stops_after_the_parts_that_are_under_way() -> None:
         timer.join()
         signal.signal(signal.SIGINT, before)
     assert 0 < len(begun) < 300
-
-
-def test_there_must_be_a_thread() -> None:
-    assert require_threads(1) == 1
-    with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
-        require_threads(0)

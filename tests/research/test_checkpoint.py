@@ -14,7 +14,7 @@ import pytest
 
 from afl_mujoco.errors import FileError
 from research import genetic
-from research.genetic import Box, GeneticSettings, SearchResult, differences, minimise
+from research.genetic import Box, GeneticSettings, SearchResult, minimise
 
 SETTINGS = GeneticSettings(population_size=30, generations=12)  # 4 groups, 3 mutants
 BOX = Box((-2.0, 5.0), (2.0, 9.0))
@@ -74,15 +74,6 @@ def test_a_resumed_search_gives_the_bits_of_an_uninterrupted_one(
     result = searched(file, lambda x: asked.append(len(x)) or cost(x), resume=True)
     assert bits(result) == bits(whole)
     assert len(asked) == 13 - evaluated  # nothing is computed twice
-
-
-def test_checkpoints_between_long_intervals_end_with_the_same_bits(
-    file: Path, whole: SearchResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(genetic, "CHECKPOINT_INTERVAL", 1000.0)
-    stopped(file, 7)
-    assert json.loads(file.read_text())["generation"] == 0
-    assert bits(searched(file, resume=True)) == bits(whole)
 
 
 def test_a_finished_search_is_read_back_and_not_repeated(file: Path, whole: SearchResult) -> None:
@@ -145,12 +136,7 @@ def test_a_checkpoint_is_not_overwritten_unasked(file: Path) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"schema": 1},
-        {"rng": {"bit_generator": "PCG64", "state": 1}},
-        {"costs": [1.0]},
-        None,
-    ],
+    [{"schema": 1}, {"rng": {"bit_generator": "PCG64", "state": 1}}, {"costs": [1.0]}, None],
     ids=str,
 )
 def test_an_unsound_checkpoint_is_refused_in_one_line_and_left(file: Path, change: dict) -> None:
@@ -186,14 +172,3 @@ def test_a_checkpoint_of_another_search_is_refused_with_what_differs(
     assert (
         caught.value.rule == f"is of another search: {said}; use the same values, or another file"
     )
-
-
-def test_differences_name_each_part() -> None:
-    there = {"seed": 1, "box": {"lower": [1.0, 2.0]}, "old": None}
-    here = {"seed": 1, "box": {"lower": [1.0, 3.0]}, "new": "x"}
-    assert differences(there, here) == [
-        "box.lower[1] is 2.0 there and 3.0 here",
-        "new is missing there and 'x' here",
-        "old is None there and missing here",
-    ]
-    assert differences(here, here) == []

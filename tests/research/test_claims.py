@@ -71,21 +71,6 @@ def test_winning_as_often_as_losing_reproduces_nothing(wins: int, expected: str)
     assert claims.schedules_claim(rows)[0].verdict == expected
 
 
-def test_if_most_runs_fell_the_median_is_said_to_be_none() -> None:
-    claim, _ = claims.schedules_claim(np.array([[1.0, np.inf, np.inf, 1.0]] * 3))
-    assert "median improvement none" in claim.why
-
-
-def test_a_random_schedule_is_the_same_again_and_lies_in_the_box() -> None:
-    for index in range(50):
-        scenario = random_scenario(0, index)
-        assert scenario == random_scenario(0, index)
-        assert all(0.1 <= m <= 2.0 for m in scenario.cart_mass.values)
-        assert all(0.05 <= x <= 1.0 for x in scenario.half_length.values)
-        assert scenario.breakpoints[-1] <= 10.0 + 1e-9
-    assert random_scenario(0, 1) != random_scenario(1, 1)
-
-
 def test_the_objectives_on_random_schedules_are_those_of_the_ode() -> None:
     rows = claims.objectives_on_schedules(2, SCALES)
     for index, row in enumerate(rows):
@@ -115,18 +100,8 @@ def test_table_1_would_be_optimal_if_it_were_our_table(monkeypatch: pytest.Monke
     assert claims.optima_claim(GainTable.shipped(), SCALES, best).verdict == FITTED
 
 
-def test_the_motion_does_not_depend_on_the_mass() -> None:
-    assert claims.mass_dependence() < 1e-12
-
-
 def test_the_fit_cannot_be_judged_on_forty_rows() -> None:
     claim = claims.fit_claim()
     assert claim.verdict == UNDETERMINED
     assert claim.here == pytest.approx(0.3142, abs=1e-4)
     assert "columns read as Table 1 names them" in claim.why and "is ruled out" in claim.why
-
-
-def test_a_table_2_that_its_printed_rows_rule_out_holds_under_no_reading(monkeypatch) -> None:
-    impossible = tuple(replace(fit, least=9.0) for fit in claims.published_fits())
-    monkeypatch.setattr(claims, "published_fits", lambda: impossible)
-    assert claims.fit_claim().verdict == NONE

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from research import genetic
+from afl_mujoco.errors import InvalidValueError
 from research.genetic import (
     Box,
     GeneticSettings,
@@ -59,14 +58,6 @@ X_I, X_J, X_K = (1.0, 2.0), (3.0, -1.0), (0.0, 4.0)  # 2 x_i - x_j - x_k = (-1, 
 def test_a_group_moves_along_the_ways_to_its_fittest(chromosomes, costs, rhos, expected) -> None:
     children = crossed(chromosomes, costs, Given(*rhos))
     assert children.tolist() == [[list(x) for x in expected]]
-
-
-def test_each_group_has_its_own_fittest_and_children_stand_where_their_parents_stood() -> None:
-    chromosomes = [(0.0,), (10.0,), (1.0,), (20.0,)]
-    groups = [[3, 0], [1, 2]]
-    children = crossed(chromosomes, [1.0, 2.0, 3.0, 4.0], Given(1.0, 0.5, 0.25, 1.0), groups)
-    # Group (20, 0): the fittest 0 is -20 away. Group (10, 1): the fittest 10 is +9 away.
-    assert children[:, :, 0].tolist() == [[0.0, -10.0], [12.25, 10.0]]
 
 
 def test_rho_is_one_number_a_chromosome_uniform_and_drawn_anew(rng) -> None:
@@ -173,78 +164,7 @@ def test_settings_that_make_no_search_are_refused(wrong: dict, thing: str, value
     assert caught.value.value == pytest.approx(value, nan_ok=True)
 
 
-def test_round_off_costs_neither_a_group_nor_the_sum_of_the_shares() -> None:
-    assert 0.57 * 100 < 57.0
-    shares = {"reproduction": 0.33, "crossover": 0.57, "mutation": 0.1}
-    assert GeneticSettings(population_size=100, **shares).groups == 19
-    assert 0.7 + 0.2 + 0.1 != 1.0
-    GeneticSettings(reproduction=0.7, crossover=0.2, mutation=0.1)
-
-
-@pytest.mark.parametrize(
-    ("lower", "upper", "thing"),
-    [
-        pytest.param((0.0, 2.0), (1.0, 1.0), "upper[1]", id="lower-above-upper"),
-        pytest.param((0.0, math.nan), (1.0, 1.0), "lower[1]", id="nan"),
-        pytest.param((0.0,), (math.inf,), "upper[0]", id="infinite"),
-        pytest.param((0.0,), ("1",), "upper[0]", id="text"),
-        pytest.param((), (), "lower", id="empty"),
-        pytest.param((0.0, 0.0), (1.0,), "upper", id="lengths"),
-    ],
-)
-def test_bounds_that_make_no_box_are_refused(lower: tuple, upper: tuple, thing: str) -> None:
-    with pytest.raises(InvalidValueError) as caught:
-        Box(lower, upper)
-    assert caught.value.thing == thing
-
-
-@pytest.mark.parametrize("seed", [-1, 1.0, (), (1, -2)], ids=repr)
-def test_what_is_no_seed_is_refused(seed: object) -> None:
-    with pytest.raises(InvalidValueError, match="seed must be "):
-        MultipleCrossoverGA(BOX, SMALL, seed)
-
-
 # What is asked
-
-
-def test_the_first_question_is_a_population_uniform_in_the_box() -> None:
-    settings = GeneticSettings(population_size=2000)
-    chromosomes = MultipleCrossoverGA(BOX, settings, 1).ask()
-    assert chromosomes.shape == (2000, 3)
-    for gene, low, high in zip(chromosomes.T, BOX.lower, BOX.upper, strict=True):
-        assert stats.kstest((gene - low) / (high - low), "uniform").pvalue > 1e-3
-    assert np.abs(np.corrcoef(chromosomes.T) - np.eye(3)).max() < 4.0 / math.sqrt(2000)
-
-
-def test_only_children_and_mutants_are_asked_later() -> None:
-    search = told(3)
-    assert search.ask().shape == (22, 3)
-    assert (search.generation, search.evaluations) == (3, 40 + 3 * 22)
-    assert search.population.shape == (40, 3)
-    assert search.history.shape == (4,)
-
-
-def test_parents_and_mutants_are_each_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    taken: list[list[int]] = []
-
-    def crossover_of(population, costs, groups, rng):
-        taken.append(groups.ravel().tolist())
-        return genuine_crossover(population, costs, groups, rng)
-
-    def mutants_of(chromosomes, constant, rng):
-        places = [np.flatnonzero((search.population == x).all(axis=1)) for x in chromosomes]
-        taken[-1] += np.concatenate(places).tolist()
-        return genuine_mutate(chromosomes, constant, rng)
-
-    genuine_crossover, genuine_mutate = genetic.multiple_crossover, genetic.mutate
-    monkeypatch.setattr(genetic, "multiple_crossover", crossover_of)
-    monkeypatch.setattr(genetic, "mutate", mutants_of)
-    for seed in range(20):
-        search = told(0, seed)  # all chromosomes of the initial population are different
-        search.ask()
-        assert len(taken[-1]) == len(set(taken[-1])) == 6 * 3 + 4
-    assert len(set(map(tuple, taken))) == 20  # drawn anew
-    assert set().union(*taken) == set(range(40))  # from the whole population
 
 
 def test_what_is_asked_stays_in_the_box_and_reaches_its_walls() -> None:
@@ -265,26 +185,6 @@ def test_every_chromosome_keeps_the_cost_that_it_was_told() -> None:
     for generations in range(8):
         search = told(generations)
         assert np.array_equal(search.costs, sphere(search.population))
-
-
-def copies_of(search: MultipleCrossoverGA) -> list[int]:
-    """Which chromosomes of a population without equals the next generation copies."""
-    before = search.population
-    search.tell(sphere(search.ask()))
-    return [np.flatnonzero((before == x).all(axis=1)).item() for x in search.population[:18]]
-
-
-def test_the_rest_of_a_generation_are_copies_selected_by_cost() -> None:
-    ranks = []
-    for seed in range(50):
-        search = told(0, seed)
-        rank = stats.rankdata(search.costs) - 1.0
-        best, *others = rank[copies_of(search)]
-        assert best == 0.0
-        ranks += others
-    # The better of two of n draws has the mean rank (n - 1) (2 n - 1) / 6 n; any draw, 19.5.
-    deviation = 9.4 / math.sqrt(len(ranks))
-    assert np.mean(ranks) == pytest.approx(39 * 79 / 240, abs=4.0 * deviation)
 
 
 def test_the_best_chromosome_ever_told_is_never_lost() -> None:
@@ -317,18 +217,6 @@ def test_a_cost_that_is_not_finite_is_refused_and_can_be_told_anew(wrong: float)
     assert np.array_equal(search.population, spared.population)
 
 
-def test_what_is_not_known_yet_is_not_given() -> None:
-    search = MultipleCrossoverGA(BOX, SMALL, 1)
-    for read in (lambda: search.best, lambda: search.best_cost, search.state):
-        with pytest.raises(AflMujocoError):
-            read()
-    with pytest.raises(AflMujocoError, match="tell must follow ask"):
-        search.tell([1.0] * 40)
-    search.tell(sphere(search.ask()))
-    with pytest.raises(AflMujocoError, match="tell must follow ask"):
-        search.tell([1.0] * 22)
-
-
 # Reproducible
 
 
@@ -342,24 +230,11 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
 # Minima are found
 
 
-@pytest.mark.parametrize("parents", [2, 3, 4])
-def test_a_sphere_is_minimised(parents: int) -> None:
-    settings = GeneticSettings(population_size=200, generations=200, parents=parents)
-    result = minimise(sphere, BOX, settings, 1)
-    assert np.allclose(result.best, CENTRE, rtol=0.0, atol=1e-4)
-
-
 @pytest.mark.parametrize("genes", [2, 3])
 def test_rosenbrocks_valley_is_followed_to_its_end(genes: int) -> None:
     settings = GeneticSettings(population_size=300, generations=200)
     result = minimise(rosenbrock, Box((-2.0,) * genes, (2.0,) * genes), settings, 1)
     assert np.allclose(result.best, 1.0, rtol=0.0, atol=1e-4)
-
-
-def test_a_minimum_in_a_corner_is_found_to_the_last_bit() -> None:
-    settings = GeneticSettings(population_size=100, generations=60)
-    result = minimise(lambda x: x @ [1.0, -3.0, 0.2], BOX, settings, 1)
-    assert result.best.tolist() == [BOX.lower[0], BOX.upper[1], BOX.lower[2]]
 
 
 def test_minimise_is_ask_and_tell_to_the_end_and_reports_every_generation() -> None:

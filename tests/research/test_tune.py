@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -12,10 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from afl_mujoco.control.gains import shipped_file
 from research import tune
 from research.command import run_command
-from research.figures import draw_gain_table, fits_of
 from research.gain_tuning import GainTable
 
 ROOT = Path(__file__).parents[2]
@@ -59,23 +56,6 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path, capsys) 
     one, other_one = (folder / "gain_table.json" for folder in (whole, broken))
     assert one.read_bytes() == other_one.read_bytes()
     assert len(GainTable.load(one).rows) == 2
-
-
-@pytest.mark.slow
-def test_a_plant_that_falls_in_mujoco_has_no_objective_there(tmp_path: Path) -> None:
-    gains = ("--lower", "100", "1000", "90", "--upper", "100", "1000", "90")
-    small = ("--cart-masses", "1", "--half-lengths", "0.5", "--population", "20")
-    tune.main((*gains, *small, "--generations", "1", "--workers", "1", "--out", str(tmp_path)))
-    content = json.loads((tmp_path / "gain_table.json").read_text())
-    assert content["rows"][0][-1] is None
-    assert content["rows"][0][-2] >= 1e9
-
-
-def test_the_gain_table_is_drawn_with_every_fit() -> None:
-    functions = json.loads(shipped_file("gain_functions.json").read_text("utf-8"))
-    slopes = draw_gain_table(GainTable.shipped(), fits := fits_of(functions)).axes[3]
-    assert [text.get_text() for text in slopes.get_legend().get_texts()][-3:] == [*fits]
-    assert slopes.get_xlabel() == "half-length l [m]"
 
 
 @pytest.mark.parametrize(
