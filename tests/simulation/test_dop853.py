@@ -100,32 +100,6 @@ def test_the_first_step_is_scipys(size, rate):
     assert ours == pytest.approx(select_initial_step(*asked), rel=1e-12)
 
 
-def test_what_the_work_space_holds_does_not_matter():
-    def rates(_, time, x, out):
-        out[:] = -x
-
-    found, state = np.empty((2, 4)), np.ones(4)
-    work, times = np.full(dop853.WORK, np.nan), np.array([0.0, 1.0])
-    arguments = (rates, None, lambda x: 1.0, 0.0, 1.0, state, times, (1e-9, 1e-9, 1.0), work, found)
-    assert dop853.solve(*arguments) == (2, 1.0, dop853.REACHED)
-    np.testing.assert_allclose(found[1], np.exp(-1.0), rtol=1e-8)
-
-
-def test_a_segment_of_one_time_reports_that_one():
-    found, state, times = np.full((2, 4), np.nan), np.ones(4), np.zeros(1)
-    work = np.full(dop853.WORK, np.nan)
-
-    def rates(_, time, x, out):
-        out[:] = -x
-
-    ended = dop853.solve(
-        rates, None, lambda x: 1.0, 0.0, 1.0, state, times, (1e-9, 1e-9, 1.0), work, found
-    )
-    assert ended == (1, 1.0, dop853.REACHED)
-    np.testing.assert_array_equal(found[0], 1.0)
-    assert np.isnan(found[1]).all()
-
-
 @pytest.mark.parametrize("which", range(4))
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_where_a_slope_has_no_value_no_step_is_tried(which, value):

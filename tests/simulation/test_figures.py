@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 import afl_mujoco as afl
-from afl_mujoco.report.style import save_figure
 from afl_mujoco.simulation.figures import draw_runs
 
 SHORT = afl.Scenario(name="short", duration=0.2)
@@ -21,12 +18,3 @@ def test_a_figure_of_two_runs_overlays_them_in_every_panel_and_shows_their_diffe
     assert all(axis.get_ylabel() for axis in axes)
     np.testing.assert_array_equal(axes[2].lines[1].get_ydata(), runs[1].state[:, 1])
     np.testing.assert_array_equal(axes[4].lines[0].get_ydata(), runs[0].force)
-
-
-def test_a_figure_of_one_run_has_no_difference_panel(tmp_path: Path) -> None:
-    run = afl.simulate_ode(SHORT, afl.CONTROLLERS["fixed"])
-    figure = draw_runs([run], "one run")
-    assert not figure.axes[7].axison
-    save_figure(figure, tmp_path / "run.png")
-    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
-    assert [p.name for p in tmp_path.iterdir()] == ["run.png"]

@@ -1,7 +1,6 @@
 """The drawing backend: what the user set, else what is installed, else none."""
 
 import ctypes.util
-import importlib.util
 import os
 import shutil
 import subprocess
@@ -103,9 +102,3 @@ def test_pytorch_s_compiler_is_loaded_before_mesa_s_where_it_is_installed(tmp_pa
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True
     )
     assert ended.stdout.split() == [str(backend != "disable")], ended.stderr
-
-
-@pytest.mark.skipif(importlib.util.find_spec("triton") is None, reason="needs the extra rl")
-def test_the_environment_and_pytorch_s_compiler_live_in_one_process(graphics):
-    program = "import afl_mujoco.simulation.gym_env.environment, torch, triton"
-    assert subprocess.run([sys.executable, "-c", program]).returncode == 0

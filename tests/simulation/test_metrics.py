@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.metrics import LABELS, UNITS, metrics, unit_of
+from afl_mujoco.simulation.metrics import UNITS, metrics
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective_scales, with_objective
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
@@ -179,14 +179,3 @@ def test_a_run_goes_to_pandas_or_says_what_is_missing(monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(afl.AflMujocoError, match="pandas must be installed: pip install pandas"):
         run.to_pandas()
-
-
-def test_a_unit_is_written_as_in_print_and_a_pure_number_has_none() -> None:
-    assert (unit_of("itae_phi"), unit_of("peak_z")) == (UNITS["itae_phi"].replace("^2", "²"), "m")
-    assert "²" in unit_of("itae_phi") and "1" not in map(unit_of, UNITS)
-    assert "1" in UNITS.values()
-
-
-def test_no_metric_is_called_what_a_requirement_of_settling_is() -> None:
-    assert not any("settl" in label for label in LABELS.values())
-    assert LABELS["settling_5pc_phi"] == "|φ| stays below 5 % of its peak from"

@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS, CartPoleModel, simulate_mujoco, simulate_ode
 from afl_mujoco.control import estimator
 from afl_mujoco.control.controller import compiled_force
 from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.films.replay import Deployment, record
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
@@ -55,12 +53,7 @@ def by_hand(scenario, controller):
             if controller.settings.force_sensed:
                 force = float(memory["mean_force"])
             mass, length = estimator.update(filtering, settings, z, phi, force, 0.002)
-        assumed_parameters = (
-            mass,
-            scenario.pole_mass,
-            length,
-            scenario.gravity,
-        )
+        assumed_parameters = (mass, scenario.pole_mass, length, scenario.gravity)
         state = estimator.filtered_state(filtering)
         compiled = controller.estimator_for(scenario.parameters_at(0.0)).compiled
         command = compiled_force(*compiled, *state, assumed_parameters)
@@ -94,12 +87,6 @@ def test_rollouts_estimate_the_same(odd_scenario, estimating):
         assert one.peak_phi[i] == two.peak_phi[i] == np.abs(run.state[:, 1]).max()
         assert one.outcome(i) == two.outcome(i) == run.outcome
     assert len(set(one.iae_phi.tolist())) == 4
-
-
-def test_an_ideal_scenario_is_estimated_as_well(odd_scenario, estimating, adaptive):
-    estimated = simulate_mujoco(odd_scenario, estimating, "sampled")
-    assert np.abs(estimated.state - simulate_mujoco(odd_scenario, adaptive, "sampled").state).any()
-    assert estimated.provenance["controller"]["belief"] == "estimated"
 
 
 def test_only_a_compiled_controller_without_constant_parameters_can_use_it(estimating):
@@ -137,30 +124,3 @@ def test_estimates_along_a_run_can_be_kept_and_changes_nothing(odd_scenario, est
     _, _, last = by_hand(scenario, estimating)
     assert (kept.cart_mass[0], kept.half_length[0]) == pytest.approx((0.9, 0.45))
     assert (kept.cart_mass[-1], kept.half_length[-1]) == last
-
-
-def test_its_ghost_in_a_film_sees_the_true_parameters(odd_scenario, estimating, adaptive):
-    film = record(odd_scenario, estimating, Deployment(), 50)
-    truth = record(odd_scenario, adaptive, Deployment(), 50)
-    np.testing.assert_array_equal(film.ideal, truth.ideal)
-    assert np.abs(film.state - truth.state).max() > 1e-6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["lqr-estimated", "adaptive-estimated"])
-def test_a_plant_far_from_the_paper_s_is_estimated_and_balanced(name):
-    rig = afl.Scenario(
-        name="rig",
-        schedule={
-            "cart_mass": afl.constant(8.0),
-            "half_length": afl.constant(1.5),
-            "pole_mass": 0.2,
-        },
-        initial_state=(0.0, 0.2, 0.0, 0.0),
-        duration=12.0,
-    )
-    run = simulate_estimated(rig, afl.find_controller(name))
-    assert str(run.run.outcome) == "completed"
-    assert abs(run.run.state[-1, 1]) < 0.01
-    np.testing.assert_allclose(run.cart_mass[-1], 8.0, rtol=0.1)
-    np.testing.assert_allclose(run.half_length[-1], 1.5, rtol=0.1)

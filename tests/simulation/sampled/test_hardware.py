@@ -72,34 +72,14 @@ def test_noise_is_added_at_the_scale_of_its_channel(model, states):
     )
 
 
-def test_noise_on_one_channel_leaves_the_others_and_is_the_same_alone(model, states):
-    both = measured(model, Imperfections(noise={"z": 0.01, "phi": 0.02}, seed=5), states)
-    alone = measured(model, Imperfections(noise={"phi": 0.02}, seed=5), states)
-    assert (both[:, 1] == alone[:, 1]).all()
-    assert (alone[:, [0, 2, 3]] == states[:, [0, 2, 3]]).all()
-
-
 def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
-    seen = measured(
-        model,
-        Imperfections(
-            encoder_step={"z": 0.01, "phi": 0.03},
-        ),
-        states,
-    )
+    seen = measured(model, Imperfections(encoder_step={"z": 0.01, "phi": 0.03}), states)
     for column, size in ((0, 0.01), (1, 0.03)):
         counts = seen[:, column] / size
         np.testing.assert_allclose(counts, np.round(counts), rtol=0, atol=1e-9)
         error = np.abs(seen[:, column] - states[:, column])
         assert 0.3 * size < error.max() <= 0.5 * size * (1 + 1e-9)
     assert (seen[:, 2:] == states[:, 2:]).all()
-
-
-def test_an_encoder_treats_both_signs_alike(model, states):
-    coarse = Imperfections(
-        encoder_step={"z": 0.01, "phi": 0.03},
-    )
-    assert (measured(model, coarse, -states) == -measured(model, coarse, states)).all()
 
 
 def test_differentiated_velocities_are_differences_of_what_the_encoders_say(model, states):
@@ -159,16 +139,6 @@ def test_a_step_arrives_after_the_transport_delay(delay):
         rtol=0,
         atol=1e-14,
     )
-
-
-def test_a_whole_number_of_steps_shifts_the_bits(rng):
-    commands = rng.normal(size=30)
-    late = forces(Imperfections(delay=0.003), commands)
-    assert late.tolist() == [0.0, 0.0, 0.0, *commands[:-3].tolist()]
-
-
-def test_a_delay_beyond_the_run_lets_nothing_through():
-    assert not forces(Imperfections(delay=1e9), np.full(50, 7.0)).any()
 
 
 @pytest.mark.parametrize("lag", [1e-5, 3e-4, 0.004, 0.5], ids=str)
@@ -257,14 +227,3 @@ def test_a_run_of_equal_commands_squares_and_varies_as_the_closed_form():
     squared = 49.0 * (end - 2.0 * lag * (1.0 - gone) + 0.5 * lag * (1.0 - gone**2))
     assert run["force_squared"] * H == pytest.approx(squared, rel=1e-12)
     assert run["force_variation"] == pytest.approx(7.0 * (1.0 - gone), rel=1e-12)
-
-
-def test_delay_and_lag_in_a_chain_deliver_the_delayed_lagged_step():
-    delay, lag = 0.004, 0.006
-    after = np.maximum(H * np.arange(1, 101) - delay, 0.0)
-    np.testing.assert_allclose(
-        delivered(forces(Imperfections(delay=delay, lag=lag), np.full(100, 7.0))),
-        7.0 * (after + lag * np.expm1(-after / lag)),
-        rtol=1e-11,
-        atol=1e-16,
-    )

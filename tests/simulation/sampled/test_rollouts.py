@@ -8,7 +8,6 @@ import pytest
 from afl_mujoco import (
     CONTROLLERS,
     Scenario,
-    Trajectory,
     constant,
     find_scenario,
     piecewise_linear,
@@ -16,9 +15,8 @@ from afl_mujoco import (
     simulate_mujoco,
     staircase,
 )
-from afl_mujoco.cli.main import main
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import judge
@@ -75,14 +73,6 @@ def test_the_number_of_threads_and_a_repetition_change_no_bit(scenarios, adaptiv
     assert 0 < (one.status > 0).sum() < len(one) == 24  # some fell, some did not
 
 
-def test_one_scenario_need_not_be_in_a_list(adaptive):
-    one, listed = (run_rollouts(given, adaptive, **SETTINGS) for given in ("nominal", ["nominal"]))
-    assert len(one) == 1
-    assert one.iae_z.tobytes() == listed.iae_z.tobytes()
-    with pytest.raises(UnknownNameError, match=r"^scenario must be .* got '5'"):
-        run_rollouts(5, adaptive)
-
-
 def test_the_order_of_the_runs_changes_no_bit(scenarios, adaptive, rng):
     forward = run_rollouts(scenarios, adaptive, **SETTINGS)
     order = rng.permutation(len(scenarios))
@@ -111,20 +101,6 @@ def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
             assert many.iae_phi[i] == pytest.approx(theirs["iae_phi"], rel=1e-12)
 
 
-def test_the_command_line_replays_a_failure_from_its_file(scenarios, adaptive, tmp_path):
-    many = run_rollouts(scenarios, adaptive, **SETTINGS)
-    worst = int(np.argmax((many.status > 0) & (np.arange(len(many)) % 3 > 0)))  # a real one
-    assert many.outcome(worst).kind == "fell"
-    save_scenario(scenarios[worst], tmp_path / "failure.toml")
-    options = ["--integrator", "Euler", "--control-period", "0.002", "--out", str(tmp_path)]
-    assert main(["simulate", str(tmp_path / "failure.toml"), *options]) == 1
-    run = Trajectory.load(tmp_path / f"{scenarios[worst].name}-adaptive-sampled.npz")
-    assert run.outcome == many.outcome(worst)
-    assert np.abs(run.state[:, 0]).max() == many.peak_z[worst]
-    alone = simulate_mujoco(scenarios[worst], adaptive, "sampled", **SETTINGS)
-    assert run.state.tobytes() == alone.state.tobytes()
-
-
 def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
     wide = Scenario(name="wide", duration=15.0)
     narrow = replace(wide, imperfections=Imperfections(end_stops={"z": 1.0}))
@@ -140,39 +116,6 @@ def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
     assert np.isnan(many.settling_time[[1, 2]]).all()
 
 
-def test_a_run_that_ends_by_itself_has_not_settled():
-    stubborn = PythonController(name="none", function=lambda time, state, belief: np.nan)
-    upright = Scenario(name="upright", initial_state=(0.0, 0.0, 0.0, 0.0))
-    many = run_rollouts([upright], stubborn)
-    assert str(many.outcome(0)) == "diverged at t = 0 s"
-    assert np.isnan(many.settling_time).all()
-
-
-def test_an_error_gives_up_what_has_not_begun(adaptive):
-    done = []
-
-    class Watched(Scenario):
-        def parameters_at(self, time):
-            done.append(time)
-            return Scenario.parameters_at(self, time)
-
-    short = Watched(name="short", duration=0.5)
-    bad = Scenario(name="bad", duration=0.5, imperfections=Imperfections(control_period=0.0015))
-    with pytest.raises(InvalidValueError, match=r"^timestep 0\.001 s must divide"):
-        run_rollouts([bad, *[short] * 300], adaptive, timestep=1e-3, threads=2)
-    assert len(done) < 150
-
-
-def test_to_be_within_the_bands_at_the_last_instant_is_not_to_have_settled(adaptive):
-    """One run that ends 0.9 s after it has come into the bands, one that ends 1.1 s after."""
-    calm = Scenario(name="calm", duration=15.0)
-    (settled,) = run_rollouts([calm], adaptive).settling_time
-    ends = [round(settled + after, 3) for after in (0.9, 1.1)]
-    found = run_rollouts([replace(calm, duration=end) for end in ends], adaptive)
-    assert np.isnan(found.settling_time[0])
-    assert found.settling_time[1] == settled
-
-
 def test_a_controller_in_python_runs_as_well(scenarios, adaptive):
     def function(time, state, belief):
         return adaptive.force(state, belief)
@@ -184,10 +127,6 @@ def test_a_controller_in_python_runs_as_well(scenarios, adaptive):
     assert same(
         run_rollouts(few, mine, threads=2, **SETTINGS), run_rollouts(few, adaptive, **SETTINGS)
     )
-
-
-def test_no_scenarios_are_no_runs(adaptive):
-    assert len(run_rollouts([], adaptive)) == 0
 
 
 def test_an_error_in_one_run_is_raised(scenarios, adaptive):

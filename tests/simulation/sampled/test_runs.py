@@ -1,6 +1,5 @@
 """A run with imperfections: without any it is ideal sampled mode, and each acts where it should."""
 
-import math
 from dataclasses import replace
 
 import mujoco
@@ -11,7 +10,6 @@ from afl_mujoco import (
     CONTROLLERS,
     CartPoleModel,
     Scenario,
-    constant,
     find_scenario,
     piecewise_linear,
     save_scenario,
@@ -195,47 +193,7 @@ def test_a_controller_in_python_gets_time_state_and_belief(odd_scenario, odd_par
     assert {entry[2] for entry in seen} == {odd_parameters}
 
 
-def test_a_controller_in_python_without_a_force_ends_the_run(smooth_scenario):
-    def gives_up(time, state, belief):
-        if time > 0.1:
-            raise ControllerDomainError("phi", "is beyond me")
-        return 0.0
-
-    for function in (gives_up, lambda t, x, b: math.nan if t > 0.1 else 0.0):
-        controller = PythonController(name="weak", function=function)
-        run = simulate_mujoco(smooth_scenario, controller, "sampled")
-        assert str(run.outcome) == "diverged at t = 0.101 s"
-
-
 # Each departure is where it should be
-
-ALONE = Scenario(
-    name="alone",
-    schedule={"cart_mass": constant(1.37), "half_length": constant(0.29), "pole_mass": 1e-9},
-    initial_state=(0.0, 0.0, 0.0, 0.0),
-    duration=0.2,
-)
-"""A pole so light that the cart is alone, and for so short a time that it does not fall."""
-PUSHING = PythonController(name="constant", function=lambda time, state, belief: 7.0)
-
-
-@pytest.mark.parametrize("integrator", ["RK4", "Euler"])
-@pytest.mark.parametrize(
-    ("imperfections", "momentum"),
-    [
-        (Imperfections(), lambda t: t),
-        (Imperfections(delay=0.0234), lambda t: np.maximum(t - 0.0234, 0.0)),
-        (Imperfections(lag=0.03), lambda t: t + 0.03 * np.expm1(-t / 0.03)),
-        (Imperfections(input_limit=1.75), lambda t: 0.25 * t),
-    ],
-    ids=["ideal", "delay", "lag", "limit"],
-)
-def test_the_cart_gets_the_momentum_of_the_closed_form(imperfections, momentum, integrator):
-    scenario = replace(ALONE, imperfections=replace(imperfections, armature={"z": 0.0}))
-    run = simulate_sampled(scenario, PUSHING, integrator=integrator)
-    np.testing.assert_allclose(
-        run.state[:, 2], 7.0 * momentum(run.time) / 1.37, rtol=0, atol=1e-8
-    )  # the pole's share of the mass
 
 
 def test_the_lag_is_mujoco_s_own_filter_as_the_step_shrinks(smooth_scenario, adaptive):
@@ -313,17 +271,6 @@ def test_assumed_parameters_can_be_late_and_wrong():
     assert {(b.pole_mass, b.gravity) for b in seen} == {(0.05, 9.81)}
 
 
-def test_what_comes_later_than_the_run_lasts_never_comes(adaptive):
-    changing = Scenario(
-        name="x", schedule={"cart_mass": staircase((0.05,), (1.0, 2.0))}, duration=0.2
-    )
-    never = Imperfections(parameter_delay=1e306)
-    found = simulate_mujoco(replace(changing, imperfections=never), adaptive, "sampled")
-    longer = Imperfections(parameter_delay=0.2)
-    again = simulate_mujoco(replace(changing, imperfections=longer), adaptive, "sampled")
-    assert (found.state == again.state).all()
-
-
 @pytest.mark.parametrize("late", [10, 20, 40, 70], ids=lambda ticks: f"{ticks} ms")
 def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
     jumps = (10, 20, 40, 50, 70, 140, 170, 200)  # [ms]; minus the delay, some round to just before
@@ -345,25 +292,6 @@ def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
     )
     simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
     assert (np.flatnonzero(np.diff(seen)) + 1 - late).tolist() == list(jumps)
-
-
-def test_constant_assumed_parameters_stay_constant(odd_scenario):
-    errors = {"cart_mass": {"error": 0.5}, "half_length": {"error": -0.4}}
-    late = Imperfections(parameter_delay=0.1)
-    nominal = CONTROLLERS["fixed-nominal"]
-    real = simulate_mujoco(replace(odd_scenario, imperfections=late, belief=errors), nominal)
-    ideal = simulate_mujoco(odd_scenario, nominal, "sampled")
-    assert (real.state == ideal.state).all()
-
-
-def test_passive_physics_reaches_the_run(odd_scenario, adaptive):
-    ideal = simulate_mujoco(odd_scenario, adaptive, "sampled").state[-1]
-    for name in ("damping.z", "damping.phi", "dry_friction.z", "armature.z"):
-        real = replace(odd_scenario, imperfections=IDEAL.changed({name: 0.1}))
-        assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-3
-    for name in ("armature.phi", "tip_mass_share", "pole_radius"):
-        real = replace(odd_scenario, imperfections=IDEAL.changed({name: 0.01}))
-        assert np.abs(simulate_mujoco(real, adaptive, "sampled").state[-1] - ideal).max() > 1e-4
 
 
 def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive):
@@ -412,14 +340,3 @@ def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, ada
         simulate_sampled(scenario, adaptive, model=used),
         simulate_sampled(scenario, adaptive, model=fresh),
     )
-
-
-def test_a_control_period_longer_than_the_run_is_refused(adaptive):
-    short = Scenario(name="short", duration=0.2)
-    rule = r"control_period must be within the duration 0.2 s \(in seconds, not Hz\), got 0.3"
-    for scenario, given in (
-        (short, {"control_period": 0.3}),
-        (replace(short, imperfections=Imperfections(control_period=0.3)), {}),
-    ):
-        with pytest.raises(InvalidValueError, match=rule):
-            simulate_mujoco(scenario, adaptive, "sampled", **given)
