@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.report.terminal import to_text
-from afl_mujoco.scenario.files import save_scenario
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import judge
@@ -22,13 +19,10 @@ from afl_mujoco.studies.attraction import (
     GOOD,
     MISSED,
     UNSETTLED,
-    Options,
     Request,
-    prepare,
     report,
     run,
 )
-from tests.program import interrupt
 
 RIG = afl.Scenario(
     name="rig",
@@ -105,40 +99,3 @@ def test_where_nothing_is_asked_for_a_fall_is_a_fall() -> None:
     careless = replace(PLAIN, requirements=Requirements(completes=False), duration=3.0)
     kinds = mapped(careless, angle=1.5, rate=4.0, count=3).kinds("lqr")
     assert kinds[2, 2] == FALLEN and kinds[1, 1] != FALLEN
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"max_angle": 1.6}, "max_angle must be below 1.5698 rad, where a pole has fallen"),
-        ({"max_rate": 0.0}, "max_rate must be "),
-        ({"grid": 1}, "grid must be at least 2, got 1"),
-        ({"controllers": ("lqr", "lqr")}, "controller names must differ, got 'lqr' twice"),
-        ({"integrator": "RK5"}, "integrator must be one of "),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_mapped_is_refused(settings, message: str) -> None:
-    with pytest.raises(AflMujocoError) as raised:
-        prepare(Options(scenario="nominal", **settings))
-    assert str(raised.value).startswith(message)
-
-
-def test_the_command_writes_rows_and_a_map(tmp_path: Path, command_line) -> None:
-    save_scenario(replace(RIG, duration=3.0), tmp_path / "rig.toml")
-    code, output, errors = command_line(
-        "attraction", "rig.toml", "--controllers", "lqr", "--grid", "3", "--out", "out"
-    )
-    assert (code, errors) == (0, "")
-    assert "How the runs end, in % of 9 starts" in output
-    written = {path.name for path in (tmp_path / "out").iterdir()}
-    suffixes = ("json", "npz", "md", "svg", "png")
-    assert written == {"report.html", *(f"attraction.{x}" for x in suffixes)}
-
-
-@pytest.mark.slow
-def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_file(tmp_path: Path) -> None:
-    out = tmp_path / "out"  # it is made when everything is imported and checked
-    words = ("attraction", "--grid", "201", "--out", "out")
-    interrupt(*words, cwd=tmp_path, once=out.exists, after=3.0)
-    assert list(out.iterdir()) == []

@@ -9,13 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.studies.bisection import (
-    BRACKETED,
-    LOWER,
-    UPPER,
-    find_threshold,
-    scan_levels,
-)
+from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER, find_threshold, scan_levels
 
 
 @given(st.floats(0.011, 99.0), st.floats(1e-3, 0.5), st.booleans())
@@ -104,27 +98,3 @@ def test_each_narrow_loss_found_starts_the_count_of_levels_that_hold_anew():
     found = find_threshold(holds, scan_levels(1.0, 500.0, 13), 0.02, closer=20)
     assert found.fails_at == pytest.approx(34.0, rel=0.011)
     assert found.holds_at is not None and holds(found.holds_at)
-
-
-def test_closer_levels_end_at_the_benign_end():
-    def holds(level: float) -> bool:
-        return level <= 1.0
-
-    found = find_threshold(holds, scan_levels(1.0, 100.0, 5), 0.02, closer=50)
-    assert (found.bound, found.holds_at) == (BRACKETED, 1.0)
-    assert found.fails_at == pytest.approx(1.0, rel=0.02)
-    assert found.islands == 0
-
-
-def test_closer_levels_that_come_in_steps_are_asked_once():
-    asked = []
-
-    def holds(level: float) -> bool:
-        asked.append(level)
-        return level < 7.5 and level != 6.0
-
-    found = find_threshold(
-        holds, scan_levels(1.0, 30.0, 3), 0.02, lambda x: float(round(x)), closer=40
-    )
-    assert (found.holds_at, found.fails_at, found.islands) == (5.0, 6.0, 0)
-    assert len(asked) == len(set(asked))

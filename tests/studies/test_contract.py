@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import sys
@@ -10,26 +9,18 @@ import time
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.studies.record import load_record, save_record
-from afl_mujoco.studies.registry import find_study, studies
+from afl_mujoco.studies.record import save_record
+from afl_mujoco.studies.registry import studies
 from tests.study_results import record
 
 ROOT = Path(__file__).parents[2]
-TOY = Path(__file__).parent / "toy"
 
 
 def test_the_toy_study_is_one_file_that_nothing_else_names() -> None:
     sources = [*(ROOT / "afl_mujoco").rglob("*.py"), ROOT / "Makefile", ROOT / "pyproject.toml"]
     assert [path for path in sources if re.search(r"\bdice\b", path.read_text())] == []
-
-
-def test_a_study_is_there_by_being_a_file(toy: str) -> None:
-    assert list(studies())[-1] == toy
-    assert find_study(toy).title == "Dice"
 
 
 def test_it_gets_a_command_files_a_terminal_and_markdown(
@@ -46,14 +37,6 @@ def test_it_gets_a_command_files_a_terminal_and_markdown(
     text = (tmp_path / "out" / "dice.md").read_text()
     assert "| 0 | 3 |" in text and "![3 throws.](dice.png)" in text
     assert "Made by `afl-mujoco dice nominal --throws 3`" in text
-
-
-def test_its_result_comes_back_from_json(toy: str, command_line, tmp_path: Path) -> None:
-    command_line(toy, "--quick", "--out", "out")
-    data = json.loads((tmp_path / "out" / "dice.json").read_text())
-    assert (data["study"], data["schema"]) == ("dice", 1)
-    result = load_record(find_study(toy), tmp_path / "out").result
-    assert isinstance(result.eyes, np.ndarray) and len(result.eyes) == 2
 
 
 def test_it_has_help_with_an_example_and_the_options_of_its_run(toy: str, capsys) -> None:
@@ -84,17 +67,6 @@ def test_it_is_put_into_the_page_beside_what_is_there(
     assert code == 0 and not list((tmp_path / "own").glob("*.[hps][tnv][mg]*"))
     assert ".png" not in output + (tmp_path / "own" / "dice.md").read_text()
     assert (folder / "report.html").read_text() == page
-
-
-def test_bad_input_of_its_own_is_one_line(toy: str, command_line, tmp_path: Path) -> None:
-    code, output, errors = command_line(toy, "--throws", "0", "--out", "out")
-    assert (code, output, errors) == (2, "", "afl-mujoco: throws must be at least 1, got 0\n")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_unknown_study_is_named_with_what_was_meant() -> None:
-    with pytest.raises(UnknownNameError, match=r"study must be one of .*did you mean margins\?"):
-        find_study("margin")
 
 
 @pytest.mark.parametrize("study", studies().values(), ids=list(studies()))

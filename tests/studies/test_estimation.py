@@ -87,15 +87,6 @@ def test_a_noisy_loop_is_the_median_of_its_own_runs_and_its_largest_force_their_
     assert loop.largest_force == pytest.approx(peaks[2])
 
 
-def test_every_seed_is_another_noise_and_finds_the_steps(result):
-    (case,) = result.cases
-    first, second, _ = case.cart_mass
-    assert first.rms != second.rms
-    for one in (*case.cart_mass, *case.half_length):
-        assert 0.0 < one.rms["0.05-1 s"] < 0.1
-        assert all(step.reached_after is not None for step in one.steps)
-
-
 def test_the_curves_are_of_the_runs(result):
     curves = result.cases[0].curves
     assert curves["cart mass M [kg]"]["true"][0][-1] == pytest.approx(UNTIL)
@@ -108,20 +99,6 @@ def test_the_curves_are_of_the_runs(result):
     axes = figure.draw().axes
     assert len(axes) == 3
     assert not [line for axis in axes for line in axis.lines if line.get_marker() == "x"]
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--seeds", "0"), "seeds must be at least 1, got 0"),
-        (("steps",), "scenario must be one of nominal, "),
-        (("--controller", "pid"), "controller must be one of fixed, "),
-        (("--controller", "adaptive-estimated"), "controller 'adaptive-estimated' must"),
-    ],
-)
-def test_what_cannot_be_studied_is_refused(command_line, options, said):
-    code, output, errors = command_line("estimation", *options)
-    assert (code, output) == (2, "") and errors.startswith(f"afl-mujoco: {said}")
 
 
 @pytest.mark.slow

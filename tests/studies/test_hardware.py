@@ -46,15 +46,6 @@ def test_the_command_judges_recordings_in_a_folder(tmp_path: Path, command_line)
     assert data["fitted"] == []
 
 
-def test_recordings_that_were_fitted_are_named(tmp_path: Path, command_line) -> None:
-    (tmp_path / "logs").mkdir()
-    shutil.copy(min(FIT.glob("*.csv")), tmp_path / "logs")
-    _, output, _ = command_line(
-        "hardware", "--logs", "logs", "--draws", "0", "--out", "out", "--no-page"
-    )
-    assert "have names of recordings that the estimates were fitted to" in " ".join(output.split())
-
-
 def test_a_model_of_another_pole_does_not_hold(tmp_path: Path, command_line) -> None:
     # the estimates with a drive that is far too weak
     (tmp_path / "logs").mkdir()
@@ -96,16 +87,6 @@ def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
     assert "the drive" in text and "✗ fails" in text
     assert "No proof, if they are the same recordings: two have names" in text
     assert report(replace(result, statements=result.statements[1:])).passed
-
-
-def test_the_outlook_says_who_survives_and_what_would_help() -> None:
-    text = to_markdown(report(hardware()).blocks)
-    assert "| Cart-pole | lqr | adaptive |" in text
-    assert "| as it is | 0° | 11° |\n| rail x4 | 29° | 11° |" in text
-    assert "5.7° | 3 of 20 | 20 of 20 |" in text
-    assert "Largest starting angle" not in to_markdown(
-        report(replace(hardware(), survival=())).blocks
-    )
 
 
 def test_what_is_changed_is_that_alone() -> None:

@@ -13,11 +13,7 @@ import tomli_w
 
 from afl_mujoco.identification.description import to_table
 from afl_mujoco.identification.log import write_log
-from afl_mujoco.identification.prediction import load_estimates
-from afl_mujoco.report.markdown import to_markdown
 from afl_mujoco.scenario.files import load_scenario
-from afl_mujoco.studies.identify import report
-from tests.study_results import identified
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -103,18 +99,3 @@ def test_a_command_that_comes_after_its_force_is_named(rig: Path, command_line) 
     )
     assert said is not None, errors
     assert float(said[1]) == pytest.approx(1e3 * (0.02 - TRUTH.delay), abs=1.0)
-
-
-def test_every_part_of_a_result_is_shown() -> None:
-    text = to_markdown(report(identified()).blocks)
-    assert "scale of the angle" in text and "sin_1" not in text
-    assert "Angle off a straight line" in text
-    assert "on its bound" in text and "Correlated estimates" in text
-    assert "compare identified.toml" in text
-
-
-def test_without_a_drive_nothing_is_shown_of_one() -> None:
-    one = replace(load_estimates(), drive=None, physical=())
-    text = to_markdown(report(replace(identified(), identified=one, shown=None)).blocks)
-    assert "The command is constant in every log: cart and drive cannot be identified." in text
-    assert "Cart and drive" not in text and "identified.toml" not in text

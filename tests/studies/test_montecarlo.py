@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shlex
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,14 +13,14 @@ import pytest
 from scipy.stats import beta, binom
 
 import afl_mujoco as afl
-from afl_mujoco.control.own import PythonController, load_python_controller
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
-from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies.montecarlo import (
@@ -36,7 +35,6 @@ from afl_mujoco.studies.montecarlo import (
     separating,
     write_files,
 )
-from afl_mujoco.studies.robustness import HARDEST, worst_scenario
 from afl_mujoco.studies.run import run_all
 from tests.program import interrupt
 from tests.program import run as program
@@ -48,9 +46,7 @@ HEAVY = afl.Scenario(
     duration=4.0,
     initial_state=(0.0, 0.2, 0.0, 0.0),
     imperfections=Imperfections(control_period=0.01, delay=0.004),
-    requirements=Requirements(
-        max={"z": 0.5, "force": 150.0},
-    ),
+    requirements=Requirements(max={"z": 0.5, "force": 150.0}),
     ranges=Ranges(varied={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)}, rates={"cart_mass": 4.0}),
 )
 SPACE = SampleSpace(HEAVY)
@@ -164,21 +160,6 @@ def test_a_controller_without_a_force_ends_the_run_as_a_failure() -> None:
     assert {one.failure for one in run(asked(own, samples=3)).runs["nan"]} == {"diverged"}
 
 
-@pytest.mark.slow
-def test_a_controller_of_a_users_module_goes_to_the_workers(tmp_path, monkeypatch) -> None:
-    (tmp_path / "mine_for_montecarlo.py").write_text(
-        "def controller(t, state, belief):\n    return 1 / 0\n"
-    )
-    monkeypatch.chdir(tmp_path)
-    own = load_python_controller("mine_for_montecarlo:controller")
-    try:
-        runs = run(asked(own, samples=2), workers=2).runs[own.name]
-    finally:
-        sys.modules.pop("mine_for_montecarlo")
-    assert [one.outcome for one in runs] == [CONTROLLER_FAILED] * 2
-    assert runs[0].message.startswith("raised ZeroDivisionError at t = 0 s")
-
-
 # The folder of the scenario files
 
 
@@ -199,18 +180,6 @@ def test_files_are_by_number_and_of_this_study_alone(heavy: Result, tmp_path) ->
     write_files(failing(heavy), tmp_path)
     assert written(tmp_path) == set()
     assert [path.name for path in tmp_path.iterdir()] == [FOLDER]
-
-
-def test_what_a_search_found_is_a_file_too(heavy: Result, tmp_path) -> None:
-    found = montecarlo.Found(
-        controller="lqr", question=HARDEST, run=(replace(heavy.rows[0], draw=9),), distance=0.1,
-        point=tuple(sample_point(SPACE, 9, 1).tolist()), tried=1,
-        file="montecarlo/lqr/hardest.toml",
-    )  # fmt: skip
-    write_files(failing(heavy, worst_cases=(found,)), tmp_path)
-    assert written(tmp_path) == {found.file}
-    expected = replace(sample_scenario(SPACE, 9, 1), name="heavy-1-0009-hardest")
-    assert load_scenario(tmp_path / found.file) == worst_scenario(SPACE, found.worst, 1) == expected
 
 
 @pytest.mark.parametrize(
@@ -297,24 +266,3 @@ def test_ctrl_c_is_one_line_exit_130_and_nothing_written(tmp_path: Path, workers
     command = ("montecarlo", "--workers", workers, "--out", "out")
     interrupt(*command, cwd=tmp_path, once=out.exists, after=2.0)
     assert list(out.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_scenario_of_ones_own_is_drawn_from_and_its_hardest_sample_filmed(tmp_path: Path) -> None:
-    (tmp_path / "own.toml").write_text(
-        "duration = 1.0\ninitial_state = [0, 0.2, 0, 0]\nrequirements.max.z = 0.6\n"
-        "[ranges]\ncart_mass = [0.5, 2.0]\nchanges = 4\ncart_mass_rate = 8.0\n"
-    )
-    result = program(
-        "montecarlo", "own.toml", "--controllers", "lqr", "--samples", "4", "--generations", "1",
-        "--film", "--out", "out", cwd=tmp_path,
-    )  # fmt: skip
-    assert result.returncode == 0, result.stderr
-    hardest = json.loads((tmp_path / "out" / "montecarlo.json").read_text())["worst_cases"][0]
-    films = json.loads((tmp_path / "out" / "films.json").read_text())["films"]
-    assert [film["controllers"] for film in films] == [["lqr"]]
-    assert (tmp_path / "out" / films[0]["file"]).stat().st_size > 10_000
-    assert "Films" in (tmp_path / "out" / "report.html").read_text()
-    scenario = afl.load_scenario(tmp_path / "out" / hardest["file"])
-    assert films[0]["scenario"] == scenario.name
-    assert len(scenario.cart_mass.times) >= 5

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
-import hashlib
 import json
 import math
 import signal
@@ -18,7 +15,6 @@ import pytest
 
 from afl_mujoco import files
 from afl_mujoco.errors import FileError
-from afl_mujoco.pool import interrupts_noted
 from afl_mujoco.report import style
 from afl_mujoco.studies import record as record_module
 from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record
@@ -157,26 +153,6 @@ def test_a_ctrl_c_leaves_the_older_record_its_figures_and_its_page(
     assert contents(tmp_path) == before
 
 
-def test_a_ctrl_c_that_a_library_made_another_error_leaves_the_older_record(tmp_path: Path) -> None:
-    save_record(study_results.record("margins"), tmp_path, figures=False)
-    before = contents(tmp_path)
-
-    def film() -> None:
-        with contextlib.suppress(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        raise ctypes.ArgumentError
-
-    with interrupts_noted(), pytest.raises(ctypes.ArgumentError):
-        save_record(study_results.record("margins"), tmp_path, figures=False, film=film)
-    assert contents(tmp_path) == before
-    with pytest.raises(ctypes.ArgumentError):  # none came since: it is an error like others
-        save_record(
-            replace(study_results.record("margins"), command="the new one"), tmp_path,
-            figures=False, film=stopped(ctypes.ArgumentError),
-        )  # fmt: skip
-    assert load_record(find_study("margins"), tmp_path).command == "the new one"
-
-
 def test_a_ctrl_c_while_files_are_moved_waits_until_they_are(tmp_path: Path) -> None:
     save_record(study_results.record("margins"), tmp_path)
     new = replace(study_results.record("margins"), command="the new one")
@@ -189,19 +165,6 @@ def test_a_ctrl_c_while_files_are_moved_waits_until_they_are(tmp_path: Path) -> 
         save_record(new, tmp_path, figures=False, finish=finish)
     assert names(tmp_path) == {"margins.json", "margins.md", "report.html"}
     assert load_record(new.study, tmp_path).command == "the new one"
-
-
-def test_a_list_that_someone_planted_removes_no_file_of_a_user(tmp_path: Path) -> None:
-    """The list is sound in all else: it names the file with its digest, and is of the study."""
-    save_record(study_results.record("margins"), tmp_path)
-    users = ("margins-notes.png", "margins-delay.txt", "margins-x.npz")
-    data = json.loads((tmp_path / "margins.json").read_text())
-    for name in users:
-        (tmp_path / name).write_text("mine")
-        data["files"][name] = hashlib.sha256(b"mine").hexdigest()
-    (tmp_path / "margins.json").write_text(json.dumps(data))
-    save_record(study_results.record("margins"), tmp_path, figures=False)
-    assert names(tmp_path) == {"margins.json", "margins.md", *users}
 
 
 @pytest.mark.parametrize("name", ["margins.md", "report.html", "margins-delay.svg"])
@@ -263,12 +226,6 @@ def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(
     assert str(error.value).endswith("run afl-mujoco margins")
 
 
-def test_a_folder_need_not_be_there_or_hold_a_record(tmp_path: Path) -> None:
-    assert load_records(tmp_path / "nowhere") == []
-    remove_record(find_study("margins"), tmp_path)
-    assert names(tmp_path) == set()
-
-
 @pytest.mark.parametrize(
     "spoil",
     [
@@ -287,14 +244,6 @@ def test_arrays_that_are_spoilt_are_one_line_with_what_mends_it(tmp_path: Path, 
     assert said.startswith(str(tmp_path / "compare.json"))
     assert said.endswith("run afl-mujoco compare")
     assert "\n" not in said
-
-
-def test_arrays_are_called_by_their_place(tmp_path: Path) -> None:
-    save_record(study_results.record("validate"), tmp_path, figures=False)
-    with np.load(tmp_path / "report.npz", allow_pickle=False) as file:
-        assert {"curves/step-step/fixed/time", "curves/step-step/fixed/states/ode"} <= set(
-            file.files
-        )
 
 
 def test_arrays_that_would_fill_the_memory_are_refused_by_their_headers(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.pool import in_process, open_executor
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.ranges import Ranges
@@ -125,34 +125,6 @@ def test_the_nearest_failure_is_searched_from_the_nearest_known(runs, monkeypatc
     assert (nearest.run.draw, nearest.distance) == (best, distances[best])
 
 
-def test_nearest_means_failures_by_distance_then_survivors_from_the_hardest(
-    runs, monkeypatch
-) -> None:
-    points, costs = [sample_point(SPACE, i, 1) for i in range(SAMPLES)], []
-
-    def ask(cost, start, *rest):
-        costs.append(cost(points))
-        return start, 1
-
-    monkeypatch.setattr(robustness, "minimise", ask)
-    searched(runs)
-    fallen = sorted(
-        (i for i in range(SAMPLES) if runs[i].failure), key=lambda i: distance_of(SPACE, points[i])
-    )
-    upright = sorted(
-        (i for i in range(SAMPLES) if not runs[i].failure), key=lambda i: -runs[i].severity(2.0)
-    )
-    assert fallen and upright
-    assert np.argsort(costs[1]).tolist() == fallen + upright
-
-
-def test_where_nothing_fails_or_nothing_passes_there_is_less_to_search(runs) -> None:
-    gentle = SampleSpace(replace(LEANING, ranges=Ranges(varied={"phi": (-0.1, 0.1)})))
-    (hardest,) = searched(drawn(4, gentle)["lqr"], gentle)
-    assert hardest.question == HARDEST and not hardest.run.failure
-    assert searched([run for run in runs if run.failure]) == []
-
-
 def test_what_changes_no_scenario_is_no_distance() -> None:
     home = SHORT.scenario_of(SHORT.reference, 0, 1)
     for axis, name in enumerate(SHORT.coordinates):
@@ -238,28 +210,3 @@ def test_it_stays_in_the_cube_and_leaves_numpys_global_numbers_alone(capfd) -> N
     assert (np.min(seen) >= 0.0) and (np.max(seen) <= 1.0)
     assert best.min() > 0.99
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_start_that_nothing_beats_is_the_answer_and_one_number_can_be_searched() -> None:
-    start = np.full(4, 0.5)
-
-    def away(points):
-        return [float(np.linalg.norm(point - start)) for point in points]
-
-    best, _ = minimise(away, start, 0.2, search_generator(0), Budget(generations=3))
-    assert best.tobytes() == start.tobytes()
-
-    def least(points):
-        return [float(point[0]) for point in points]
-
-    for seed in range(4):
-        best, tried = minimise(
-            least, np.array([0.8]), 0.3, search_generator(seed), Budget(generations=20)
-        )
-        assert best.shape == (1,) and best[0] < 0.01 and tried > 20
-
-
-@pytest.mark.parametrize("changes", [{"generations": 0}, {"population": 3}], ids=str)
-def test_a_budget_of_nothing_is_refused(changes) -> None:
-    with pytest.raises(InvalidValueError, match=r"must be at least \d, got \d$"):
-        Budget(**changes)

@@ -16,7 +16,7 @@ from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.attraction import Result as Map
-from afl_mujoco.studies.run import METRICS, Deployed, Run, run_all, run_kept, run_of
+from afl_mujoco.studies.run import METRICS, Run, run_all, run_of
 from afl_mujoco.studies.tables import IN_WORDS, how, passes, requirements_matrix
 
 LQR = afl.CONTROLLERS["lqr"]
@@ -111,14 +111,6 @@ def test_a_controller_that_computes_no_force_fails_its_own_run_alone() -> None:
     assert bad.message == "raised RuntimeError at t = 0 s: far"
     assert (bad.time, bad.settled, {*bad.metrics.values()}) == (None, False, {None})
     assert bad.missed and how(bad.failure) == "controller fails"
-
-
-def test_kept_runs_have_their_trajectories() -> None:
-    (found,) = run_kept(LQR, [NEAR], Deployed("Euler"))
-    run, trajectory = found
-    alone = afl.simulate_mujoco(NEAR, LQR, integrator="Euler")
-    np.testing.assert_array_equal(trajectory.state, alone.state)
-    assert run == run_all(LQR, [NEAR], Deployed("Euler"))[0]
 
 
 def test_rows_come_back_from_their_file_and_what_is_no_row_is_refused() -> None:

@@ -86,11 +86,5 @@ def _draw(eyes: Any) -> Any:
 
 
 STUDY = Study(
-    name="dice",
-    title="Dice",
-    order=99,
-    schema=1,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
+    name="dice", title="Dice", order=99, schema=1, configuration=Options, prepare=prepare, run=run
 )

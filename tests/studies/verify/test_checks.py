@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +13,6 @@ from afl_mujoco.studies.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify import checks
 from afl_mujoco.studies.verify.criteria import CRITERIA
 
-PUBLISHED = Path(__file__).parents[3] / "docs" / "results" / "report.json"
 RIGHT = 0.97  # of a range that thousands of draws fill
 FIXED = afl.CONTROLLERS["fixed"]
 SHORT = dataclasses.replace(
@@ -58,37 +54,6 @@ def test_symmetries_are_asked_all_over_the_controllers_domain(asked: list[list[f
     assert np.all(np.max(here, axis=0) > RIGHT * ends)
     assert np.all(np.min(here, axis=0) < -RIGHT * ends)
     assert np.all(np.abs(here) <= ends)
-
-
-def test_plants_are_drawn_from_the_whole_box() -> None:
-    rng = np.random.default_rng(0)
-    drawn = [asdict(checks.random_plant(rng)) for _ in range(1000)]
-    box = {
-        "cart_mass": (0.1, 2.0),
-        "pole_mass": (0.01, 0.5),
-        "half_length": (0.05, 1.0),
-        "gravity": (1.0, 20.0),
-    }
-    for name, (low, high) in box.items():
-        values = [plant[name] for plant in drawn]
-        assert low <= min(values) < low + 0.03 * (high - low)
-        assert high - 0.03 * (high - low) < max(values) <= high
-
-
-def test_an_error_is_relative_where_an_acceleration_is_large_and_else_absolute(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for true, measured, error in ((0.0, 1e-6, 1e-6), (99.0, 100.0, 1e-2), (0.0, np.nan, np.inf)):
-        for name in ("cart_acceleration", "pole_acceleration"):
-            monkeypatch.setattr(checks, name, lambda *_, true=true: true)
-        monkeypatch.setattr(checks, "forward", lambda *_, m=measured: (m, m))
-        found = checks.acceleration_error(np.random.default_rng(0), 3)
-        assert found == pytest.approx(error)
-
-
-def test_a_model_that_is_not_written_is_stale(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks.CartPoleModel, "set_parameters", lambda self, p: None, raising=True)
-    assert checks.stale_numbers(np.random.default_rng(0), 2) > 0
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1.1e-9], ids=["nan", "inf", "above"])
@@ -180,14 +145,6 @@ def test_every_reference_check_holds() -> None:
     assert all(check.passed for check in found)
 
 
-def test_a10_sees_that_a_fresh_process_gives_other_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    nudged = dataclasses.replace(
-        checks._SHORT, schedule={**checks._SHORT.schedule, "pole_mass": 0.05 * (1.0 + 1e-15)}
-    )
-    monkeypatch.setattr(checks, "_SHORT", nudged)
-    assert checks.differing_runs() == 4
-
-
 def test_a10_sees_a_run_that_depends_on_what_ran_before(monkeypatch: pytest.MonkeyPatch) -> None:
     ran = []
 
@@ -209,9 +166,3 @@ def test_a8_sees_one_method_at_a_loose_tolerance(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(checks, "simulate_ode", loose)
     monkeypatch.setattr("afl_mujoco.simulation.integrator.MAX_STEP", 1.0)
     assert not CRITERIA["A8"].judge(checks.second_method_difference()).passed
-
-
-def test_the_published_verdict_is_by_these_limits() -> None:
-    published = json.loads(PUBLISHED.read_text(encoding="utf-8"))["checks"]
-    assert {check["id"] for check in published} == CRITERIA.keys()
-    assert [c["id"] for c in published if c["limit"] != CRITERIA[c["id"]].limit] == []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -13,15 +12,8 @@ from numpy.typing import NDArray
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.trajectory import Trajectory
-from afl_mujoco.studies.arrays import packed, unpacked
 from afl_mujoco.studies.cases import REPORTED, Settings, closed_loop_runs
-from afl_mujoco.studies.verify.curves import (
-    MOST,
-    Curves,
-    chart_data,
-    select_curves,
-    shortcuts,
-)
+from afl_mujoco.studies.verify.curves import Curves, chart_data, select_curves
 from tests.verification_result import OWN, make_curves
 
 SHORT = dataclasses.replace(
@@ -63,9 +55,7 @@ def test_the_drawn_maximum_of_every_difference_is_the_reported_one(
         np.testing.assert_array_equal(drawn, reported)
 
 
-def test_a_peak_between_the_regular_instants_is_kept(
-    runs: dict[str, Trajectory],
-) -> None:
+def test_a_peak_between_the_regular_instants_is_kept(runs: dict[str, Trajectory]) -> None:
     state = runs["mujoco exact"].state.copy()
     state[507, 2] += 1.0  # 20 ms apart there, from 500 ms on
     peaked = dataclasses.replace(runs["mujoco exact"], state=state)
@@ -86,14 +76,6 @@ def test_every_instant_is_kept_after_the_start_and_each_breakpoint_and_few_elsew
     assert curves.time[-1] == pytest.approx(1.2)
 
 
-def test_inputs_are_those_of_the_scenario_after_a_jump(curves: Curves) -> None:
-    at = np.searchsorted(curves.time, 0.6 - 1e-9)
-    assert curves.cart_mass[at - 1 : at + 1].tolist() == [0.5, 1.0]
-    at = np.searchsorted(curves.time, 0.8 - 1e-9)
-    assert curves.push[at - 1 : at + 1].tolist() == [0.0, -10.0]
-    np.testing.assert_array_equal(curves.half_length, SHORT.half_length(curves.time))
-
-
 def test_a_run_that_fell_has_the_instants_that_it_reached(runs: dict[str, Trajectory]) -> None:
     whole = runs["mujoco continuous"]
     cut = {name: getattr(whole, name)[:552] for name in ("time", "state", "force", "command")}
@@ -106,21 +88,9 @@ def test_a_run_that_fell_has_the_instants_that_it_reached(runs: dict[str, Trajec
     assert len(curves.states["ode"]) == len(curves.time)
 
 
-def test_files_give_back_every_number(curves: Curves) -> None:
-    data, arrays = packed(curves)
-    assert {"time", "states/mujoco exact"} <= set(arrays)
-    again = packed(unpacked(Curves, json.loads(json.dumps(data)), arrays))
-    assert again[0] == data
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(again[1][name], array)
-
-
 @pytest.mark.parametrize(
     ("change", "named"),
-    [
-        ({"cart_mass": np.ones(3)}, "cart_mass"),
-        ({"forces": {}}, "forces/"),
-    ],
+    [({"cart_mass": np.ones(3)}, "cart_mass"), ({"forces": {}}, "forces/")],
     ids=["input", "forces"],
 )
 def test_arrays_that_do_not_belong_together_are_refused(
@@ -134,48 +104,9 @@ def decode(text: str) -> NDArray[np.float32]:
     return np.frombuffer(base64.b64decode(text), dtype="<f4")
 
 
-def test_curves_come_back_in_single_precision() -> None:
-    fixed, adaptive = make_curves(OWN, "fixed"), make_curves(OWN, "adaptive")
-    data = chart_data([fixed, adaptive], OWN)
-    np.testing.assert_allclose(decode(data["time"]), fixed.time, rtol=1e-7)
-    np.testing.assert_allclose(decode(data["prescribed"]["push"]), fixed.push)
-    assert [run["controller"] for run in data["runs"]] == ["fixed", "adaptive"]
-    reference = data["runs"][1]["reference"]
-    np.testing.assert_allclose(decode(reference["phi"]), adaptive.states["ode"][:, 1], rtol=1e-7)
-    np.testing.assert_allclose(decode(reference["force"]), adaptive.forces["ode"], rtol=1e-7)
-
-
 def test_a_difference_far_below_single_precision_is_still_there() -> None:
     one = make_curves()
     data = chart_data([one], OWN)["runs"][0]["differences"]["mujoco exact"]["z"]
     wanted = (one.states["mujoco exact"] - one.states["ode"])[:, 0]
     assert 0.0 < np.abs(wanted).max() < 2e-13
     np.testing.assert_allclose(decode(data), wanted, rtol=1e-6)
-
-
-def test_runs_on_different_instants_share_a_clock_and_leave_gaps() -> None:
-    one, other = make_curves(OWN, "fixed"), make_curves(OWN, "adaptive")
-    thinned = {n: getattr(one, n)[::2] for n in ("time", "cart_mass", "half_length", "push")}
-    for group in ("states", "forces"):
-        thinned[group] = {name: x[::2] for name, x in getattr(one, group).items()}
-    thin = dataclasses.replace(one, **thinned)
-    data = chart_data([thin, other], OWN)
-    first, second = (decode(run["reference"]["z"]) for run in data["runs"])
-    assert len(first) == len(second) == len(other.time)
-    np.testing.assert_array_equal(np.isnan(first), np.arange(len(first)) % 2 == 1)
-    assert not np.isnan(second).any()
-
-
-def test_a_run_that_fell_ends_early() -> None:
-    data = chart_data([make_curves(fell_at=500)], OWN)["runs"][0]
-    deployed = decode(data["differences"]["mujoco sampled"]["z"])
-    assert not np.isnan(deployed[:500]).any()
-    assert np.isnan(deployed[500:]).all()
-
-
-def test_shortcuts_lead_to_the_start_and_to_each_change() -> None:
-    found = shortcuts(OWN)
-    assert [s["label"] for s in found] == ["start", "1 s", "1.2 s", "1.3 s"]
-    assert len(found) <= MOST
-    assert all(0.0 <= s["from"] < s["to"] <= 2.0 for s in found)
-    assert found[1]["from"] == pytest.approx(0.9)
