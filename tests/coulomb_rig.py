@@ -119,10 +119,7 @@ class CoulombRig:
             pump = 0.7 * np.sign(state[3] * np.cos(state[1]))
             commands.append(float(np.clip(pump + noise - 6.0 * state[0], -1.0, 1.0)))
             acts = time[k] + self.delay
-            for start, end, u in (
-                (time[k], acts, before),
-                (acts, time[k] + PERIOD, commands[-1]),
-            ):
+            for start, end, u in ((time[k], acts, before), (acts, time[k] + PERIOD, commands[-1])):
                 inside = time[k : k + 1] if start == time[k] else np.empty(0)
                 state, found = self.piece(state, start, end, self.force * u, inside)
                 rows += [row[1:] for row in found]

@@ -268,26 +268,7 @@ def check_all(
     checks: Callable[[Copies, Of], Callable[[Path], Iterator[str]]],
     report: Callable[[str], None],
 ) -> Iterator[tuple[Of, str]]:
-    """Yield each fault with what objects to it, as they come, after a copy without a fault.
-
-    Parameters
-    ----------
-    faults
-        The faults.
-    jobs
-        How many run at a time.
-    tests
-        Those that a copy without a fault has to pass, beside the verdict.
-    checks
-        Returns what checks a copy with a fault.
-    report
-        Is told of each fault.
-
-    Raises
-    ------
-    ValueError
-        If something objects to the copy without a fault.
-    """
+    """Yield each fault with what objects to it, as they come, after a copy without a fault."""
     with tempfile.TemporaryDirectory(prefix="afl-mujoco-faults-") as scratch:
         copies = Copies(Path(scratch))
         pool = ThreadPoolExecutor(jobs)

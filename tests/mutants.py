@@ -8,14 +8,9 @@ tests that are likely to, the verdict of `afl-mujoco validate --full`, the other
     python tests/mutants.py [--count 400] [--seed 1] [--jobs 2] [--only PART ...] [--resume]
                             [--survivors] [--brief] [--out FILE] [--list]
 
-The mutants are those of one replacement per operator: ``+ -``, ``* /``, ``** *``, ``// /``,
-``% //``; each comparison by its neighbour (``< <=``) and its opposite (``< >=``); ``and or``; no
-``-`` and no ``not``; ``not`` before a condition; ``True False``; ``break continue``; loops that do
-not begin; numbers by one more and one less. Left out, since no test could notice them or every
-test would, which flatters the score: bitwise operators in place of arithmetic (a TypeError on
-floats), ``is`` in place of ``==``, decorators and their options (compiled or not, a function
-returns the same), other exceptions to catch, what stands in annotations, in docstrings, in what an
-error says or in an f-string, and what is no Python.
+OPERATORS has one replacement per operator. Left out, since no test could notice them or every test
+would, which flatters the score: bitwise operators in place of arithmetic, ``is`` in place of
+``==``, decorators, other exceptions to catch, annotations, docstrings, f-strings, errors' words.
 
 A mutant is equivalent if equivalent_mutants.toml names it, with the reason; it is not run. The
 score is the share of the others that were noticed. One that runs into the time limit was.
@@ -126,11 +121,7 @@ class Place:
     nth: int
 
     def rank(self, seed: int) -> bytes:
-        """Return where a seed puts it: a sample is those that come first.
-
-        An edit of the code moves no other place into the sample or out of it, but by the few that
-        it adds or takes away, and a larger sample holds the smaller one.
-        """
+        """Where a seed puts it: a sample is those that come first, whatever else is edited."""
         known_by = (seed, self.file, self.operator, self.was, self.nth)
         return hashlib.blake2b(repr(known_by).encode(), digest_size=16).digest()
 
@@ -162,7 +153,6 @@ class Mutant:
 
     @property
     def key(self) -> Key:
-        """What it is known by from run to run, wherever the line has moved to."""
         return self.file, self.place.was, self.now, self.place.nth
 
     def plant(self, root: Path) -> None:
@@ -278,7 +268,6 @@ class Found:
 
     @property
     def key(self) -> Key:
-        """What the mutant is known by."""
         return self.file, self.was, self.now, self.nth
 
 
@@ -400,17 +389,7 @@ def summary(found: Sequence[Found]) -> dict[str, Any]:
 def decided(
     sample: Sequence[Mutant], before: Mapping[Key, Found], kept: Collection[str]
 ) -> dict[Key, Found]:
-    """Return what is known of some mutants without running them.
-
-    Parameters
-    ----------
-    sample
-        The mutants.
-    before
-        What an earlier run found.
-    kept
-        Outcomes of it that stay.
-    """
+    """Return what is known without running: equivalents, and `kept` outcomes of an earlier run."""
     same = equivalents()
     found = {}
     for one in sample:

@@ -109,9 +109,7 @@ def swing(
             cart_mass=truth.cart_mass, pole_mass=truth.pole_mass, half_length=truth.half_length
         ),
         timestep=STEP,
-        imperfections=Imperfections(
-            damping={"z": truth.rail_damping, "phi": truth.hinge_damping},
-        ),
+        imperfections=Imperfections(damping={"z": truth.rail_damping, "phi": truth.hinge_damping}),
     )
     m, d = model.mj_model, model.mj_data
     d.qpos[:] = 0.0, np.pi + rng.uniform(-1.0, 1.0)
