@@ -14,6 +14,7 @@ Exit code 0 if every fault is caught, 1 otherwise, 130 when interrupted.
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import shutil
 import sys
@@ -47,7 +48,10 @@ class PlantedFault:
         count = text.count(self.old)
         if count != 1 or self.old == self.new:
             raise ValueError(f"{self.name}: {self.old!r} stands {count} times in {self.file}")
-        path.write_text(text.replace(self.old, self.new), encoding="utf-8")
+        text = text.replace(self.old, self.new)
+        if path.suffix == ".py":
+            ast.parse(text)  # what is no Python is noticed by anything
+        path.write_text(text, encoding="utf-8")
 
 
 def load_faults() -> list[PlantedFault]:
