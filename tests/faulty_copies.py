@@ -59,16 +59,8 @@ COMPILED = Path("afl_mujoco", "compiled.py")
 LOOKS = "source.read_bytes()"
 LOOKS_AT_OUTLINE = 'source.with_suffix(".outline").read_bytes()'
 NOT_COMPILED = frozenset(
-    (
-        "property",
-        "cached_property",
-        "cache",
-        "staticmethod",
-        "classmethod",
-        "contextmanager",
-        "override",
-    )
-)
+    ("property", "cached_property", "cache", "staticmethod", "classmethod", "contextmanager")
+) | {"override"}
 
 
 class Fault(Protocol):

@@ -65,13 +65,6 @@ def test_on_a_constant_plant_it_agrees_with_the_other_batch() -> None:
     np.testing.assert_allclose(found.peak_force, expected.max_force, rtol=5e-5)
 
 
-def test_gains_that_are_not_positive_lose_the_loop() -> None:
-    coefficients = PUBLISHED.copy()
-    coefficients[1] = [-1.0, 0.0, 0.0, 0.0, 0.0]
-    plant = [np.array([[[0.0, x]]]) for x in (1.0, 0.5)]
-    assert scheduled_terms(*plant, coefficients, 20.0).lost.tolist() == [True]
-
-
 def test_threads_do_not_change_a_bit() -> None:
     schedules = knots([random_scenario(5, index) for index in range(37)])
     one, three = (scheduled_terms(*schedules, PUBLISHED, 20.0, threads=n) for n in (1, 3))

@@ -12,7 +12,6 @@ import tyro
 
 from afl_mujoco.studies.contract import Study
 from afl_mujoco.studies.registry import studies
-from tests.program import run
 
 ALL = list(studies())
 STEMS = {name: study.stem for name, study in studies().items()} | {"dice": "dice"}
@@ -265,11 +264,3 @@ def test_an_option_that_breaks_its_rule(
     (tmp_path / "pushing.py").write_text("def force(time, state, belief): return 0.0\n")
     where = [] if "--out" in arguments else ["--out", "out"]
     assert message in refuses(name, *arguments, *where)
-
-
-def test_a_process_of_its_own_says_the_same(tmp_path: Path) -> None:
-    result = run("thresholds", "--controllers", "lqrr", cwd=tmp_path)
-    assert (result.returncode, result.stdout) == (2, "")
-    assert len(result.stderr.splitlines()) == 1
-    assert "did you mean lqr" in result.stderr
-    assert list(tmp_path.iterdir()) == []

@@ -39,16 +39,6 @@ def test_it_gets_a_command_files_a_terminal_and_markdown(
     assert "Made by `afl-mujoco dice nominal --throws 3`" in text
 
 
-def test_it_has_help_with_an_example_and_the_options_of_its_run(toy: str, capsys) -> None:
-    from afl_mujoco.cli.main import main
-
-    assert main([toy, "--help"]) == 0
-    said = capsys.readouterr().out
-    assert "Example: afl-mujoco dice --throws 10" in said
-    assert "How many throws." in said
-    assert "--workers" in said and "--out" in said and "--cluster" not in said
-
-
 def test_it_is_put_into_the_page_beside_what_is_there(
     toy: str, command_line, tmp_path: Path
 ) -> None:

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from afl_mujoco.identification.export import with_values
 from afl_mujoco.identification.prediction import CHOOSE, FIT, load_estimates
 from afl_mujoco.report.markdown import to_markdown
-from afl_mujoco.studies.hardware import changes, outlook, protocol, report
+from afl_mujoco.studies.hardware import outlook, protocol, report
 from tests.study_results import hardware
 
 
@@ -87,24 +86,6 @@ def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
     assert "the drive" in text and "✗ fails" in text
     assert "No proof, if they are the same recordings: two have names" in text
     assert report(replace(result, statements=result.statements[1:])).passed
-
-
-def test_what_is_changed_is_that_alone() -> None:
-    one = load_estimates()
-    base = with_values(one, one.values)
-    touched = {
-        "as it is": set(),
-        "rail x4": {"end_stops"},
-        "force x4": {"input_limit"},
-        "rail and force x4": {"end_stops", "input_limit"},
-        "exact sensors": {"encoder_step", "differentiated"},
-        "drive makes up for rail damping": {"damping"},
-    }
-    found = changes(base)
-    for name, expected in touched.items():
-        before, after = base.imperfections, found[name].imperfections
-        apart = {k for k in type(before).__slots__ if getattr(before, k) != getattr(after, k)}
-        assert apart == expected, name
 
 
 def test_what_recordings_cannot_tell_neither_fails_nor_holds() -> None:

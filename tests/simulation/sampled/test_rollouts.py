@@ -15,7 +15,6 @@ from afl_mujoco import (
     simulate_mujoco,
     staircase,
 )
-from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
@@ -114,19 +113,6 @@ def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
     assert hit.outcome.kind == "fell"
     assert np.isnan(many.stop_time[[0, 2]]).all()
     assert np.isnan(many.settling_time[[1, 2]]).all()
-
-
-def test_a_controller_in_python_runs_as_well(scenarios, adaptive):
-    def function(time, state, belief):
-        return adaptive.force(state, belief)
-
-    mine = PythonController(
-        name="mine", function=function, call_limit=60.0
-    )  # the first call compiles
-    few = scenarios[:4]
-    assert same(
-        run_rollouts(few, mine, threads=2, **SETTINGS), run_rollouts(few, adaptive, **SETTINGS)
-    )
 
 
 def test_an_error_in_one_run_is_raised(scenarios, adaptive):

@@ -228,23 +228,6 @@ def _filtered_by_mujoco(scenario, controller, lag, control_period, h):
     return states
 
 
-def test_the_controller_gets_what_the_sensors_say(smooth_scenario):
-    real = Imperfections(encoder_step={"z": 0.02, "phi": 0.05}, noise={"z_dot": 0.1}, seed=3)
-    seen = []
-
-    def function(time, state, belief):
-        seen.append(state)
-        return 0.0
-
-    controller = PythonController(name="watcher", function=function)
-    run = simulate_mujoco(replace(smooth_scenario, imperfections=real), controller, "sampled")
-    difference = np.array(seen) - run.state[: len(seen)]
-    assert 0.009 < np.abs(difference[:, 0]).max() <= 0.01 + 1e-12
-    assert 0.02 < np.abs(difference[:, 1]).max() <= 0.025 + 1e-12
-    assert difference[:, 2].std() == pytest.approx(0.1, rel=0.1)
-    assert not difference[:, 3].any()
-
-
 def test_assumed_parameters_can_be_late_and_wrong():
     scenario = Scenario(
         name="late",

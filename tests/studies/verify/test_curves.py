@@ -65,17 +65,6 @@ def test_a_peak_between_the_regular_instants_is_kept(runs: dict[str, Trajectory]
     assert 0.507 in curves.time.round(9)
 
 
-def test_every_instant_is_kept_after_the_start_and_each_breakpoint_and_few_elsewhere(
-    curves: Curves,
-) -> None:
-    kept = set(np.round(curves.time / H).astype(int).tolist())
-    for start in (0, 600, 800, 900):
-        assert set(range(start, start + 101)) <= kept
-    assert {599, 799, 899, 1200} <= kept  # a jump is drawn as a jump; the end
-    assert len(kept & set(range(102, 598))) < 50
-    assert curves.time[-1] == pytest.approx(1.2)
-
-
 def test_a_run_that_fell_has_the_instants_that_it_reached(runs: dict[str, Trajectory]) -> None:
     whole = runs["mujoco continuous"]
     cut = {name: getattr(whole, name)[:552] for name in ("time", "state", "force", "command")}
