@@ -54,15 +54,13 @@ def test_integrals_and_peaks_match_their_closed_forms(name: str, expected: float
     assert measured(decaying_run())[name] == pytest.approx(expected, abs=TRAPEZOID_ERROR)
 
 
-def test_a_held_force_is_integrated_as_the_staircase_it_is() -> None:
-    class Bang:
-        """Push with 3 N, from 0.2 s on with -2 N."""
-
-        def __call__(self, t: float, state: np.ndarray, *_: float) -> float:
-            return 3.0 if t < 0.199 else -2.0
+@pytest.mark.parametrize("simulate", [afl.simulate_mujoco, afl.simulate_ode_held])
+def test_a_held_force_is_integrated_as_the_staircase_it_is(simulate) -> None:
+    def bang(time: float, state: np.ndarray, belief: object) -> float:
+        return 3.0 if time < 0.199 else -2.0
 
     scenario = afl.Scenario(name="pushed", initial_state=(0.0, 0.01, 0.0, 0.0), duration=0.3)
-    run = afl.simulate_mujoco(scenario, Bang, mode="sampled", control_period=0.1)
+    run = simulate(scenario, bang, control_period=0.1)
     assert run.outcome.kind == "completed"
     figures = run.metrics
     assert figures["force_squared"] == pytest.approx(9.0 * 0.2 + 4.0 * 0.1, rel=1e-12)
