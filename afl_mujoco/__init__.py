@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.plant.dynamics import acceleration, mass_matrix
     from afl_mujoco.plant.energy import linear_momentum, total_energy
+    from afl_mujoco.plants.equations import from_sympy
+    from afl_mujoco.plants.plant import Parameter, Plant, ball, box, rod
     from afl_mujoco.scenario.catalogue import SCENARIOS
     from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
     from afl_mujoco.scenario.files import find_scenario, load_scenario, save_scenario
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
     from afl_mujoco.simulation.task import load
     from afl_mujoco.simulation.trajectory import Outcome, Trajectory
+    from afl_mujoco.studies.check import check
     from afl_mujoco.studies.compare import compare
 
     __version__: str
@@ -60,6 +63,8 @@ _HOMES = {
     "errors": ("AflMujocoError",),
     "plant.dynamics": ("acceleration", "mass_matrix"),
     "plant.energy": ("linear_momentum", "total_energy"),
+    "plants.equations": ("from_sympy",),
+    "plants.plant": ("Parameter", "Plant", "ball", "box", "rod"),
     "scenario.catalogue": ("SCENARIOS",),
     "scenario.disturbances": ("ForcePulse", "Impulse"),
     "scenario.files": ("find_scenario", "load_scenario", "save_scenario"),
@@ -82,6 +87,7 @@ _HOMES = {
     "simulation.sampled.rollouts": ("Rollouts", "run_rollouts"),
     "simulation.task": ("load",),
     "simulation.trajectory": ("Outcome", "Trajectory"),
+    "studies.check": ("check",),
     "studies.compare": ("compare",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -102,6 +108,8 @@ __all__ = [
     "Imperfections",
     "Impulse",
     "Outcome",
+    "Parameter",
+    "Plant",
     "Requirements",
     "Rollouts",
     "Scenario",
@@ -110,17 +118,22 @@ __all__ = [
     "Trajectory",
     "__version__",
     "acceleration",
+    "ball",
+    "box",
+    "check",
     "compare",
     "constant",
     "control_force",
     "find_controller",
     "find_scenario",
+    "from_sympy",
     "joined",
     "linear_momentum",
     "load",
     "load_scenario",
     "mass_matrix",
     "piecewise_linear",
+    "rod",
     "run_rollouts",
     "save_scenario",
     "simulate_mujoco",

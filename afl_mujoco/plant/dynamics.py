@@ -6,11 +6,15 @@ and compiled loops share one implementation.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.scenario.parameters import CartPoleParameters
+if TYPE_CHECKING:
+    from afl_mujoco.scenario.parameters import CartPoleParameters
+
 
 
 @register_jitable

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.plant.dynamics import mass_matrix
-from afl_mujoco.scenario.parameters import CartPoleParameters
+
+if TYPE_CHECKING:
+    from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
 def total_energy(state: ArrayLike, parameters: CartPoleParameters) -> NDArray[np.float64]:

@@ -1,0 +1,1 @@
+"""Plants: an MJCF, its names and parameters, and the equations that it should obey."""

@@ -1,0 +1,354 @@
+"""A plant's own equations: called by the interpreter, compiled where that succeeds and agrees."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+import types
+import warnings
+from collections import namedtuple
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.errors import (
+    AflMujocoError,
+    InvalidValueError,
+    MissingPackageError,
+    UnknownNameError,
+    meant,
+    told,
+)
+from afl_mujoco.plants.plant import Plant
+
+Floats = NDArray[np.float64]
+
+Fill = Callable[..., None]
+"""A function (q, v, u, p, out) that fills `out`."""
+
+POINTS = 20
+"""Random points at which the compiled equations are held against the interpreted, at every load."""
+
+AGREE = 1e-9
+"""How well they must agree: compilers reorder sums, and no mistake is that small."""
+
+INSTALLED = ("site-packages", "dist-packages", "lib/python")
+"""Parts of paths of modules that do not change between two runs."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The equations of a plant, as a function that fills what they give."""
+
+    plant: Plant
+    fill: Fill
+    how: str  # "compiled", or why they are interpreted
+
+    def terms(self, q: Floats, v: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return M, h and B, shapes (n, n), (n,) and (n, k)."""
+        return _parts(self.raw(q, v, np.zeros(len(self.plant.inputs)), p), self.plant)
+
+    def accelerations(self, q: Floats, v: Floats, u: Floats, p: Floats) -> Floats:
+        """Return the accelerations, shape (n,), NaN where there are none."""
+        if not self.plant.terms:
+            return self.raw(q, v, u, p)
+        mass, bias, inputs = self.terms(q, v, p)
+        try:
+            return cast(Floats, np.linalg.solve(mass, inputs @ u - bias))
+        except np.linalg.LinAlgError:
+            return np.full(len(q), np.nan)
+
+    def raw(self, q: Floats, v: Floats, u: Floats, p: Floats) -> Floats:
+        """Return what the equations give, row by row: M, h and B, or the accelerations."""
+        out = np.empty(size_of(self.plant))
+        self.fill(q, v, u, p, out)
+        return out
+
+
+def size_of(plant: Plant) -> int:
+    """Return how many numbers the equations give: accelerations, or M, h and B row by row."""
+    n, k = len(plant.coordinates), len(plant.inputs)
+    return n * (n + 1 + k) if plant.terms else n
+
+
+def _parts(out: Floats, plant: Plant) -> tuple[Floats, Floats, Floats]:
+    n, k = len(plant.coordinates), len(plant.inputs)
+    return out[: n * n].reshape(n, n), out[n * n : n * n + n], out[n * n + n :].reshape(n, k)
+
+
+def load_equations(plant: Plant, points: Sequence[tuple[Floats, ...]]) -> Equations:
+    """Return the equations of a plant, compiled where both ways agree at random points.
+
+    points: Some random points (q, v, u, p).
+
+    Numba keeps compiled code by a key of all that the functions read; that the key saw everything
+    is not taken on trust: an answer from the cache is held against the interpreter like any other.
+    """
+    plain = _interpreted(plant)
+    size = size_of(plant)
+    expected = np.empty((len(points), size))
+    for point, out in zip(points, expected, strict=True):
+        plain(*point, out)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numba, about what it will not do one day
+            fast = _compiled(plant)
+            found = np.empty_like(expected)
+            for point, out in zip(points, found, strict=True):
+                fast(*point, out)
+    except AflMujocoError:
+        raise
+    except Exception as error:  # whatever numba says of what it cannot compile
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        why = next((line for line in lines if not line.startswith("Failed in nopython")), "")
+        return Equations(plant, plain, f"interpreted: {type(error).__name__}: {why[:120]}")
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    if not (np.abs(found - expected) <= AGREE * scale).all():
+        return Equations(plant, plain, "interpreted: compiled, they give other numbers")
+    return Equations(plant, fast, "compiled")
+
+
+def _interpreted(plant: Plant) -> Fill:
+    """Return the equations as the interpreter sees them, every answer looked at."""
+    n, k = len(plant.coordinates), len(plant.inputs)
+    function: Any = plant.terms or plant.accelerations
+    word = "terms" if plant.terms else "accelerations"
+    shapes: dict[str, tuple[int, ...]] = {"M": (n, n), "h": (n,), "B": (n, k)}
+
+    def fill(q: Floats, v: Floats, u: Floats, p: Floats, out: Floats) -> None:
+        arrays = (q.copy(), v.copy()) if plant.terms else (q.copy(), v.copy(), u.copy())
+        named = plant.named(p)
+        given = dict(vars(named))
+        try:
+            found = function(*arrays, named)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            rule = f"raised {type(error).__name__}: {told(error)}"
+            if isinstance(error, AttributeError) and error.obj is named:
+                rule += f"; p has {', '.join(given)}{meant(error.name, list(given))}"
+            raise InvalidValueError(word, rule) from error
+        same = all(np.array_equal(a, b) for a, b in zip(arrays, (q, v, u), strict=False))
+        if not same or vars(named) != given:
+            raise InvalidValueError(word, "must not change its arguments, but does")
+        if not plant.terms:
+            out[:] = _numbers(word, found, (n,))
+            return
+        if not (isinstance(found, Sequence) and len(found) == 3):
+            raise InvalidValueError(word, "must return (M, h, B)", told(found, repr)[:80])
+        pairs = zip(shapes.items(), found, strict=True)
+        parts = [_numbers(f"{word}: {name}", part, shape) for (name, shape), part in pairs]
+        out[:] = np.concatenate([part.ravel() for part in parts])
+
+    return fill
+
+
+def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
+    """Return what equations gave as an array, or raise."""
+    try:
+        array = np.asarray(found)
+        real = array.astype(np.float64) if array.dtype.kind in "biufO" else None
+    except (TypeError, ValueError):
+        array, real = np.array(None), None
+    if real is None:
+        kind = "complex numbers" if array.dtype.kind == "c" else told(found, repr)[:80]
+        raise InvalidValueError(thing, "must be real numbers", kind)
+    if 0 in shape and real.size == 0:
+        return np.zeros(shape)
+    if real.shape != shape:
+        rule = f"must have shape {shape}" if len(shape) > 1 else f"must be {shape[0]} numbers"
+        raise InvalidValueError(thing, rule, f"shape {real.shape}" if real.shape else found)
+    if not np.isfinite(real).all():
+        raise InvalidValueError(thing, "must be finite", told(found, repr)[:80])
+    return real
+
+
+def _compiled(plant: Plant) -> Fill:
+    """Return the equations as compiled code, which numba keeps under a key of all they read."""
+    function: Any = plant.terms or plant.accelerations
+    lines = list(_source(plant))
+    said = [*lines, *plant.parameters, *sorted(_read(function, {}))]
+    key = hashlib.blake2b("\0".join(said).encode(), digest_size=12).hexdigest()
+    source = f"def equations_{key}(q, v, u, p, out):\n    " + "\n    ".join(lines)
+    # Its file is this one, so that the cache is where that of the package is.
+    space = {
+        "__name__": __name__,
+        "F": _jitted(function, {}),
+        "P": namedtuple("P", list(plant.parameters)),
+    }
+    exec(compile(source, __file__, "exec"), space)
+    return cast(Callable[..., None], kernel(space[f"equations_{key}"]))
+
+
+def _source(plant: Plant) -> Iterator[str]:
+    """Yield the lines of a function that calls the equations and stores what they return."""
+    n, k = len(plant.coordinates), len(plant.inputs)
+    named = f"P({', '.join(f'p[{i}]' for i in range(len(plant.parameters)))})"
+    if not plant.terms:
+        yield f"a = F(q, v, u, {named})"
+        yield from (f"out[{i}] = a[{i}]" for i in range(n))
+        return
+    yield f"M, h, B = F(q, v, {named})"
+    places = [f"M[{i}][{j}]" for i in range(n) for j in range(n)]
+    places += [f"h[{i}]" for i in range(n)] + [f"B[{i}][{j}]" for i in range(n) for j in range(k)]
+    yield from (f"out[{i}] = {place}" for i, place in enumerate(places))
+
+
+def _jitted(function: Any, done: dict[int, Any]) -> Any:
+    """Return a function for numba, with the plain functions that it calls compiled too."""
+    from numba import njit
+
+    if not isinstance(function, types.FunctionType):
+        return function
+    if id(function) not in done:
+        space = dict(function.__globals__)
+        twin = types.FunctionType(
+            function.__code__, space, function.__name__, function.__defaults__, function.__closure__
+        )
+        done[id(function)] = compiled = njit(error_model="numpy")(twin)
+        for name in _names_in(function.__code__):
+            if isinstance(space.get(name), types.FunctionType):
+                space[name] = _jitted(space[name], done)
+        return compiled
+    return done[id(function)]
+
+
+def _names_in(code: types.CodeType) -> set[str]:
+    """Return the names that code reads, and the code within it."""
+    inner = [c for c in code.co_consts if isinstance(c, types.CodeType)]
+    return set(code.co_names).union(*map(_names_in, inner))
+
+
+def _read(thing: Any, seen: dict[int, Any]) -> Iterator[str]:
+    """Yield texts that differ whenever what a function computes with differs."""
+    thing = getattr(thing, "py_func", thing)  # what numba has wrapped
+    if id(thing) in seen:
+        return
+    seen[id(thing)] = thing
+    if isinstance(thing, types.ModuleType):
+        file = getattr(thing, "__file__", None)
+        if file and file.endswith(".py") and not any(part in file for part in INSTALLED):
+            yield f"{thing.__name__} {_digest(file)}"
+            for one in [*vars(thing).values()]:
+                if isinstance(one, types.ModuleType | types.FunctionType):
+                    yield from _read(one, seen)
+        return
+    if isinstance(thing, types.FunctionType):
+        yield from _read_by(thing, seen)
+        return
+    yield thing.tobytes().hex() if isinstance(thing, np.ndarray) else told(thing, repr)
+
+
+def _read_by(thing: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
+    """Yield the code of a function, its cells, the globals it reads, and the file it is from."""
+    yield f"{thing.__module__} {thing.__qualname__} {thing.__defaults__!r} {_text(thing.__code__)}"
+    cells: dict[str, Any] = {}
+    for name, cell in zip(thing.__code__.co_freevars, thing.__closure__ or (), strict=True):
+        cells[name] = cell.cell_contents
+    for name in sorted(_names_in(thing.__code__) & thing.__globals__.keys()):
+        cells[name] = thing.__globals__[name]
+    for name, value in cells.items():
+        yield name
+        yield from _read(value, seen)
+    if home := sys.modules.get(thing.__module__):
+        yield from _read(home, seen)
+
+
+def _text(code: types.CodeType) -> str:
+    """Return code as text without addresses."""
+    constants = [_text(x) if isinstance(x, types.CodeType) else repr(x) for x in code.co_consts]
+    return f"{code.co_code.hex()} {code.co_names} {constants}"
+
+
+def _digest(file: str) -> str:
+    return hashlib.blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
+
+
+def from_sympy(
+    mass_matrix: Any, forcing: Any, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Any
+) -> Callable[..., Any]:
+    """Return ``terms`` of a plant from SymPy expressions, as `sympy.physics.mechanics` gives them.
+
+    Parameters
+    ----------
+    mass_matrix
+        M of ``M v' = forcing``, shape (n, n).
+    forcing
+        The right-hand side, n expressions, linear in the inputs.
+    q, v
+        Symbols of the coordinates and of their rates, which may be ``q.diff(t)``.
+    u
+        Symbols of the inputs.
+    p
+        Symbols of the parameters, each named as in the plant; or a dictionary from symbols to
+        these names.
+
+    Returns
+    -------
+    callable
+        What `Plant` takes as ``terms``.
+
+    Raises
+    ------
+    AflMujocoError
+        If the forcing is not linear in the inputs, or a symbol is left over.
+
+    Examples
+    --------
+    >>> import sympy as sp, afl_mujoco as afl
+    >>> q, v, u, m = sp.symbols("q v u m")
+    >>> terms = afl.from_sympy([[m]], [u - sp.sin(q)], [q], [v], [u], [m])
+    """
+    try:
+        import sympy as sp
+    except ImportError:
+        raise MissingPackageError("from_sympy", "needs a package: pip install sympy") from None
+
+    names = dict(p) if hasattr(p, "items") else {symbol: str(symbol) for symbol in p}
+    states, rates, inputs = (
+        [sp.Symbol(f"{word}_{i}_") for i in range(len(some))]
+        for word, some in (("q", q), ("v", v), ("u", u))
+    )
+    plain: Any = {symbol: sp.Symbol(f"p_{name}_") for symbol, name in names.items()}
+    # The rates first: q.diff(t) would be 0 once q is a symbol.
+    steps = [dict(zip(v, rates, strict=True)), dict(zip(q, states, strict=True)),
+             dict(zip(u, inputs, strict=True)), plain]  # fmt: skip
+    matrix, right = sp.Matrix(mass_matrix), sp.Matrix(forcing)
+    for step in steps:
+        matrix, right = matrix.subs(step), right.subs(step)
+    jacobian = right.jacobian(sp.Matrix(inputs)) if inputs else sp.zeros(len(q), 0)
+    if any(jacobian.has(one) for one in inputs):
+        raise InvalidValueError("forcing", "must be linear in the inputs")
+    bias = -right.subs({one: 0 for one in inputs})
+    known = {*states, *rates, *plain.values()}
+    for one in [*matrix, *bias, *jacobian]:
+        if left := sorted(map(str, one.free_symbols - known)):
+            known_names = [*map(str, (*q, *v, *u)), *names.values()]
+            raise UnknownNameError.among("symbol", left[0], known_names)
+    n, k = len(q), len(u)
+    shared, (expressions,) = sp.cse([sp.Matrix([*matrix, *bias, *jacobian])], list=False)
+    unpacked = [f"q_{i}_, v_{i}_ = q[{i}], v[{i}]" for i in range(n)]
+    unpacked += [f"p_{name}_ = p.{name}" for name in names.values()]
+    unpacked += [f"{name} = {sp.pycode(expression)}" for name, expression in shared]
+    flat = [sp.pycode(one) for one in expressions]
+    rows = [f"({', '.join(flat[i * n : i * n + n])},)" for i in range(n)]
+    columns = flat[n * n + n :]
+    inputs_rows = [f"({', '.join(columns[i * k : i * k + k])},)" for i in range(n)]
+    unpacked += [
+        f"M = ({', '.join(rows)},)",
+        f"h = ({', '.join(flat[n * n : n * n + n])},)",
+        f"B = ({', '.join(inputs_rows) if k else ', '.join(['()'] * n)},)",
+        "return M, h, B",
+    ]
+    source = "def terms(q, v, p):\n    " + "\n    ".join(unpacked)
+    if unknown := re.search(r"Not supported in Python.*", source):
+        raise InvalidValueError("expressions", "must have a form in Python", unknown[0])
+    space: dict[str, Any] = {"__name__": __name__, "math": __import__("math")}
+    exec(compile(source, "<from_sympy>", "exec"), space)
+    return cast(Callable[..., Any], space["terms"])

@@ -1,0 +1,433 @@
+"""What a plant is: an MJCF, named coordinates, inputs and parameters, and how these are written."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError, told
+
+RATES, JUMPS = ("frozen", "enters"), ("velocities", "momenta")
+
+AXES = {sign + name: (k, factor) for k, name in enumerate("xyz") for sign, factor in
+        (("", 1.0), ("+", 1.0), ("-", -1.0))}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number of a plant that may change.
+
+    Parameters
+    ----------
+    value
+        Its nominal value.
+    unit
+        Its unit, for tables.
+    low, high
+        Where `afl_mujoco.check` draws it; by default only at `value`.
+    rate
+        ``"frozen"``: its rate does not act on the motion; ``"enters"``: it does, as that of a
+        length which is reeled out under load.
+    jump
+        What stays when it rises at once: the ``"velocities"``, or the ``"momenta"``, as of a
+        mass that joins at rest.
+
+    Raises
+    ------
+    AflMujocoError
+        If a number is not finite, or the value lies outside its bounds.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> afl.Parameter(0.3, "m", low=0.2, high=0.5).high
+    0.5
+    """
+
+    value: float
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    rate: Literal["frozen", "enters"] = "frozen"
+    jump: Literal["velocities", "momenta"] = "velocities"
+
+    def __post_init__(self) -> None:
+        """Refuse what no parameter can be."""
+        for name in ("value", "low", "high"):
+            given = getattr(self, name)
+            if given is None and name != "value":
+                object.__setattr__(self, name, self.value)
+            elif not _is_number(given):
+                raise InvalidValueError(name, "must be a finite number", told(given, repr))
+        if not self.low <= self.value <= self.high:  # type: ignore[operator]
+            raise InvalidValueError("value", f"must lie in {self.low} to {self.high}", self.value)
+        for name, known in (("rate", RATES), ("jump", JUMPS)):
+            if getattr(self, name) not in known:
+                raise UnknownNameError.among(name, getattr(self, name), known)
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """Mass [kg], centre of mass [m] and principal inertia about it [kg m^2], in a body's frame."""
+
+    mass: Any
+    center: tuple[Any, Any, Any]
+    inertia: tuple[Any, Any, Any]
+
+
+def rod(
+    *,
+    mass: Any,
+    length: Any,
+    axis: str = "z",
+    radius: Any = None,
+    center: tuple[Any, Any, Any] | None = None,
+) -> Shape:
+    """Return mass, centre and inertia of a uniform slender rod.
+
+    Parameters
+    ----------
+    mass
+        Its mass [kg]: a number, or an array with one value for each time step.
+    length
+        Its length [m].
+    axis
+        Where it points from the origin of its body: ``"x"``, ``"y"``, ``"z"`` or ``"-z"``.
+    radius
+        Gives the inertia about its own axis, ``mass radius^2 / 2`` [m]; by default length / 100.
+    center
+        Its centre of mass [m]; by default half its length along the axis.
+
+    Returns
+    -------
+    Shape
+        What ``"body NAME"`` takes in a plant's ``write``: inertia ``mass length^2 / 12`` across it.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such axis.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> afl.rod(mass=1.2, length=0.5).center
+    (0.0, 0.0, 0.25)
+    """
+    if axis not in AXES:
+        raise UnknownNameError.among("axis", axis, AXES)
+    along, sign = AXES[axis]
+    radius = 0.01 * length if radius is None else radius
+    across, about = mass * length**2 / 12.0, 0.5 * mass * radius**2
+    ends = [sign * 0.5 * length if k == along else 0.0 for k in range(3)]
+    x, y, z = (about if k == along else across for k in range(3))
+    return Shape(mass, center or (ends[0], ends[1], ends[2]), (x, y, z))
+
+
+def ball(*, mass: Any, radius: Any, center: tuple[Any, Any, Any] = (0.0, 0.0, 0.0)) -> Shape:
+    """Return mass, centre and inertia of a uniform solid ball.
+
+    Parameters
+    ----------
+    mass, radius
+        Its mass [kg] and radius [m]: numbers, or arrays with one value for each time step.
+    center
+        Its centre [m]; by default the origin of its body.
+
+    Returns
+    -------
+    Shape
+        What ``"body NAME"`` takes in a plant's ``write``: inertia ``2/5 mass radius^2``.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> afl.ball(mass=1.0, radius=0.5).inertia
+    (0.1, 0.1, 0.1)
+    """
+    inertia = 0.4 * mass * radius**2
+    return Shape(mass, center, (inertia, inertia, inertia))
+
+
+def box(
+    *,
+    mass: Any,
+    lengths: tuple[Any, Any, Any],
+    center: tuple[Any, Any, Any] = (0.0, 0.0, 0.0),
+) -> Shape:
+    """Return mass, centre and inertia of a uniform box.
+
+    Parameters
+    ----------
+    mass
+        Its mass [kg]: a number, or an array with one value for each time step.
+    lengths
+        The lengths of its edges along x, y and z [m]; MJCF gives half of them.
+    center
+        Its centre [m]; by default the origin of its body.
+
+    Returns
+    -------
+    Shape
+        What ``"body NAME"`` takes in a plant's ``write``: ``mass (b^2 + c^2) / 12`` about x.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> afl.box(mass=12.0, lengths=(1.0, 2.0, 3.0)).inertia
+    (13.0, 10.0, 5.0)
+    """
+    a, b, c = (length**2 for length in lengths)
+    return Shape(
+        mass, center, (mass * (b + c) / 12.0, mass * (a + c) / 12.0, mass * (a + b) / 12.0)
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plant:
+    """A plant: an MJCF, its coordinates, inputs and parameters, and the equations it should obey.
+
+    Parameters
+    ----------
+    name
+        Its name in reports.
+    model
+        The MJCF: a path, relative to the file that makes the plant, or the XML itself.
+    coordinates
+        Names of its hinges and slides, all of them, in the order of the MJCF and of the state.
+    inputs
+        Names of its actuators, all of them, in the order of the MJCF.
+    parameters
+        What may change, by name.
+    write
+        ``write(p)`` returns what the parameters ``p.NAME`` are in the model, by target:
+        ``"body NAME"`` for a shape, else ``"KIND NAME FIELD [INDEX]"`` (body mass, ipos, inertia
+        or pos; geom size or pos; site pos; joint damping, armature, stiffness or frictionloss;
+        actuator gear) and ``"option gravity INDEX"``. ``p.NAME`` may be an array.
+    accelerations
+        ``accelerations(q, v, u, p)`` returns one acceleration for each coordinate.
+    terms
+        In place of it, ``terms(q, v, p)`` returns ``(M, h, B)`` of ``M v' + h = B u``: shapes
+        (n, n), (n,) and (n, k). A check can then name the wrong term.
+    upright
+        The coordinates about which linear controllers are designed.
+    wraps
+        Coordinates that are measured modulo 2 pi.
+    signals
+        Further names for requirements: functions of (q, v, p).
+
+    Raises
+    ------
+    AflMujocoError
+        If a name is used twice or not known, or an argument is of another kind.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> pendulum = afl.Plant(
+    ...     name="pendulum",
+    ...     model='<mujoco><worldbody><body name="rod"><joint name="angle" axis="0 1 0"/>'
+    ...     '<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/></body></worldbody></mujoco>',
+    ...     coordinates=("angle",),
+    ... )
+    >>> pendulum.states
+    ('angle', 'angle_dot')
+    """
+
+    name: str
+    model: str | Path
+    coordinates: Sequence[str]
+    inputs: Sequence[str] = ()
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    write: Callable[[Any], Mapping[str, Any]] | None = None
+    accelerations: Callable[..., Any] | None = None
+    terms: Callable[..., Any] | None = None
+    upright: Sequence[float] | None = None
+    wraps: Sequence[str] = ()
+    signals: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    folder: Path = field(default=Path(), init=False)
+
+    def __post_init__(self) -> None:
+        """Refuse what no plant can be; the MJCF is read on first use."""
+        maker = sys._getframe(2).f_globals.get("__file__")  # the file that calls the constructor
+        object.__setattr__(self, "folder", Path(maker).parent if maker else Path())
+        if not (isinstance(self.name, str) and self.name):
+            raise InvalidValueError("plant", "must have a name", told(self.name, repr))
+        if not isinstance(self.model, str | Path):
+            rule = "must be a path or the XML itself"
+            raise InvalidValueError("model", rule, told(self.model, repr))
+        self._require_names()
+        self._require_functions()
+        if self.upright is not None:
+            upright = tuple(self.upright)
+            if len(upright) != len(self.coordinates) or not all(map(_is_number, upright)):
+                rule = f"must be {len(self.coordinates)} finite numbers"
+                raise InvalidValueError("upright", rule, told(self.upright, repr))
+
+    def _require_names(self) -> None:
+        """Raise unless all names are names, each of one thing."""
+        for thing in ("coordinates", "inputs", "wraps"):
+            object.__setattr__(self, thing, _names(thing, getattr(self, thing)))
+        if not self.coordinates:
+            raise InvalidValueError("coordinates", "must name at least one joint", "none")
+        parameters = dict(self._mapping("parameters"))
+        for name, one in parameters.items():
+            if not isinstance(one, Parameter):
+                rule = "must be an afl.Parameter"
+                raise InvalidValueError(f"parameter {name!r}", rule, told(one, repr))
+        object.__setattr__(self, "parameters", MappingProxyType(parameters))
+        self._mapping("signals")
+        self._refuse_doubles()
+        for name in self.wraps:
+            if name not in self.coordinates:
+                raise UnknownNameError.among("wraps", name, self.coordinates)
+
+    def _require_functions(self) -> None:
+        """Raise unless functions are functions, and equations are given once."""
+        own = {name: getattr(self, name) for name in ("write", "accelerations", "terms")}
+        for thing, function in {**self.signals, **own}.items():
+            if not callable(function) and (function is not None or thing in self.signals):
+                raise InvalidValueError(thing, "must be a function", told(function, repr))
+        if self.terms and self.accelerations:
+            raise InvalidValueError("plant", "must have accelerations or terms, not both")
+
+    def _mapping(self, thing: str) -> Mapping[str, Any]:
+        """Return a field that must be a dictionary with names as keys."""
+        given = getattr(self, thing)
+        if not isinstance(given, Mapping):
+            raise InvalidValueError(thing, "must be a dictionary", told(given, repr))
+        _names(thing, tuple(given))
+        return given
+
+    def _refuse_doubles(self) -> None:
+        """Raise if two things of a plant have one name."""
+        kinds = {"coordinate": self.states, "input": self.inputs, "parameter": self.parameters}
+        owner: dict[str, str] = {}
+        for kind, names in {**kinds, "signal": self.signals}.items():
+            for name in names:
+                if name in owner:
+                    raise InvalidValueError(
+                        f"{kind} {name!r}", f"must not have the name of a {owner[name]}"
+                    )
+                owner[name] = kind if kind != "coordinate" else "state"
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state: the coordinates, then their rates."""
+        return (*self.coordinates, *(f"{name}_dot" for name in self.coordinates))
+
+    @property
+    def nominal(self) -> NDArray[np.float64]:
+        """Nominal values of the parameters, shape (parameters,)."""
+        return np.array([float(one.value) for one in self.parameters.values()])
+
+    @property
+    def has_equations(self) -> bool:
+        """Whether it has equations to be checked."""
+        return bool(self.terms or self.accelerations)
+
+    def named(self, values: NDArray[np.float64]) -> SimpleNamespace:
+        """Return parameters by name: floats from shape (parameters,), arrays from one more axis."""
+        columns = np.moveaxis(np.asarray(values, dtype=np.float64), -1, 0)
+        pairs = zip(self.parameters, columns, strict=True)
+        return SimpleNamespace(**{k: c if c.ndim else float(c) for k, c in pairs})
+
+
+def _is_number(value: object) -> bool:
+    """Return whether something is one finite real number."""
+    kinds = int | float | np.integer | np.floating
+    return isinstance(value, kinds) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _names(thing: str, given: Any) -> tuple[str, ...]:
+    """Return names that can stand behind ``p.``, in a table of TOML and in a column."""
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise InvalidValueError(thing, "must be a tuple of names", told(given, repr))
+    for name in given:
+        if not (isinstance(name, str) and name):
+            raise InvalidValueError(thing, "must be names", told(name, repr))
+        if thing in ("parameters", "signals") and not name.isidentifier():
+            raise InvalidValueError(thing, "must be names as Python has them", repr(name))
+    return tuple(given)
+
+
+KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole:plant"}
+"""Plants by name: the cart-pole of the paper is that of a scenario that names none."""
+
+
+def load_plant(spec: str, folder: Path | None = None) -> Plant:
+    """Return the plant of ``"furuta.py:plant"`` or ``"module:attribute"``; the file is executed.
+
+    folder: What a path is relative to; the working directory by default.
+    """
+    place, _, attribute = KNOWN.get(spec, spec).rpartition(":")
+    if not (place and attribute.isidentifier()):
+        rule = "must be FILE.py:NAME or MODULE:NAME"
+        hint = f"; did you mean {spec}:plant?" if spec.endswith(".py") else ""
+        raise InvalidValueError("plant", rule, f"{spec!r}{hint}")
+    here = folder or Path.cwd()
+    if place.endswith(".py"):
+        module = _run_file(here / Path(place).expanduser())
+    else:
+        if str(here) not in sys.path:
+            sys.path.append(str(here))  # last, so that no user file hides an installed module
+        module = _imported(place, lambda: importlib.import_module(place))
+    found = getattr(module, attribute, None)
+    if found is None:
+        plants = [name for name, one in vars(module).items() if isinstance(one, Plant)]
+        if not plants:
+            raise InvalidValueError(f"plant {spec!r}", "must be defined there: there is no Plant")
+        raise UnknownNameError.among("plant", attribute, plants).within(f"{place}: ")
+    if not isinstance(found, Plant):
+        raise InvalidValueError(f"plant {spec!r}", "must be an afl.Plant", told(found, repr))
+    return found
+
+
+def _run_file(path: Path) -> Any:
+    """Return the module of a file, executed anew."""
+    if not path.is_file():
+        raise FileError(str(path), "cannot be read: no such file")
+    path = path.resolve()
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))  # for what it imports from beside it
+    name = path.stem if path.stem.isidentifier() else "plant"
+    known = sys.modules.get(name)
+    if known is not None and getattr(known, "__file__", None) != str(path):
+        name = f"plant_{name}"  # another module has its name
+    made = importlib.util.spec_from_file_location(name, path)
+    assert made is not None and made.loader is not None  # it ends in .py
+    module, loader = importlib.util.module_from_spec(made), made.loader
+    sys.modules[name] = module
+
+    def execute() -> Any:
+        loader.exec_module(module)
+        return module
+
+    try:
+        return _imported(str(path), execute)
+    except AflMujocoError:
+        del sys.modules[name]
+        raise
+
+
+def _imported(place: str, deed: Callable[[], Any]) -> Any:
+    """Return a module, or raise in one line."""
+    try:
+        return deed()
+    except AflMujocoError as error:  # of a plant's own arguments
+        raise error.within(f"{place}: ") from None
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        rule = f"cannot be imported: {type(error).__name__}: {told(error)}"
+        raise FileError(place, rule) from error

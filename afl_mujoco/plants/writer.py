@@ -1,0 +1,490 @@
+"""A plant in MuJoCo: what its parameters are in the model, written in place or compiled afresh.
+
+The only writer of models. Absolute values go to addresses, then ``mj_setConst`` on scratch data (it
+overwrites ``qpos``) refreshes what MuJoCo derives from them: a model written in place equals one
+compiled afresh, number for number. MuJoCo ends the process on what it refuses there, so every row
+is checked before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError, told
+from afl_mujoco.graphics import choose_backend
+from afl_mujoco.plants.plant import Plant, Shape
+
+choose_backend()
+import mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
+
+from afl_mujoco.plants.features import (  # noqa: E402
+    DISABLE,
+    compare_only_what_equations_have,
+    notes_on,
+    require_compiler,
+    require_describable,
+)
+
+Floats = NDArray[np.float64]
+
+FIELDS = {
+    "body mass": ("body_mass", 1), "body ipos": ("body_ipos", 3), "body pos": ("body_pos", 3),
+    "body inertia": ("body_inertia", 3), "geom size": ("geom_size", 3), "geom pos": ("geom_pos", 3),
+    "site pos": ("site_pos", 3), "joint damping": ("dof_damping", 1),
+    "joint armature": ("dof_armature", 1), "joint stiffness": ("jnt_stiffness", 1),
+    "joint frictionloss": ("dof_frictionloss", 1), "actuator gear": ("actuator_gear", 6),
+    "option gravity": ("gravity", 3),
+}  # fmt: skip
+"""What can be written: field of MjModel, and how many numbers it has."""
+
+INERTIAL = ("mass", "ipos", "inertia")
+
+SMALLEST = float(mujoco.mjMINVAL)
+"""MuJoCo refuses masses and inertias of moving bodies below this."""
+
+KINDS = (np.ndarray, int, float, bytes)
+"""What the numbers of options are in Python."""
+
+SAME = 1e-12
+"""Rows from arrays and one by one agree to this: NumPy's powers round differently."""
+
+
+class Target(NamedTuple):
+    """One number of the model."""
+
+    kind: str
+    name: str
+    field: str
+    item: int
+
+    def __str__(self) -> str:
+        """Return it as ``write`` names it."""
+        scalar = FIELDS[f"{self.kind} {self.field}"][1] == 1
+        parts = (self.kind, self.name, self.field, "" if scalar else str(self.item))
+        return " ".join(filter(None, parts))
+
+
+class Point(NamedTuple):
+    """M, h and B of ``M v' + h = B u`` as MuJoCo has them, and the accelerations."""
+
+    mass: Floats  # (n, n)
+    bias: Floats  # (n,)
+    inputs: Floats  # (n, k)
+    accelerations: Floats  # (n,)
+
+
+class PlantModel:
+    """A plant's MuJoCo model, its parameters at their nominal values until others are written.
+
+    compared: Without what the comparison with equations leaves out.
+    """
+
+    def __init__(self, plant: Plant, *, compared: bool = False) -> None:
+        self.plant = plant
+        spec = _read(plant)
+        self._require_names(spec)
+        nominal = plant.named(plant.nominal)
+        self.targets, first = self._targets(spec, self._written(nominal))
+        require_compiler(spec)
+        self._freeze_inertias(spec)
+        self._spec = spec
+        self.require(np.array([first]))
+        self.mj_model = self.compile(np.array(first))
+        require_describable(self.mj_model)
+        self.notes = notes_on(self.mj_model)
+        if compared:
+            compare_only_what_equations_have(spec)
+            self.mj_model = self.compile(np.array(first))
+        m = self.mj_model
+        self.mj_data, self._scratch = mujoco.MjData(m), mujoco.MjData(m)
+        self._places = [self._place(self.mj_model, one) for one in self.targets]
+        self._base = {name: np.array(x) for name, x in self._tree_fields(self.mj_model).items()}
+        self._require_kept(np.array(first))
+        self._compared = {  # model.stat stays what it was, on purpose
+            "model": [x for x in dir(m) if isinstance(getattr(m, x), np.ndarray)],
+            "opt": [x for x in dir(m.opt) if isinstance(getattr(m.opt, x), KINDS)],
+        }
+        self.last: Floats = np.array(first)
+        self._require_parameters_used()
+
+    def _require_names(self, spec: Any) -> None:
+        """Raise unless coordinates and inputs are all of the MJCF's, in its order."""
+        for thing, given, there, kind in (
+            ("coordinates", self.plant.coordinates, spec.joints, "joint"),
+            ("inputs", self.plant.inputs, spec.actuators, "actuator"),
+        ):
+            names = tuple(one.name for one in there)
+            for name in given:
+                if name not in names:
+                    raise UnknownNameError.among(thing, name, filter(None, names))
+            if tuple(given) != names:
+                rule = f"must be every {kind} of the MJCF in its order, {names}"
+                raise InvalidValueError(thing, rule, f"{tuple(given)}")
+
+    def _written(self, p: Any) -> Mapping[str, Any]:
+        """Return what the plant's ``write`` returns, or raise."""
+        if self.plant.write is None:
+            return {}
+        given = dict(vars(p))
+        try:
+            found = self.plant.write(p)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            rule = f"raised {type(error).__name__}: {told(error)}"
+            raise InvalidValueError("write", rule) from error
+        if not isinstance(found, Mapping):
+            raise InvalidValueError("write", "must return a dictionary", told(found, repr)[:80])
+        if vars(p).keys() != given.keys() or any(vars(p)[k] is not given[k] for k in given):
+            raise InvalidValueError("write", "must not change p, but does")
+        return found
+
+    def _targets(self, spec: Any, found: Mapping[str, Any]) -> tuple[list[Target], list[float]]:
+        """Return what is written, number by number, and the first values."""
+        targets, values = [], []
+        for target, value in self._numbers(found):
+            if target in targets:
+                raise InvalidValueError(f"write: {target}", "must be written once, but is twice")
+            _holder(spec, target)  # raises if there is none
+            targets.append(target)
+            values.append(_float(f"write: {target}", value))
+        return targets, values
+
+    def _numbers(self, found: Mapping[str, Any]) -> Iterator[tuple[Target, Any]]:
+        """Yield every number with its target."""
+        for key, value in found.items():
+            if isinstance(value, Shape):
+                kind, _, name = str(key).partition(" ")
+                if kind != "body" or not name:
+                    raise InvalidValueError(f"write: {key!r}", 'must be "body NAME" for a shape')
+                yield Target("body", name, "mass", 0), value.mass
+                for field, three in (("ipos", value.center), ("inertia", value.inertia)):
+                    yield from ((Target("body", name, field, i), x) for i, x in enumerate(three))
+                continue
+            start, length = _parsed(key)
+            if length == 1:
+                yield start, value
+                continue
+            if not isinstance(value, tuple | list | np.ndarray) or not 0 < len(value) <= length:
+                rule = f"must be a tuple of {length} numbers, or have an index 0 to {length - 1}"
+                raise InvalidValueError(f"write: {key!r}", rule, told(value, repr)[:80])
+            if len(value) < length and start.field not in ("size", "gear"):
+                raise InvalidValueError(f"write: {key!r}", f"must be {length} numbers", len(value))
+            yield from ((start._replace(item=i), x) for i, x in enumerate(value))
+
+    def _freeze_inertias(self, spec: Any) -> None:
+        """Make explicit what is written or depends on it: then in place equals afresh."""
+        whole = {name: {} for name in self._names("body", INERTIAL)}  # type: dict[str, dict[str, int]]
+        for one in self.targets:
+            if one.kind == "body" and one.field in INERTIAL:
+                whole[one.name][one.field] = whole[one.name].get(one.field, 0) + 1
+        inferred = _compiled(spec.copy())
+        for name, parts in whole.items():
+            body = spec.body(name)
+            body.simple = 0  # mj_setConst ends the process on a body compiled as simple
+            if not np.isnan(body.fullinertia[0]):
+                rule = "must be diaginertia: one that is written is about the body's own axes"
+                raise InvalidValueError(f"<inertial fullinertia> of body {name!r}", rule)
+            if parts == {"mass": 1, "ipos": 3, "inertia": 3}:
+                body.iquat = (1.0, 0.0, 0.0, 0.0)
+                body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+            elif not body.explicitinertial:
+                if inferred is None:
+                    rule = "must have an <inertial>, or mass, ipos and inertia be written"
+                    raise InvalidValueError(f"body {name!r}", rule)
+                there = inferred.body(name)
+                body.mass, body.ipos = float(there.mass[0]), there.ipos
+                body.iquat, body.inertia = there.iquat, there.inertia
+            body.explicitinertial = True
+        for name in self._names("geom", ("size", "pos")):
+            body = spec.geom(name).parent
+            if not body.explicitinertial and body.joints:
+                rule = "must have an <inertial>, or be written, since a geom that has its mass is"
+                raise InvalidValueError(f"body {body.name!r}", rule, f"geom {name!r}")
+
+    def _names(self, kind: str, fields: tuple[str, ...]) -> list[str]:
+        """Return the names of what has a field that is written."""
+        there = (one.name for one in self.targets if one.kind == kind and one.field in fields)
+        return list(dict.fromkeys(there))
+
+    def _place(self, model: Any, target: Target) -> tuple[str, int, int]:
+        """Return field of MjModel, row and column of a target."""
+        field, _ = FIELDS[f"{target.kind} {target.field}"]
+        if target.kind == "option":
+            return field, 0, target.item
+        row = getattr(model, target.kind)(target.name).id
+        return field, int(model.jnt_dofadr[row]) if field[:3] == "dof" else row, target.item
+
+    def rows(self, parameters: Floats) -> Floats:
+        """Return the values of all targets, a row for each row of parameters."""
+        table = np.atleast_2d(parameters)
+        if not self.targets:
+            return np.empty((len(table), 0))
+        try:
+            fast = self._row(self.plant.named(table), len(table))
+        except (AflMujocoError, ValueError, TypeError):
+            fast = None  # a write that knows no arrays
+        seen = sorted({0, len(table) // 2, len(table) - 1})
+        slow = np.array([self._row(self.plant.named(table[i]), 1)[0] for i in seen])
+        if fast is not None and np.allclose(fast[seen], slow, rtol=SAME, atol=0.0):
+            return fast
+        return np.array([self._row(self.plant.named(row), 1)[0] for row in table])
+
+    def _row(self, p: Any, count: int) -> Floats:
+        """Return rows from what ``write`` returns for floats or arrays."""
+        numbers = dict(self._numbers(self._written(p)))
+        if list(numbers) != self.targets:
+            extra = [*(set(numbers) ^ set(self.targets)), *self.targets][0]
+            raise InvalidValueError(f"write: {extra}", "must be written for every p")
+        columns = [np.broadcast_to(np.asarray(x, float), (count,)) for x in numbers.values()]
+        return np.stack(columns, axis=1)
+
+    def require(self, rows: Floats, parameters: Floats | None = None) -> None:
+        """Raise unless MuJoCo takes every row."""
+        for bad, target, rule in self._rules(rows):
+            if np.any(bad):
+                i = int(np.argmax(bad))
+                value = f"{rows[i, self.targets.index(target)]:.6g}"
+                p = self.plant.nominal if parameters is None else parameters[i]
+                if self.plant.parameters:
+                    pairs = zip(self.plant.parameters, p, strict=True)
+                    value += " at " + ", ".join(f"{name} = {x:.6g}" for name, x in pairs)
+                raise InvalidValueError(f"write: {target}", rule, value)
+
+    def _rules(self, rows: Floats) -> Iterator[tuple[NDArray[np.bool_], Target, str]]:
+        """Yield for each rule where it is broken, by what, and its words."""
+        column = {target: rows[:, i] for i, target in enumerate(self.targets)}
+        for target, x in column.items():
+            yield ~np.isfinite(x), target, "must be finite"
+            if target.field in ("mass", "inertia"):
+                yield ~(x >= SMALLEST), target, "must be positive"
+            if target.field == "size":
+                yield ~(x >= 0.0), target, "must not be negative"
+        for target in column:
+            if target.field == "inertia":
+                whole = [column.get(target._replace(item=i)) for i in range(3)]
+                if any(x is None for x in whole):
+                    raise InvalidValueError(f"write: {target}", "must be written with all three")
+                a, b, c = (whole[(target.item + k) % 3] for k in (1, 2, 3))
+                yield ~(a + b >= c), target, "must be at most the sum of the other two"  # type: ignore[operator]
+
+    def compile(self, row: Floats) -> Any:
+        """Return a model compiled afresh with a row of values."""
+        spec = self._spec.copy()
+        for target, value in zip(self.targets, row, strict=True):
+            holder, field = _holder(spec, target)
+            old = getattr(holder, field)
+            if np.ndim(old):
+                new = np.array(old, float)
+                new[target.item] = value
+                setattr(holder, field, new)
+            else:
+                setattr(holder, field, float(value))
+        model = _compiled(spec)
+        if model is None:
+            spec = spec.copy()
+            said = _why_not(spec)
+            raise InvalidValueError(f"model of plant {self.plant.name!r}", f"is refused: {said}")
+        return model
+
+    def _require_kept(self, row: Floats) -> None:
+        """Raise if the compiler makes other numbers of what is written."""
+        for target, value, (field, i, k) in zip(self.targets, row, self._places, strict=True):
+            kept = float(_view(self.mj_model, field)[i, k])
+            if kept != value:
+                rule = (
+                    f"must be in the model as it is written, but the compiler makes it {kept:.6g}"
+                )
+                why = {"geom": ": fromto, a mesh or a <frame>?"}.get(target.kind, ": a <frame>?")
+                raise InvalidValueError(f"write: {target}", rule + why, f"{value:.6g}")
+
+    def _require_parameters_used(self) -> None:
+        """Raise if a parameter changes nothing that is written."""
+        nominal = self.plant.nominal
+        for k, (name, one) in enumerate(self.plant.parameters.items()):
+            p = np.array([nominal, nominal])
+            p[1, k] = one.high if one.high != one.value else one.low
+            if p[1, k] == one.value:
+                p[1, k] = one.value * 1.001 if one.value else 1e-3
+            rows = self.rows(p)
+            if np.array_equal(rows[0], rows[1]):
+                rule = "must change something that write returns, but nothing does"
+                raise InvalidValueError(f"parameter {name!r}", rule)
+
+    @property
+    def addresses(self) -> NDArray[np.int64]:
+        """Addresses of the targets in the model, for compiled loops."""
+        views = ((_view(self.mj_model, field), i, k) for field, i, k in self._places)
+        return np.array([x[i, k:].ctypes.data for x, i, k in views], np.int64)
+
+    def write(self, row: Floats) -> None:
+        """Write a row of values into the model in place, and refresh what depends on it."""
+        if np.array_equal(row, self.last):
+            return
+        for value, (field, i, k) in zip(row, self._places, strict=True):
+            _view(self.mj_model, field)[i, k] = value
+        mujoco.mj_setConst(self.mj_model, self._scratch)
+        self.last = np.array(row)
+
+    def at(self, q: Floats, v: Floats, u: Floats) -> Point:
+        """Return the terms at a state, as the model is now."""
+        m, d = self.mj_model, self.mj_data
+        n, k = m.nv, m.nu
+        mass, inputs = np.zeros((n, n)), np.zeros((n, k))
+        d.qpos[:], d.qvel[:] = q, v
+        for i in range(k):
+            d.ctrl[:] = np.eye(k)[i]
+            mujoco.mj_forward(m, d)
+            inputs[:, i] = d.qfrc_actuator
+        d.ctrl[:] = u
+        mujoco.mj_forward(m, d)
+        mujoco.mj_fullM(m, d, mass)
+        return Point(mass, d.qfrc_bias - d.qfrc_passive, inputs, d.qacc.copy())
+
+    @property
+    def kinds(self) -> list[str]:
+        """Return "hinge" or "slide" of each coordinate."""
+        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
+        return ["slide" if kind == slide else "hinge" for kind in self.mj_model.jnt_type]
+
+    @property
+    def bodies(self) -> list[str]:
+        """Return the names of all bodies, the world first."""
+        return [self.mj_model.body(b).name for b in range(self.mj_model.nbody)]
+
+    def differing(self, row: Floats) -> dict[str, int]:
+        """Return how many numbers of each field differ from a model compiled afresh with a row."""
+        fresh, found = self.compile(row), {}
+        for place, names in self._compared.items():
+            mine, its = (x if place == "model" else x.opt for x in (self.mj_model, fresh))
+            for name in names:
+                one, other = getattr(mine, name), getattr(its, name)
+                if not np.array_equal(one, other):
+                    found[name] = int(np.sum(np.asarray(one) != np.asarray(other)))
+        return found
+
+    def tree(self, row: Floats) -> dict[str, Any]:
+        """Return the arrays of a tree: those of the MJCF, then a row; never the live model."""
+        found = {name: array.copy() for name, array in self._base.items()}
+        for value, (field, i, k) in zip(row, self._places, strict=True):
+            if field in found:
+                array = found[field]
+                array.reshape(1 if field == "gravity" else len(array), -1)[i, k] = value
+        off = self.mj_model.opt.disableflags
+        for flag, name in (
+            (DISABLE.mjDSBL_GRAVITY, "gravity"), (DISABLE.mjDSBL_SPRING, "jnt_stiffness"),
+            (DISABLE.mjDSBL_DAMPER, "dof_damping"), (DISABLE.mjDSBL_ACTUATION, "motor_gain"),
+        ):  # fmt: skip
+            if off & flag:
+                found[name][:] = 0.0
+        return found
+
+    @staticmethod
+    def _tree_fields(m: Any) -> dict[str, Any]:
+        """Return what a tree is made of."""
+        same = (
+            *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
+            *("jnt_axis", "jnt_pos", "dof_damping", "dof_armature", "actuator_gear"),
+            *("site_pos", "site_quat"),
+        )
+        site = m.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SITE)
+        joint = m.actuator_trnid[:, 0]
+        return {name: getattr(m, name) for name in same} | {
+            "jnt_stiffness": np.array(m.jnt_stiffness).reshape(m.njnt, -1)[:, 0],
+            "parent": m.body_parentid.astype(np.int64),
+            "first_joint": m.body_jntadr.astype(np.int64),
+            "joint_count": m.body_jntnum.astype(np.int64),
+            "slides": (m.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE)).astype(np.int64),
+            "ref": m.qpos0,
+            "springref": m.qpos_spring,
+            "gravity": m.opt.gravity,
+            "motor_joint": np.where(site, -1, joint).astype(np.int64),
+            "motor_site": np.where(site, joint, -1).astype(np.int64),
+            "motor_gain": m.actuator_gainprm[:, 0],
+            "site_body": m.site_bodyid.astype(np.int64),
+        }
+
+
+def _parsed(key: Any) -> tuple[Target, int]:
+    """Return the first target of a key of ``write``, and how many numbers it takes."""
+    words = key.split() if isinstance(key, str) else []
+    index = int(words.pop()) if len(words) > 2 and words[-1].isdecimal() else None
+    kind, field = (words[0], words[-1]) if len(words) > 1 else ("", "")
+    name = " ".join(words[1:-1])
+    if f"{kind} {field}" not in FIELDS or (kind == "option") != (not name):
+        known = [x.replace(" ", " NAME ") for x in FIELDS if not x.startswith("option")]
+        raise UnknownNameError.among("write", key, ["body NAME", *known, "option gravity"])
+    length = FIELDS[f"{kind} {field}"][1]
+    if index is not None and index >= length:
+        rule = f"must have an index below {length}" if length > 1 else "must have no index"
+        raise InvalidValueError(f"write: {key!r}", rule, index)
+    return Target(kind, name, field, index or 0), 1 if index is not None else length
+
+
+def _float(thing: str, value: Any) -> float:
+    """Return a number, or raise."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InvalidValueError(thing, "must be a number", told(value, repr)[:80]) from None
+
+
+def _holder(spec: Any, target: Target) -> tuple[Any, str]:
+    """Return what holds a target in a description, and the attribute."""
+    if target.kind == "option":
+        return spec.option, target.field
+    found = getattr(spec, target.kind)(target.name)
+    if found is None:
+        every = {"body": spec.bodies, "geom": spec.geoms, "site": spec.sites,
+                 "joint": spec.joints, "actuator": spec.actuators}[target.kind]  # fmt: skip
+        names = [one.name for one in every if one.name and one.name != "world"]
+        raise UnknownNameError.among(f"write: {target.kind}", target.name, names)
+    return found, target.field
+
+
+def _view(model: Any, field: str) -> Any:
+    """Return a field of a model as a table whose numbers can be written."""
+    array = model.opt.gravity if field == "gravity" else getattr(model, field)
+    return array.reshape(1 if field == "gravity" else len(array), -1)
+
+
+def _read(plant: Plant) -> Any:
+    """Return the description of a plant's MJCF."""
+    text = str(plant.model)
+    is_xml = text.lstrip().startswith("<")
+    path = plant.folder / Path(text).expanduser() if not is_xml else None
+    place = f"MJCF of plant {plant.name!r}" if path is None else str(path)
+    if path is not None and not path.is_file():
+        raise FileError(place, "cannot be read: no such file")
+    read: Callable[[str], Any] = mujoco.MjSpec.from_file if path else mujoco.MjSpec.from_string
+    try:
+        return read(str(path) if path else text)
+    except (ValueError, mujoco.FatalError) as error:
+        raise FileError(place, f"cannot be parsed: {_one_line(error)}") from None
+
+
+def _compiled(spec: Any) -> Any:
+    """Return a compiled model, None if MuJoCo refuses it."""
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError):
+        return None
+
+
+def _why_not(spec: Any) -> str:
+    """Return why MuJoCo refuses a description."""
+    try:
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        return _one_line(error)
+    return "no reason given"
+
+
+def _one_line(error: Exception) -> str:
+    """Return MuJoCo's words without their line breaks."""
+    return " ".join(str(error).removeprefix("Error: ").split())

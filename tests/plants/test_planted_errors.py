@@ -1,0 +1,128 @@
+"""Mistakes planted in the plants of the examples: all are found, and most are named."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.plants.plant import load_plant
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+CART, QUAD, TWO = "cart_double_pendulum.py", "quadrotor_load.py", "double_pendulum.py"
+
+MISTAKES = {  # name: file, what becomes what, what the headline says ("" where it names nothing)
+    "inertia about the joint, in the MJCF": (
+        TWO, "p.I1 - p.m1 * p.r1**2", "p.I1", "I - m r^2 of body upper"),
+    "inertia about the joint, in the equations": (
+        QUAD, "ml * p.length + 0.4 * p.load * RADIUS**2", "2 * ml * p.length + 0.4 * p.load * RADIUS**2",
+        "I + m r^2 of body cable"),
+    "inertia of the ball left out": (
+        QUAD, " + 0.4 * p.load * RADIUS**2", "", "inertia of body cable is missing"),
+    "inertia of a shell": (
+        QUAD, "0.4 * p.load * RADIUS", "2 / 3 * p.load * RADIUS", "inertia of body cable is 1.66667 times"),
+    "rod about its middle": (
+        CART, "(m1 / 3 + m2 + m3) * l**2", "(m1 / 12 + m2 + m3) * l**2", "body lower"),
+    "rod about its end 4/3": (
+        CART, "(m2 / 3 + m3) * s**2", "(m2 / 3 * 4 / 3 + m3) * s**2", "body upper"),
+    "centre of mass at the tip": (
+        QUAD, "center=(0.0, 0.0, -p.length)", "center=(0.0, 0.0, -p.length / 2)", "centre of mass of body cable"),
+    "centre of mass on the other side": (
+        QUAD, "center=(0.0, 0.0, -p.length)", "center=(0.0, 0.0, p.length)", "centre of mass of body cable"),
+    "half-length": (
+        CART, "p.lower_length, p.upper_length\n", "2 * p.lower_length, p.upper_length\n", "0.5 lower_length"),
+    "sign of gravity": (
+        QUAD, '"option gravity 2": -p.gravity', '"option gravity 2": p.gravity', "gravity has the other sign"),
+    "gravity missing on one body": (
+        QUAD, "0.0, ml * p.gravity * sin(a))", "0.0, 0.0)", "gravity on cable is missing"),
+    "sign of a gravity term": (
+        CART, "- ms * p.gravity * sin(b)", "+ ms * p.gravity * sin(b)", ""),
+    "standard gravity": (
+        TWO, 'GRAVITY = VALUES["g"]', "GRAVITY = 9.80665", "gravity is 0.999659 times"),
+    "centripetal term missing": (
+        QUAD, "h = (-pull * sin(a), ", "h = (0.0, ", "cable_dot^2 on x is missing"),
+    "centripetal term halved": (
+        QUAD, "pull = ml * v[3] ** 2", "pull = ml * v[3] ** 2 / 2", "is halved"),
+    "Coriolis term missing": (
+        TWO, "-2 * k * s2 * v[0] * v[1] ", "0.0 ", "shoulder_dot elbow_dot is missing"),
+    "Coriolis term halved": (
+        TWO, "-2 * k * s2 * v[0] * v[1] ", "-k * s2 * v[0] * v[1] ", "shoulder_dot elbow_dot is halved"),
+    "Coriolis term on the wrong side": (
+        TWO, "k * s2 * v[0] ** 2", "-k * s2 * v[0] ** 2", "shoulder_dot^2 has the other sign"),
+    "coupling of the mass matrix": (
+        TWO, "p.I2 + k * c2\n", "p.I2\n", ""),
+    "sign of the coupling": (
+        QUAD, "(ml * cos(a), ml * sin(a), 0.0, ml", "(-ml * cos(a), ml * sin(a), 0.0, ml", "cable x has the other sign"),
+    "stale constant": (
+        QUAD, "total, ml = p.mass + p.load", "total, ml = 1.0 + p.load", "stale constant: the equations have mass = 1 "),
+    "grams": (
+        QUAD, "p.load * p.length\n", "p.load / 1000 * p.length\n", ""),
+    "degrees": (
+        QUAD, "pitch, a = q[2], q[3]", "pitch, a = q[2] * 57.29577951308232, q[3]", "pitch is in degrees"),
+    "sign of an input": (
+        QUAD, "(-ARM, ARM)", "(ARM, -ARM)", "inputs left and right are exchanged"),
+    "lever of an input": (
+        QUAD, "(-ARM, ARM)", "(-ARM, 2 * ARM)", "input right on pitch is doubled"),
+    "gear": (
+        TWO, "((1.0, 0.0), (0.0, 1.0))", "((1.0, 0.0), (0.0, 6.0))", "gear of input elbow_torque is 6 times"),
+    "damping left out": (
+        CART, " + 0.1 * v[0]", "", "damping of cart is 0 in the equations and 0.1"),
+    "damping in the wrong direction": (
+        CART, " + 0.1 * v[0]", " - 0.1 * v[0]", "damping of cart is -0.1"),
+    "angle from the other side": (
+        TWO, "sin(q[0] + q[1])\n", "sin(q[0] - q[1])\n", ""),
+    "absolute angle": (
+        CART, "a, b = q[1], q[1] + q[2]", "a, b = q[1], q[2]", ""),
+    "mass of the payload twice": (
+        CART, "body payload\": afl.ball(mass=p.payload", "body payload\": afl.ball(mass=2 * p.payload", "payload"),
+    "two parameters exchanged": (
+        CART, "m1, m2, m3, l, s = p.lower_mass, p.upper_mass", "m1, m2, m3, l, s = p.upper_mass, p.lower_mass",
+        "lower_mass and upper_mass are exchanged"),
+}  # fmt: skip
+
+
+def found(folder: Path, file: str, old: str, new: str) -> str:
+    for one in EXAMPLES.glob("*"):
+        if one.suffix in (".py", ".xml", ".yml"):
+            shutil.copy(one, folder)
+    text = (folder / file).read_text()
+    assert text.count(old) == 1, (file, old)
+    (folder / file).write_text(text.replace(old, new))
+    result = afl.check(load_plant(f"{file}:plant", folder), samples=100)
+    assert not result.passed
+    return result.headline
+
+
+@pytest.fixture(autouse=True)
+def own_modules(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave neither modules nor places to look for them behind."""
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name in (CART, QUAD, TWO):
+        monkeypatch.delitem(sys.modules, name.removesuffix(".py"), raising=False)
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_found_and_named(mistake: str, tmp_path: Path) -> None:
+    *change, named = MISTAKES[mistake]
+    headline = found(tmp_path, *change)
+    if named:
+        assert named in headline
+    else:  # it says nothing rather than something wrong
+        assert "equations and MJCF differ by up to" in headline
+
+
+def test_most_mistakes_have_a_name() -> None:
+    assert len(MISTAKES) >= 30
+    assert sum(bool(named) for *_, named in MISTAKES.values()) >= 25
+
+
+def test_the_published_model_files_have_an_inertia_about_the_joint_at_the_centre_of_mass() -> None:
+    result = afl.check(f"{EXAMPLES / TWO}:published", samples=200)
+    assert "inertia about another point" in result.headline
+    assert "I - m r^2 of body upper" in result.headline
+    assert "I - m r^2 of body lower" in result.headline
+    assert result.worst.term == "mass matrix"
