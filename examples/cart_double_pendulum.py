@@ -11,6 +11,7 @@ RADIUS = 0.05  # of the payload [m]
 
 
 def write(p):
+    """Return what the parameters are in the model."""
     return {
         "body cart mass": p.cart_mass,
         "body lower": afl.rod(mass=p.lower_mass, length=p.lower_length),
@@ -27,15 +28,16 @@ def write(p):
 
 
 def terms(q, v, p):
+    """Return M, h and B of ``M v' + h = B u``."""
     a, b = q[1], q[1] + q[2]  # both from upright
     va, vb = v[1], v[1] + v[2]
     # Point masses at r along the lower link, then s along the upper: sums of m, m r, m s, ...
-    m1, m2, m3, l, s = p.lower_mass, p.upper_mass, p.payload, p.lower_length, p.upper_length
+    m1, m2, m3, r, s = p.lower_mass, p.upper_mass, p.payload, p.lower_length, p.upper_length
     total = p.cart_mass + m1 + m2 + m3
-    mr, ms = (m1 / 2 + m2 + m3) * l, (m2 / 2 + m3) * s
-    rr = (m1 / 3 + m2 + m3) * l**2
+    mr, ms = (m1 / 2 + m2 + m3) * r, (m2 / 2 + m3) * s
+    rr = (m1 / 3 + m2 + m3) * r**2
     ss = (m2 / 3 + m3) * s**2 + 0.4 * m3 * RADIUS**2
-    rs = (m2 / 2 + m3) * l * s
+    rs = (m2 / 2 + m3) * r * s
     # in cart, a and b, then in b - a
     ca, cb, cab = -mr * cos(a), -ms * cos(b), rs * cos(a - b)
     M = ((total, ca + cb, cb), (ca + cb, rr + 2 * cab + ss, cab + ss), (cb, cab + ss, ss))

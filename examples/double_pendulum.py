@@ -23,6 +23,7 @@ UNITS = {"m1": "kg", "m2": "kg", "l1": "m", "r1": "m", "r2": "m", "I1": "kg m^2"
 
 
 def link(name, mass, r, inertia):
+    """Return a link whose inertia is about its centre of mass, at r below the joint."""
     return {
         f"body {name} mass": mass,
         f"body {name} ipos 2": -r,
@@ -31,6 +32,7 @@ def link(name, mass, r, inertia):
 
 
 def write(p):
+    """Return what the parameters are in the model."""
     return {
         **link("upper", p.m1, p.r1, p.I1 - p.m1 * p.r1**2),
         **link("lower", p.m2, p.r2, p.I2 - p.m2 * p.r2**2),
@@ -39,11 +41,13 @@ def write(p):
 
 
 def write_as_published(p):
+    """Return the same with the inertias about the joints."""
     lower, upper = link("lower", p.m2, p.r2, p.I2), link("upper", p.m1, p.r1, p.I1)
     return {**upper, **lower, "body lower pos 2": -p.l1}
 
 
 def terms(q, v, p):
+    """Return M, h and B of ``M v' + h = B u``."""
     g, s1, s2, c2, s12 = GRAVITY, sin(q[0]), sin(q[1]), cos(q[1]), sin(q[0] + q[1])
     k = p.m2 * p.l1 * p.r2
     m11, m12 = p.I1 + p.I2 + p.m2 * p.l1**2 + 2 * k * c2, p.I2 + k * c2
@@ -54,6 +58,7 @@ def terms(q, v, p):
 
 
 def made(name, write):
+    """Return the plant with one of the two."""
     return afl.Plant(
         name=name,
         model="double_pendulum.xml",

@@ -12,6 +12,7 @@ RADIUS = 0.06  # of the load [m]
 
 
 def write(p):
+    """Return what the parameters are in the model."""
     inertia = (p.inertia, p.inertia, p.inertia)
     return {
         "body frame mass": p.mass / 2,
@@ -26,6 +27,7 @@ def write(p):
 
 
 def terms(q, v, p):
+    """Return M, h and B of ``M v' + h = B u``."""
     pitch, a = q[2], q[3]
     total, ml = p.mass + p.load, p.load * p.length
     M = (

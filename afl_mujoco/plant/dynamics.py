@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
-
 @register_jitable
 def determinant(phi, cart_mass, pole_mass):
     """Return D = 4/3 (M + m) - m cos^2(phi) [kg], the denominator of (P3) and (P4).

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import sys
 import types
 import warnings
@@ -38,8 +37,8 @@ POINTS = 20
 AGREE = 1e-9
 """How well they must agree: compilers reorder sums, and no mistake is that small."""
 
-INSTALLED = ("site-packages", "dist-packages", "lib/python")
-"""Parts of paths of modules that do not change between two runs."""
+INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parents[1].name}/")
+"""Parts of paths of modules that do not change between two runs; the last of our own."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,8 @@ def _interpreted(plant: Plant) -> Fill:
         named = plant.named(p)
         given = dict(vars(named))
         try:
-            found = function(*arrays, named)
+            with np.errstate(all="ignore"):  # what is not finite is refused below
+                found = function(*arrays, named)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -232,22 +232,23 @@ def _read(thing: Any, seen: dict[int, Any]) -> Iterator[str]:
         return
     seen[id(thing)] = thing
     if isinstance(thing, types.ModuleType):
-        file = getattr(thing, "__file__", None)
-        if file and file.endswith(".py") and not any(part in file for part in INSTALLED):
-            yield f"{thing.__name__} {_digest(file)}"
+        file = getattr(thing, "__file__", None) or ""
+        if file.endswith(".py") and not any(part in file for part in INSTALLED):
+            yield f"{thing.__name__} {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
             for one in [*vars(thing).values()]:
                 if isinstance(one, types.ModuleType | types.FunctionType):
                     yield from _read(one, seen)
-        return
-    if isinstance(thing, types.FunctionType):
+    elif isinstance(thing, types.FunctionType):
         yield from _read_by(thing, seen)
-        return
-    yield thing.tobytes().hex() if isinstance(thing, np.ndarray) else told(thing, repr)
+    else:
+        yield thing.tobytes().hex() if isinstance(thing, np.ndarray) else told(thing, repr)
 
 
 def _read_by(thing: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
     """Yield the code of a function, its cells, the globals it reads, and the file it is from."""
     yield f"{thing.__module__} {thing.__qualname__} {thing.__defaults__!r} {_text(thing.__code__)}"
+    if any(part in thing.__code__.co_filename for part in INSTALLED[:-1]):
+        return
     cells: dict[str, Any] = {}
     for name, cell in zip(thing.__code__.co_freevars, thing.__closure__ or (), strict=True):
         cells[name] = cell.cell_contents
@@ -264,10 +265,6 @@ def _text(code: types.CodeType) -> str:
     """Return code as text without addresses."""
     constants = [_text(x) if isinstance(x, types.CodeType) else repr(x) for x in code.co_consts]
     return f"{code.co_code.hex()} {code.co_names} {constants}"
-
-
-def _digest(file: str) -> str:
-    return hashlib.blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
 
 
 def from_sympy(
@@ -328,15 +325,16 @@ def from_sympy(
     bias = -right.subs({one: 0 for one in inputs})
     known = {*states, *rates, *plain.values()}
     for one in [*matrix, *bias, *jacobian]:
-        if left := sorted(map(str, one.free_symbols - known)):
-            known_names = [*map(str, (*q, *v, *u)), *names.values()]
-            raise UnknownNameError.among("symbol", left[0], known_names)
+        unknown = one.free_symbols | one.atoms(sp.Derivative, sp.core.function.AppliedUndef)
+        if left := sorted(map(str, unknown - known)):
+            given = [*map(str, (*q, *v, *u)), *names.values()]
+            raise UnknownNameError.among("symbol", left[0], given)
     n, k = len(q), len(u)
     shared, (expressions,) = sp.cse([sp.Matrix([*matrix, *bias, *jacobian])], list=False)
     unpacked = [f"q_{i}_, v_{i}_ = q[{i}], v[{i}]" for i in range(n)]
     unpacked += [f"p_{name}_ = p.{name}" for name in names.values()]
-    unpacked += [f"{name} = {sp.pycode(expression)}" for name, expression in shared]
-    flat = [sp.pycode(one) for one in expressions]
+    unpacked += [f"{name} = {_python(expression)}" for name, expression in shared]
+    flat = [_python(one) for one in expressions]
     rows = [f"({', '.join(flat[i * n : i * n + n])},)" for i in range(n)]
     columns = flat[n * n + n :]
     inputs_rows = [f"({', '.join(columns[i * k : i * k + k])},)" for i in range(n)]
@@ -347,8 +345,19 @@ def from_sympy(
         "return M, h, B",
     ]
     source = "def terms(q, v, p):\n    " + "\n    ".join(unpacked)
-    if unknown := re.search(r"Not supported in Python.*", source):
-        raise InvalidValueError("expressions", "must have a form in Python", unknown[0])
     space: dict[str, Any] = {"__name__": __name__, "math": __import__("math")}
     exec(compile(source, "<from_sympy>", "exec"), space)
     return cast(Callable[..., Any], space["terms"])
+
+
+def _python(expression: Any) -> str:
+    """Return an expression of SymPy as Python, or raise."""
+    from sympy import pycode
+
+    try:
+        text = str(pycode(expression))
+    except (NotImplementedError, ValueError) as error:
+        text = f"Not supported: {error}"
+    if "Not supported" in text:
+        raise InvalidValueError("expressions", "must have a form in Python", told(expression)[:80])
+    return text

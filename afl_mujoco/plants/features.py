@@ -6,10 +6,10 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.library import mujoco
 
 DISABLE = mujoco.mjtDisableBit
 

@@ -19,8 +19,7 @@ from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, Unkn
 
 RATES, JUMPS = ("frozen", "enters"), ("velocities", "momenta")
 
-AXES = {sign + name: (k, factor) for k, name in enumerate("xyz") for sign, factor in
-        (("", 1.0), ("+", 1.0), ("-", -1.0))}  # fmt: skip
+AXES = {f"{sign}{x}": (k, float(f"{sign}1")) for sign in ("", "-") for k, x in enumerate("xyz")}
 
 
 @dataclass(frozen=True, slots=True)

@@ -215,14 +215,6 @@ class _Search:
             (f"the gear of input {x}", doubled("actuator_gear", k)) for k, x in enumerate(inputs)
         ]
         yield [(partial(_share, thing), trees) for thing, trees in gears]
-        for field, word in PASSIVE.items():
-            yield [
-                (
-                    partial(_amount, f"{word} of {name}", getattr(first, field)[j]),
-                    self.edited(field, j, lambda x, tree: x + 1.0),
-                )
-                for j, name in enumerate(names)
-            ]
         bodies = [*enumerate(self.bodies)][1:]
         moved = [(x, self.edited("body_inertia", b, partial(_moved, b))) for b, x in bodies]
         yield [(partial(_about, name), trees) for name, trees in moved]
@@ -240,6 +232,14 @@ class _Search:
         ]
         for family in (inertia, mass, both):
             yield [(partial(_share, thing), trees) for thing, trees in family]
+        for field, word in PASSIVE.items():
+            yield [
+                (
+                    partial(_amount, f"{word} of {name}", getattr(first, field)[j]),
+                    self.edited(field, j, lambda x, tree: x + 1.0),
+                )
+                for j, name in enumerate(names)
+            ]
 
     def together(self, family: Sequence[tuple[Callable[[float], str], Floats]]) -> Iterator[str]:
         """Yield the same mistake at several places."""

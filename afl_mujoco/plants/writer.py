@@ -16,19 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError, told
-from afl_mujoco.graphics import choose_backend
-from afl_mujoco.plants.plant import Plant, Shape
-
-choose_backend()
-import mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
-
-from afl_mujoco.plants.features import (  # noqa: E402
+from afl_mujoco.plants.features import (
     DISABLE,
     compare_only_what_equations_have,
     notes_on,
     require_compiler,
     require_describable,
 )
+from afl_mujoco.plants.library import mujoco
+from afl_mujoco.plants.plant import Plant, Shape
 
 Floats = NDArray[np.float64]
 
@@ -318,9 +314,14 @@ class PlantModel:
 
     @property
     def addresses(self) -> NDArray[np.int64]:
-        """Addresses of the targets in the model, for compiled loops."""
+        """Addresses of the targets in the model, for `library.write_row`."""
         views = ((_view(self.mj_model, field), i, k) for field, i, k in self._places)
         return np.array([x[i, k:].ctypes.data for x, i, k in views], np.int64)
+
+    @property
+    def structures(self) -> NDArray[np.int64]:
+        """Addresses of the model and of the scratch data, for `library.write_row`."""
+        return np.array([self.mj_model._address, self._scratch._address], np.int64)
 
     def write(self, row: Floats) -> None:
         """Write a row of values into the model in place, and refresh what depends on it."""

@@ -10,20 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from llvmlite import binding
-from numba import types
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.graphics import choose_backend
+from afl_mujoco.plants.library import mj_forward as mj_forward
+from afl_mujoco.plants.library import mj_reset_data as mj_reset_data
+from afl_mujoco.plants.library import mj_set_const
+from afl_mujoco.plants.library import mj_step as mj_step
+from afl_mujoco.plants.library import mujoco as mujoco
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 from afl_mujoco.scenario.values import require_positive
-
-choose_backend()
-import mujoco as mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
 """Half-size of the cart's box [m]; its inertia is that of a uniform box, but it never rotates."""
@@ -137,23 +136,6 @@ def require_integrator(name: str) -> None:
         raise UnknownNameError.among("integrator", name, INTEGRATORS)
 
 
-def _load_library() -> None:
-    """Make MuJoCo's C functions visible to compiled code."""
-    folder = Path(mujoco.__file__).parent
-    for pattern in ("libmujoco*", "mujoco.dll"):
-        for library in sorted(folder.glob(pattern)):
-            binding.load_library_permanently(str(library))
-            return
-    raise FileError(str(folder), "does not contain the MuJoCo library")
-
-
-_load_library()
-_void_model_data = types.void(types.intp, types.intp)
-mj_forward = types.ExternalFunction("mj_forward", _void_model_data)
-mj_reset_data = types.ExternalFunction("mj_resetData", _void_model_data)
-mj_step = types.ExternalFunction("mj_step", _void_model_data)
-_mj_set_const = types.ExternalFunction("mj_setConst", _void_model_data)
-
 ADDRESSES = np.dtype(
     [
         (name, np.int64)
@@ -192,7 +174,7 @@ def write_parameters(at, cart_mass, pole_mass, half_length, gravity):
     store(at.geom_centre, half_length)
     store(at.tip, 2.0 * half_length)
     store(at.gravity, -gravity)
-    _mj_set_const(at.model, at.scratch)
+    mj_set_const(at.model, at.scratch)
 
 
 @kernel

@@ -74,20 +74,9 @@ class Options:
     """Seed of the random points."""
 
 
-class Request(NamedTuple):
-    """What is checked."""
-
-    plant: Plant
-    samples: int = 1000
-    seed: int = 0
-    box: Mapping[str, tuple[float, float]] = {}  # where to draw, by name
-
-
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
-    require_count("samples", options.samples, 1, MOST)
-    require_count("seed", options.seed, 0, 2**32 - 1)
-    return Request(load_plant(options.plant), options.samples, options.seed)
+    return Request(load_plant(options.plant), options.samples, options.seed, {})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,8 +193,6 @@ def check(
     found = load_plant(plant) if isinstance(plant, str) else plant
     if not isinstance(found, Plant):
         raise InvalidValueError("plant", "must be an afl.Plant", told(plant, repr))
-    require_count("samples", samples, 1, MOST)
-    require_count("seed", seed, 0, 2**32 - 1)
     return run(Request(found, samples, seed, box or {}))
 
 
@@ -221,23 +208,27 @@ class Sampled(NamedTuple):
 WORDS = {"accelerations": "accelerations", "mass": "mass matrix", "bias": "bias", "inputs": "input"}
 
 
-class _Checking:
-    """One check under way."""
+class Request:
+    """A check: what raises is found when it is made."""
 
-    def __init__(self, request: Request) -> None:
+    def __init__(
+        self, plant: Plant, samples: int, seed: int, box: Mapping[str, tuple[float, float]]
+    ) -> None:
         from afl_mujoco.plants.writer import PlantModel
 
-        self.request, self.plant = request, request.plant
-        self.model = PlantModel(self.plant, compared=True)
-        self.points = self.draw(request.samples, request.seed)
+        require_count("samples", samples, 1, MOST)
+        require_count("seed", seed, 0, 2**32 - 1)
+        self.plant, self.samples, self.seed, self.box = plant, samples, seed, box
+        self.model = PlantModel(plant, compared=True)
+        self.points = self.draw(samples, seed)
         self.rows = self.model.rows(self.points.p)
         self.model.require(self.rows, self.points.p)
         self.trees = [Tree(**self.model.tree(row)) for row in self.rows]
         self.tree_of = lambda p: Tree(**self.model.tree(self.model.rows(p)[0]))
         self.equations = None
-        if self.plant.has_equations:
-            few = self.draw(POINTS, request.seed + 1)
-            self.equations = load_equations(self.plant, list(zip(*few, strict=True)))
+        if plant.has_equations:
+            few = self.draw(POINTS, seed + 1)
+            self.equations = load_equations(plant, list(zip(*few, strict=True)))
         self.checks: list[Check] = []
 
     def draw(self, count: int, seed: int) -> Points:
@@ -253,7 +244,7 @@ class _Checking:
             limited = m.actuator_ctrllimited[k]
             bounds[name] = tuple(m.actuator_ctrlrange[k]) if limited else (-INPUT, INPUT)
         bounds |= {x: (float(one.low), float(one.high)) for x, one in plant.parameters.items()}  # type: ignore[arg-type]
-        for name, pair in self.request.box.items():
+        for name, pair in self.box.items():
             if name not in bounds:
                 raise UnknownNameError.among("box", name, bounds)
             bounds[name] = _bounds(name, pair)
@@ -342,7 +333,7 @@ class _Checking:
             self.compare("C", "equations against the tree", theirs, self.reference, *terms)
             if self.plant.terms:
                 self.invariants(self.equations, theirs.mass)
-            if not headline and self.failed():
+            if not headline and self.failed:
                 headline, worst = self.equations_differ(self.equations, theirs)
         progress("checking", 1, 3)
         if not headline:
@@ -350,17 +341,19 @@ class _Checking:
             self.engine_alone()
             progress("checking", 2, 3)
             self.mutation()
-            headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed()), self.good())
+            headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed), self.good())
         progress("checking", 3, 3)
         return Result(
-            plant=self.plant.name, samples=self.request.samples, seed=self.request.seed,
+            plant=self.plant.name, samples=self.samples, seed=self.seed,
             headline=f"{self.plant.name}: {headline}",
-            verdict="fail" if self.failed() else "pass",
-            model_verified=self.equations is not None and not self.failed(),
+            verdict="fail" if self.failed else "pass",
+            model_verified=self.equations is not None and not self.failed,
             checks=tuple(self.checks), worst=worst, notes=self.notes(),
         )  # fmt: skip
 
+    @property
     def failed(self) -> list[Check]:
+        """The rows that do not hold."""
         return [one for one in self.checks if not one.passed]
 
     def good(self) -> str:
@@ -370,7 +363,7 @@ class _Checking:
         if self.equations is None:
             return f"engine and mutation verified; model not: no equations{rate}"
         largest = max(one.value for one in self.checks if one.id[0] in "BC")
-        points = f"{self.request.samples} points, to {largest:.1e}"
+        points = f"{self.samples} points, to {largest:.1e}"
         return f"MuJoCo obeys the equations at {points}{rate}"
 
     def notes(self) -> tuple[str, ...]:
@@ -472,7 +465,7 @@ class _Checking:
         terms = dict(
             zip(("2", "3", "4", "1"), ("mass", "bias", "inputs", "accelerations"), strict=True)
         )
-        bad = {one.id for one in self.failed()}
+        bad = {one.id for one in self.failed}
         return next((term for i, term in terms.items() if prefix + i in bad), "accelerations")
 
     def engine_differs(self, engine: Sampled) -> tuple[str, Worst]:
@@ -496,7 +489,7 @@ class _Checking:
         where = f"{worst.term}, {worst.coordinate}"
         if suspect:
             return f"{where}: {suspect}?", worst
-        broken = next((f"; not so: {x.quantity}" for x in self.failed() if x.id[0] == "D"), "")
+        broken = next((f"; not so: {x.quantity}" for x in self.failed if x.id[0] == "D"), "")
         most_of = f"up to {worst.difference:.2g} of the largest component"
         return f"{where}: equations and MJCF differ by {most_of}{broken}", worst
 
@@ -552,7 +545,7 @@ def _where(found: Mapping[str, int]) -> str:
 
 def run(request: Request, *, progress: Progress = silent) -> Result:
     """Return the plant checked."""
-    return _Checking(request).run(progress)
+    return request.run(progress)
 
 
 def report(result: Result) -> Report:

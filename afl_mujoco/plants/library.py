@@ -1,0 +1,44 @@
+"""MuJoCo, and its C functions for compiled code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from llvmlite import binding
+from numba import types
+
+from afl_mujoco.compiled import kernel, store
+from afl_mujoco.errors import FileError
+from afl_mujoco.graphics import choose_backend
+
+choose_backend()
+import mujoco as mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
+
+
+def _load_library() -> None:
+    """Make MuJoCo's C functions visible to compiled code."""
+    folder = Path(mujoco.__file__).parent
+    for pattern in ("libmujoco*", "mujoco.dll"):
+        for library in sorted(folder.glob(pattern)):
+            binding.load_library_permanently(str(library))
+            return
+    raise FileError(str(folder), "does not contain the MuJoCo library")
+
+
+_load_library()
+_model_data = types.void(types.intp, types.intp)
+mj_forward = types.ExternalFunction("mj_forward", _model_data)
+mj_reset_data = types.ExternalFunction("mj_resetData", _model_data)
+mj_step = types.ExternalFunction("mj_step", _model_data)
+mj_set_const = types.ExternalFunction("mj_setConst", _model_data)
+
+
+@kernel
+def write_row(structures, addresses, row):
+    """Write a row of values that was checked into a model, and refresh what depends on it.
+
+    structures: Addresses of the model and of scratch data, whose state is overwritten.
+    """
+    for i in range(len(addresses)):
+        store(addresses[i], row[i])
+    mj_set_const(structures[0], structures[1])

@@ -1,0 +1,160 @@
+"""The user's equations: compiled where that gives the interpreter's numbers, and never stale."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import afl_mujoco as afl
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.plants import equations
+from afl_mujoco.plants.equations import load_equations
+from tests.plants.plants import known, small
+
+ROOT = Path(__file__).parents[2]
+
+EQUATIONS = ("plant = afl.Plant(\n", "{}\n\nplant = afl.Plant(\n    accelerations=accelerations,\n")
+
+
+def points(plant: afl.Plant, count: int = 20) -> list[tuple[np.ndarray, ...]]:
+    n, rng = len(plant.coordinates), np.random.default_rng(0)
+    u = len(plant.inputs)
+    return [
+        (rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(-1, 1, u), plant.nominal)
+        for _ in range(count)
+    ]
+
+
+def with_equations(folder: Path, text: str) -> afl.Plant:
+    return small(folder, (EQUATIONS[0], EQUATIONS[1].format(text)))
+
+
+def test_compiled_and_interpreted_give_the_same() -> None:
+    plant = known("cart_double_pendulum.py:plant")
+    found = load_equations(plant, points(plant))
+    assert found.how == "compiled"
+    slow = equations._interpreted(plant)
+    for point in points(plant):
+        out = np.empty(3 * (3 + 1 + 1))
+        slow(*point, out)
+        np.testing.assert_allclose(found.raw(*point), out, rtol=1e-12)
+
+
+def test_what_numba_cannot_compile_is_interpreted_and_said(tmp_path: Path) -> None:
+    text = "def accelerations(q, v, u, p):\n    return {'a': [u[0], sin(q[1])]}.pop('a')"
+    plant = with_equations(tmp_path, text)
+    found = load_equations(plant, points(plant))
+    assert found.how.startswith("interpreted: ")
+    np.testing.assert_allclose(found.raw(*points(plant)[0])[0], points(plant)[0][2][0])
+
+
+def test_compiled_code_that_gives_other_numbers_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant = with_equations(tmp_path, "def accelerations(q, v, u, p):\n    return u[0], q[0]")
+
+    def wrong(q, v, u, p, out):
+        out[:] = 1.0
+
+    monkeypatch.setattr(equations, "_compiled", lambda plant: wrong)
+    assert (
+        load_equations(plant, points(plant)).how == "interpreted: compiled, they give other numbers"
+    )
+
+
+def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None:
+    (tmp_path / "constants.py").write_text("G = 2.0\ndef weight(x):\n    return G * x\n")
+    plant = tmp_path / "stale.py"
+    plant.write_text(
+        "import afl_mujoco as afl, constants\n"
+        "from constants import weight\n"
+        "def accelerations(q, v, u, p):\n    return (weight(1.0) + constants.G,)\n"
+        "plant = afl.Plant(name='x', model='<mujoco><worldbody><body><joint name=\"j\"/><geom size="
+        "\".1\"/></body></worldbody></mujoco>', coordinates=('j',), accelerations=accelerations)\n"
+    )
+    program = (
+        "import numpy as np\n"
+        "from afl_mujoco.plants.plant import load_plant\n"
+        "from afl_mujoco.plants.equations import load_equations\n"
+        "z = np.zeros(1)\n"
+        "found = load_equations(load_plant('stale.py:plant'), [(z, z, np.zeros(0), np.zeros(0))])\n"
+        "print(found.how, found.raw(z, z, np.zeros(0), np.zeros(0))[0])\n"
+    )
+    said = []
+    for constant in (2.0, 1.0, 1.0):
+        text = (tmp_path / "constants.py").read_text()
+        (tmp_path / "constants.py").write_text(text.replace("G = 2.0", f"G = {constant}"))
+        run = subprocess.run(
+            [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True,
+            env={"PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PATH": ""},
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        said.append(run.stdout.strip())
+    assert said == ["compiled 4.0", "compiled 2.0", "compiled 2.0"]
+
+
+def test_the_key_of_compiled_code_is_the_same_in_every_process(tmp_path: Path) -> None:
+    """Else nothing would be found in the cache."""
+    body = "    inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
+    plant = with_equations(tmp_path, f"def accelerations(q, v, u, p):\n{body}")
+    said = [*equations._read(plant.accelerations, {})]
+    assert not any(" at 0x" in text for text in said)
+
+
+WRONG = {
+    "accelerations must be 2 numbers": "return (u[0],)",
+    "accelerations must be finite": "return (u[0], float('nan'))",
+    "accelerations must be real numbers, got complex": "return (u[0], 1j)",
+    "accelerations must be real numbers": "return 'abc'",
+    "accelerations must not change its arguments": "q[0] = 0.0\n    return q",
+    "accelerations raised ZeroDivisionError": "return (1 / 0, 0.0)",
+    "accelerations raised AttributeError: .*p has mass, length; did you mean mass": (
+        "return (p.maas, 0.0)"
+    ),
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_equations_that_go_wrong_are_one_line(said: str, tmp_path: Path) -> None:
+    plant = with_equations(tmp_path, f"def accelerations(q, v, u, p):\n    {WRONG[said]}")
+    with pytest.raises(AflMujocoError, match=said):
+        load_equations(plant, points(plant))
+
+
+def test_sympy_expressions_become_terms_that_compile() -> None:
+    t = sp.Symbol("t")
+    q = sp.Function("q")(t)
+    u, m, length = sp.symbols("u m length")
+    terms = afl.from_sympy(
+        [[m * length**2]], [u - 9.81 * m * length * sp.sin(q) - q.diff(t) / 10],
+        [q], [q.diff(t)], [u], {m: "mass", length: "length"},
+    )  # fmt: skip
+    plant = afl.Plant(
+        name="x", coordinates=("j",), inputs=("u",), terms=terms,
+        model='<mujoco><worldbody><body name="b"><joint name="j" axis="0 1 0" damping=".1"/><geom '
+        'size=".1"/></body></worldbody><actuator><motor name="u" joint="j"/></actuator></mujoco>',
+        parameters={"mass": afl.Parameter(1.0), "length": afl.Parameter(0.5)},
+        write=lambda p: {"body b": afl.ball(mass=p.mass, radius=1e-3, center=(0, 0, -p.length))},
+    )  # fmt: skip
+    result = afl.check(plant, samples=100)
+    assert result.notes[-1] == "Equations: compiled."
+    assert result.headline.startswith("x: mass matrix, j: the inertia of body b is missing")
+
+
+@pytest.mark.parametrize(
+    ("said", "forcing"),
+    [
+        ("forcing must be linear in the inputs", lambda q, v, u: u**2),
+        ("symbol must be one of q, v, u, m, got 'k'", lambda q, v, u: u - sp.Symbol("k") * q),
+        ("expressions must have a form in Python", lambda q, v, u: u + sp.airyai(q)),
+    ],
+)
+def test_expressions_that_are_no_terms_are_one_line(said, forcing) -> None:
+    q, v, u, m = sp.symbols("q v u m")
+    with pytest.raises(AflMujocoError, match=said):
+        afl.from_sympy([[m]], [forcing(q, v, u)], [q], [v], [u], [m])

@@ -1,0 +1,87 @@
+"""What equations cannot describe is refused with the attribute to set, or said to be left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.plants.writer import PlantModel
+from tests.plants.plants import small
+
+ARM = '<joint name="arm" axis="0 1 0"/>'
+HEAD = "<mujoco>"
+MOTOR = '<motor name="torque" joint="arm"/>'
+
+REFUSED = {
+    "contact of bodies 'world' and 'arm' .*contype": (
+        (' contype="0" conaffinity="0"', ""),),
+    "equality constraint .*<equality>": (
+        ("</mujoco>", '<equality><joint joint1="arm" joint2="tip"/></equality></mujoco>'),),
+    "tendon .*<tendon>": (
+        ("</mujoco>", '<tendon><fixed><joint joint="arm" coef="1"/></fixed></tendon></mujoco>'),),
+    "activation state .*dyntype": (
+        (MOTOR, '<general name="torque" joint="arm" dyntype="filter" dynprm="1"/>'),),
+    "servo of actuator 'torque' .*<motor>": (
+        (MOTOR, '<position name="torque" joint="arm" kp="1"/>'),),
+    "fluid .*density": (("<worldbody>", '<option density="1.2"/><worldbody>'),),
+    "ball joint 'arm' .*not yet": ((ARM, '<joint name="arm" type="ball"/>'),),
+    "free joint 'arm' .*not yet": ((ARM, '<joint name="arm" type="free"/>'),),
+    "mocap body .*mocap": (
+        ("</worldbody>", '<body name="m" mocap="true"/></worldbody>'),),
+    "flex .*deformable": (
+        ("</worldbody>",
+         '<flexcomp name="f" type="grid" count="2 2 1" mass="1" radius=".01" rigid="true">'
+         '<contact contype="0" conaffinity="0"/></flexcomp></worldbody>'),),
+    "armature of actuator 'torque'": ((MOTOR, '<motor name="torque" joint="arm" armature="1"/>'),),
+    "<compiler inertiafromgeom> must be": (("angle=", 'inertiafromgeom="true" angle='),),
+    "<compiler boundmass> must be": (("angle=", 'boundmass="0.01" angle='),),
+    "<compiler settotalmass> must be": (("angle=", 'settotalmass="3" angle='),),
+    "<compiler balanceinertia> must be": (("angle=", 'balanceinertia="true" angle='),),
+    "<inertial fullinertia> of body 'arm' must be": (
+        ('<inertial pos="0 0 .2" mass="1" diaginertia=".1 .1 .1"/>',
+         '<inertial pos="0 0 .2" mass="1" fullinertia=".1 .1 .1 0 0 0"/>'),),
+    "<joint 'arm' springdamper> must be": ((ARM, ARM.replace("/>", ' springdamper="1 1"/>')),),
+    "write: body tip pos 2 must be in the model as it is written": (
+        ('<body name="tip"', '<frame pos="0 0 .1"><body name="tip"'),
+        ("</body></body></worldbody>", "</body></frame></body></worldbody>")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("said", REFUSED)
+def test_it_is_refused_in_one_line(said: str, tmp_path: Path) -> None:
+    with pytest.raises(AflMujocoError, match=said) as error:
+        PlantModel(small(tmp_path, *REFUSED[said]))
+    assert "\n" not in str(error.value)
+
+
+LEFT_OUT = {
+    "dry friction": ((ARM, ARM.replace("/>", ' frictionloss="1"/>')),),
+    "joint limits": ((ARM, ARM.replace("/>", ' range="-.1 .1"/>')),),
+    "limits of inputs": ((MOTOR, MOTOR.replace("/>", ' ctrlrange="-.1 .1"/>')),),
+    "actuatorfrcrange": ((ARM, ARM.replace("/>", ' actuatorfrcrange="-.1 .1"/>')),),
+    "gravcomp": (('<body name="tip"', '<body name="tip" gravcomp="1"'),),
+    "implicit integrator": (("<worldbody>", '<option integrator="implicitfast"/><worldbody>'),),
+    "eulerdamp": ((ARM, ARM.replace("/>", ' damping=".1"/>')),),
+    "autoreset": (),
+}
+
+
+@pytest.mark.parametrize("what", LEFT_OUT)
+def test_it_is_left_out_and_said_so(what: str, tmp_path: Path) -> None:
+    result = afl.check(small(tmp_path, *LEFT_OUT[what]), samples=50)
+    assert result.passed
+    assert what in result.notes[0]
+
+
+def test_geoms_that_cannot_touch_are_no_contact(tmp_path: Path) -> None:
+    neighbours = (
+        'size=".02 .1" pos="0 0 .2" contype="0" conaffinity="0"/>',
+        'size=".02 .1" pos="0 0 .2"/>',
+    )
+    geom = ('<site name="end"', '<geom size=".1"/><site name="end"')
+    PlantModel(small(tmp_path, neighbours, geom))  # parent and child
+    off = ("<worldbody>", '<option><flag contact="disable"/></option><worldbody>')
+    PlantModel(small(tmp_path, (' contype="0" conaffinity="0"', ""), off))

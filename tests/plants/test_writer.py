@@ -1,0 +1,112 @@
+"""Parameters written in place are those of a model compiled afresh."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.writer import PlantModel
+from tests.plants.plants import NAMES, known, small
+
+
+def drawn(plant: Plant, count: int) -> np.ndarray:
+    low, high = np.array([(x.low, x.high) for x in plant.parameters.values()]).T
+    return np.random.default_rng(0).uniform(low, high, (count, len(low)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_in_place_equals_afresh_number_for_number(name: str) -> None:
+    plant = known(name)
+    model = PlantModel(plant)
+    rows = model.rows(drawn(plant, 100))
+    model.require(rows)
+    model.mj_data.qpos[:] = 0.3
+    for row in rows:
+        model.write(row)
+        assert model.differing(row) == {}
+    assert np.all(model.mj_data.qpos == 0.3)  # mj_setConst has its own data
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_from_arrays_are_those_made_one_by_one(name: str) -> None:
+    plant = known(name)
+    model, p = PlantModel(plant), drawn(known(name), 7)
+    one_by_one = [model.rows(row)[0] for row in p]
+    np.testing.assert_allclose(model.rows(p), one_by_one, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "p.length = max(p.length, 0.3)",
+        "length = max(p.length, 0.3)",
+        "length = 0.3 if p.length < 0.3 else p.length",
+    ],
+)
+def test_a_write_that_knows_no_arrays_is_called_row_by_row(line: str, tmp_path) -> None:
+    change = ("    return {", f"    {line}\n    return {{"), ("length=p.length)", "length=length)")
+    if line.startswith("p."):
+        with pytest.raises(AflMujocoError, match="write must not change p"):
+            plant = small(tmp_path, *change[:1])
+            PlantModel(plant).rows(drawn(plant, 50))
+        return
+    plant = small(tmp_path, *change)
+    model, p = PlantModel(plant), drawn(plant, 50)
+    center = model.rows(p)[:, [str(x) for x in model.targets].index("body arm ipos 2")]
+    np.testing.assert_array_equal(center, np.maximum(p[:, 1], 0.3) / 2)
+
+
+def test_a_write_that_sums_over_its_arrays_is_not_believed(tmp_path) -> None:
+    sums = ("p.length / 2,", "float(__import__('numpy').sum(p.length)) / 2,")
+    plant = small(tmp_path, sums)
+    model, p = PlantModel(plant), drawn(plant, 5)
+    half = model.rows(p)[:, [str(x) for x in model.targets].index("geom arm size 1")]
+    np.testing.assert_array_equal(half, p[:, 1] / 2)
+
+
+def test_constants_that_are_not_refreshed_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    plant = known("quadrotor_load.py:plant")
+    model = PlantModel(plant)
+    row = model.rows(drawn(plant, 1))[0]
+    monkeypatch.setattr(mujoco, "mj_setConst", lambda model, data: None)
+    model.write(row)
+    assert {"body_subtreemass", "dof_M0", "body_invweight0"} <= model.differing(row).keys()
+
+
+def test_addresses_are_those_of_the_numbers_in_the_model() -> None:
+    import ctypes
+
+    plant = known("cart-pole")
+    model = PlantModel(plant)
+    (row,) = model.rows(drawn(plant, 1))
+    model.write(row)
+    at = [ctypes.c_double.from_address(int(x)).value for x in model.addresses]
+    np.testing.assert_array_equal(at, row)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_compiled_writer_writes_the_same(name: str) -> None:
+    from afl_mujoco.plants.library import write_row
+
+    plant = known(name)
+    model, other = PlantModel(plant), PlantModel(plant)
+    rows = model.rows(drawn(plant, 3))
+    for row in rows:
+        model.write(row)
+        write_row(other.structures, other.addresses, row)
+        assert other.differing(row) == {}
+
+
+def test_the_inertia_of_a_body_that_is_written_in_part_stays_what_its_geoms_give(tmp_path) -> None:
+    inertial = '<inertial pos="0 0 .2" mass="1" diaginertia=".1 .1 .1"/>'
+    whole = '"body arm": afl.rod(mass=p.mass, length=p.length), '
+    geom = '"geom arm size 1": p.length / 2, "geom arm pos 2": p.length / 2'
+    plant = small(tmp_path, (inertial, ""), (whole, '"body arm mass": p.mass, '), (geom, ""))
+    model = PlantModel(plant)
+    for row in model.rows(drawn(plant, 20)):
+        model.write(row)
+        assert model.differing(row) == {}
+    assert model.mj_model.body("arm").inertia[0] > 1e-4

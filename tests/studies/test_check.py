@@ -1,0 +1,306 @@
+"""The study that checks a plant: what it says, that each row would notice, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.plants import tree
+from afl_mujoco.plants.writer import PlantModel
+from afl_mujoco.studies.record import load_record
+from afl_mujoco.studies.registry import find_study
+from tests.plants.plants import NAMES, known, small, varied
+
+EQUATIONS = ("plant = afl.Plant(\n", "{}\n\nplant = afl.Plant(\n    {},\n")
+
+
+def rows(result) -> dict[str, bool]:
+    return {one.id: one.passed for one in result.checks}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_three_ways_agree_at_a_thousand_points(name: str) -> None:
+    result = afl.check(known(name))
+    assert result.passed and result.model_verified
+    values = {one.id: one.value for one in result.checks}
+    assert max(values["A1"], values["B1"], values["C1"]) < 1e-11
+    assert values["F1"] == values["F2"] == 0
+
+
+def test_the_command_checks_the_cart_pole_and_writes_what_it_says(command_line, tmp_path) -> None:
+    code, output, errors = command_line("check", "cart-pole", "--samples", "100", "--out", "out")
+    assert (code, errors) == (0, "")
+    last = output.splitlines()[-1]
+    assert last.startswith("PASS: cart-pole: MuJoCo obeys the equations at 100 points, to ")
+    content = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert (content["verdict"], content["model_verified"]) == ("pass", True)
+    assert content["headline"] == last.removeprefix("PASS: ")
+    assert {"id", "quantity", "value", "limit", "passed"} <= content["checks"][0].keys()
+    assert {"coordinate", "term", "q", "v", "u", "p"} <= content["worst"].keys()
+    assert content["worst"]["p"].keys() == {"cart_mass", "pole_mass", "half_length", "gravity"}
+    record = load_record(find_study("check"), tmp_path / "out")
+    assert record.result.headline == content["headline"]
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_a_plant_that_fails_gives_1_and_names_the_mistake(command_line, tmp_path) -> None:
+    text = "def accelerations(q, v, u, p):\n    return 0.0, 0.0"
+    spec = varied(
+        tmp_path, (EQUATIONS[0], EQUATIONS[1].format(text, "accelerations=accelerations"))
+    )
+    code, output, _ = command_line("check", spec, "--samples", "50", "--no-page", "--out", "out")
+    assert code == 1
+    assert output.splitlines()[-1].startswith("FAIL: small: accelerations, ")
+    content = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert (content["verdict"], content["model_verified"]) == ("fail", False)
+
+
+def test_without_equations_engine_and_mutation_are_verified_and_the_model_is_not(tmp_path) -> None:
+    result = afl.check(small(tmp_path), samples=100)
+    assert result.passed and not result.model_verified
+    assert result.headline == "small: engine and mutation verified; model not: no equations"
+    assert str(result).splitlines()[-1] == f"PASS: {result.headline}"
+
+
+def test_the_same_seed_gives_the_same_result_and_another_does_not() -> None:
+    one, two, other = (afl.check(known(NAMES[2]), 50, seed=x) for x in (1, 1, 2))
+    assert one == two != other
+
+
+def test_points_are_drawn_in_the_box_and_in_the_ranges_of_the_mjcf(tmp_path) -> None:
+    plant = small(
+        tmp_path, ('<joint name="tip"', '<joint name="tip" range="-.2 .3"'),
+        ('joint="arm"/>', 'joint="arm" ctrlrange="-.5 .5"/>'),
+    )  # fmt: skip
+    found = [
+        afl.check(plant, 3, seed=x, box={"arm": (0.1, 0.2), "mass": (0.7, 0.7)}).worst
+        for x in range(20)
+    ]
+    assert all(0.1 <= x.q["arm"] <= 0.2 and x.p["mass"] == 0.7 for x in found)
+    assert all(-0.2 <= x.q["tip"] <= 0.3 and abs(x.u["torque"]) <= 0.5 for x in found)
+
+
+@pytest.mark.parametrize(
+    "box", [{"amr": (0, 1)}, {"arm": (1, 0)}, {"arm": 3}, {"arm": (0, np.nan)}]
+)
+def test_a_box_that_is_none_is_refused(box, tmp_path) -> None:
+    with pytest.raises(afl.AflMujocoError, match=r"^box"):
+        afl.check(small(tmp_path), 3, box=box)
+
+
+# Each row notices what it is for
+
+QUAD = "quadrotor_load.py:plant"
+
+
+def test_a_writer_that_forgets_a_number_is_noticed_and_named(monkeypatch) -> None:
+    write = PlantModel.write
+
+    def forgets(self, row):
+        kept = self.mj_model.body_inertia.copy()
+        write(self, row)
+        self.mj_model.body_inertia[:] = kept
+
+    monkeypatch.setattr(PlantModel, "write", forgets)
+    result = afl.check(known(QUAD), 50)
+    assert not rows(result)["A1"]
+    assert "written in place it is another model (body_inertia)" in result.headline
+
+
+def test_constants_that_are_not_refreshed_are_noticed(monkeypatch) -> None:
+    monkeypatch.setattr(mujoco, "mj_setConst", lambda model, data: None)
+    result = afl.check(known(QUAD), 50)
+    found = rows(result)
+    assert found["A1"] and found["B1"] and not found["F1"] and not found["F2"]
+    assert "body_subtreemass" in result.headline
+
+
+def test_energy_that_is_not_kept_is_noticed(monkeypatch) -> None:
+    at = PlantModel.at
+
+    def pushed(self, q, v, u):
+        found = at(self, q, v, u)
+        return found._replace(accelerations=found.accelerations + 1e-6 * self.ledger)
+
+    monkeypatch.setattr(PlantModel, "ledger", 0.0, raising=False)
+    monkeypatch.setattr(PlantModel, "at", pushed)
+    assert rows(afl.check(known(QUAD), 50))["E2"]
+    monkeypatch.setattr(
+        "afl_mujoco.studies.check.Request.engine_alone",
+        _with_ledger(1.0),
+    )
+    assert not rows(afl.check(known(QUAD), 50))["E2"]
+
+
+def _with_ledger(value: float):
+    from afl_mujoco.studies.check import Request
+
+    usual = Request.engine_alone
+
+    def engine_alone(self):
+        self.model.ledger = value
+        usual(self)
+
+    return engine_alone
+
+
+def test_a_tree_that_is_wrong_is_noticed(monkeypatch) -> None:
+    usual = PlantModel.tree
+    monkeypatch.setattr(
+        PlantModel, "tree", lambda self, row: usual(self, row) | {"gravity": np.array([0, 0, -9.0])}
+    )
+    result = afl.check(known(QUAD), 50)
+    assert not rows(result)["A1"] and not rows(result)["A3"]
+    assert "MuJoCo is not the tree of its MJCF" in result.headline
+
+
+@pytest.mark.parametrize(
+    ("id", "terms"),
+    [
+        ("D1", lambda m, h, b, v: (m + np.triu(np.ones_like(m), 1), h, b)),
+        ("D2", lambda m, h, b, v: (-np.asarray(m), h, b)),
+        ("D3", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2] ** 2, b)),
+        ("D4", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2], b)),
+    ],
+)
+def test_terms_that_no_body_has_break_an_invariant(id: str, terms) -> None:
+    plant = known(QUAD)
+    usual = plant.terms
+    changed = replace_terms(plant, lambda q, v, p: terms(*map(np.array, usual(q, v, p)), v))
+    assert not rows(afl.check(changed, 50))[id]
+
+
+def replace_terms(plant: afl.Plant, terms) -> afl.Plant:
+    names = ("name", "coordinates", "inputs", "parameters", "write")
+    return afl.Plant(
+        model=plant.folder / plant.model, terms=terms, **{x: getattr(plant, x) for x in names}
+    )
+
+
+def test_the_tree_is_not_read_from_the_model_that_was_written() -> None:
+    model = PlantModel(known(QUAD))
+    row = model.rows(known(QUAD).nominal)[0]
+    before = model.tree(row)
+    model.write(1.1 * row)
+    after = model.tree(row)
+    for name in tree.Tree._fields:
+        np.testing.assert_array_equal(before[name], after[name])
+
+
+# Bad input: one line, exit code 2
+
+
+def equations(body: str, name: str = "accelerations", arguments: str = "q, v, u, p"):
+    text = f"def {name}({arguments}):\n    {body}"
+    return (EQUATIONS[0], EQUATIONS[1].format(text, f"{name}={name}"))
+
+
+BAD = {
+    "coordinates must be one of arm, tip, got 'amr'; did you mean arm?": (
+        ('("arm", "tip")', '("amr", "tip")'),),
+    "must be every joint of the MJCF in its order, ('arm', 'tip'), got ('tip', 'arm')": (
+        ('("arm", "tip")', '("tip", "arm")'),),
+    "coordinates must be every joint of the MJCF in its order, ('arm', 'tip'), got ('arm',)": (
+        ('("arm", "tip")', '("arm",)'),),
+    "inputs must be one of torque, got 'force'": (('inputs=("torque",)', 'inputs=("force",)'),),
+    "parameter 'idle' must change something that write returns, but nothing does": (
+        ("parameters={", 'parameters={"idle": afl.Parameter(1.0), '),),
+    "write: body arm mass must be written once, but is twice": (
+        ("    return {", '    return {"body arm mass": 1.0, '),),
+    "write must be one of body NAME, body NAME mass": (
+        ("    return {", '    return {"body arm mas": 1.0, '),),
+    "write: body must be one of arm, tip, got 'leg'": (("body arm", "body leg"),),
+    "write: 'body tip pos' must be a tuple of 3 numbers": (("body tip pos 2", "body tip pos"),),
+    "write: 'body tip pos 7' must have an index below 3, got 7": (("tip pos 2", "tip pos 7"),),
+    "write: 'geom arm size' must be a tuple of 3 numbers": (("arm size 1", "arm size"),),
+    "write must return a dictionary, got None": (
+        ("    return {", "    return None\n    return {"),),
+    "write raised KeyError: 'x'": (("    return {", "    {}['x']\n    return {"),),
+    "write: body arm mass must be positive, got -1 at mass = -1, length = 0.4": (
+        ('Parameter(1.0, "kg", low=0.5', 'Parameter(-1.0, "kg", low=-1.5'),),
+    "write: body arm mass must be positive, got -": (("low=0.5", "low=-20.0"),),
+    "write: body tip pos 0 must be a number, got 'far'": (
+        ("    return {", '    return {"body tip pos 0": "far", '),),
+    "write: body tip inertia 0 must be at most the sum of the other two, got 5": (
+        ("    return {", '    return {"body tip inertia": (5.0, 1.0, 1.0), '),),
+    "write: body tip inertia 2 must be written with all three": (
+        ("    return {", '    return {"body tip inertia 2": 0.1, '),),
+    "write: geom arm size 1 must not be negative, got -0.2": (
+        ('size 1": p.length', 'size 1": -p.length'),),
+    "write: body arm mass must be finite, got nan": (
+        ("mass=p.mass,", 'mass=p.mass * float("nan"),'),),
+    "accelerations must be 2 numbers, got shape (3,)": (equations("return 1.0, 2.0, 3.0"),),
+    "accelerations must be finite": (equations("return float('nan'), 0.0"),),
+    "accelerations must be real numbers, got complex": (equations("return 1j, 0.0"),),
+    "accelerations must not change its arguments, but does": (
+        equations("q[0] = 1.0\n    return q"),),
+    "accelerations must not change its arguments, but does ": (
+        equations("p.mass = 1.0\n    return q"),),
+    "terms must return (M, h, B), got 1.0": (equations("return 1.0", "terms", "q, v, p"),),
+    "terms: M must have shape (2, 2)": (equations("return 1.0, q, q", "terms", "q, v, p"),),
+    "small.py cannot be imported: ZeroDivisionError": (("def write", "1 / 0\ndef write"),),
+    "small.py cannot be imported: SyntaxError": (("def write", "def def write"),),
+    "MJCF of plant 'small' cannot be parsed: XML": (("<mujoco>", "<mujoco><"),),
+    "MJCF of plant 'small' cannot be parsed: ": (('type="capsule"', 'type="capsul"'),),
+    "absent.xml cannot be read: no such file": (("model=XML", 'model="absent.xml"'),),
+    "small.py: parameter 'arm_dot' must not have the name of a state": (
+        ('{"mass": afl', '{"arm_dot": afl.Parameter(1.0), "mass": afl'),),
+    "small.py: value must lie in 0.5 to 0.8, got 0.4": (("low=0.2", "low=0.5"),),
+    "small.py: rate must be one of frozen, enters, got 'enter'; did you mean": (
+        ('low=0.2, high=0.8', 'low=0.2, high=0.8, rate="enter"'),),
+    "small.py: axis must be one of x, y, z": (("length=p.length)", 'length=p.length, axis="w")'),
+        ("plant = afl", "write(afl.ball(mass=1, radius=1))\nplant = afl"),
+        ("mass=p.mass, length=p.length", "mass=p.mass, length=p.mass")),
+    "plant 'small.py:plan' must be": (),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_bad_input_is_one_line_with_exit_code_2(said: str, command_line, tmp_path) -> None:
+    spec = varied(tmp_path, *BAD[said])
+    spec = spec[:-1] if "small.py:plan'" in said else spec
+    code, output, errors = command_line("check", spec, "--samples", "300", "--out", "out")
+    assert (code, output, errors.count("\n")) == (2, "", 1), errors
+    assert said.rstrip() in errors or spec.endswith("plan")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("absent.py:plant",), "absent.py cannot be read: no such file"),
+        (
+            ("absent.py",),
+            "plant must be FILE.py:NAME or MODULE:NAME, got 'absent.py'; did you mean",
+        ),
+        (("json:dumps",), "plant 'json:dumps' must be an afl.Plant"),
+        (("cart-pole", "--samples", "0"), "samples must be at least 1"),
+        (("cart-pole", "--seed", "-1"), "seed must be at least 0"),
+    ],
+)
+def test_bad_arguments_are_one_line(arguments, said, command_line) -> None:
+    code, _, errors = command_line("check", *arguments)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert said in errors
+
+
+def test_singular_equations_say_how_to_leave_the_singularity_out(tmp_path: Path) -> None:
+    text = "def accelerations(q, v, u, p):\n    return (q[0] - 0.15) ** 0.5 * 0.0, 0.0"
+    plant = small(
+        tmp_path, (EQUATIONS[0], EQUATIONS[1].format(text, "accelerations=accelerations"))
+    )
+    with pytest.raises(afl.AflMujocoError, match="accelerations must be"):
+        afl.check(plant, 300)
+    afl.check(plant, 300, box={"arm": (0.2, 1.0)})
+
+
+def test_the_result_is_a_dataclass_that_compares() -> None:
+    result = afl.check("cart-pole", 20)
+    assert replace(result) == result
+    assert repr(result) == f"<{result.headline}>"
