@@ -37,7 +37,7 @@ POINTS = 20
 AGREE = 1e-9
 """How well they must agree: compilers reorder sums, and no mistake is that small."""
 
-INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parents[1].name}/")
+INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parents[1]}/")
 """Parts of paths of modules that do not change between two runs; the last of our own."""
 
 
