@@ -15,6 +15,7 @@ from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies import attraction as attraction_study
+from afl_mujoco.studies import check as check_study
 from afl_mujoco.studies import compare as compare_study
 from afl_mujoco.studies import estimation as estimation_study
 from afl_mujoco.studies import hardware as hardware_study
@@ -41,6 +42,11 @@ def thresholds() -> thresholds_study.Result:
     return thresholds_study.run(
         thresholds_study.Request(USED, (scenario,), settings, ("delay", "rail", "combined"))
     )
+
+
+@cache
+def checked() -> check_study.Result:
+    return check_study.check("cart-pole", samples=3)
 
 
 @cache
@@ -188,7 +194,7 @@ def hardware() -> hardware_study.Result:
 
 
 RESULTS = {
-    "validate": make_result, "compare": compare,
+    "validate": make_result, "check": checked, "compare": compare,
     "thresholds": thresholds, "montecarlo": monte_carlo, "attraction": attraction,
     "margins": margins, "estimation": estimation,
     "identify": identified, "hardware": hardware,

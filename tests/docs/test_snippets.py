@@ -46,3 +46,22 @@ def test_the_study_of_the_guide_is_a_command(tmp_path: Path, monkeypatch, comman
     assert (code, errors) == (0, "")
     assert output.splitlines()[-1] == "1 of 2 controllers keep the pole up."
     assert (tmp_path / "out" / "falling.json").is_file()
+
+
+def test_the_plant_of_the_guide_has_the_mistake_that_it_says_and_is_mended(
+    tmp_path: Path, command_line
+) -> None:
+    page = (ROOT / "docs/howto/own_plant.md").read_text(encoding="utf-8")
+    blocks = {kind: page.split(f"```{kind}\n")[1].split("```")[0] for kind in ("xml", "text")}
+    plant = snippet("docs/howto/own_plant.md")
+    (tmp_path / "furuta.xml").write_text(blocks["xml"])
+    (tmp_path / "furuta.py").write_text(plant)
+    arguments = ("check", "furuta.py:plant", "--no-page", "--out", "checked")
+    code, output, errors = command_line(*arguments)
+    assert (code, output.splitlines()[-1], errors) == (1, blocks["text"].strip(), "")
+    mended = plant.replace("        twist * v[0]", "        2 * twist * v[0]")
+    assert mended != plant
+    (tmp_path / "furuta.py").write_text(mended)
+    code, output, errors = command_line(*arguments)
+    assert (code, errors) == (0, "")
+    assert output.splitlines()[-1].startswith("PASS: furuta: MuJoCo obeys the equations at 1000")

@@ -169,6 +169,11 @@ CASES = {
         ),
         (["--controllers", "integrating:Force"], "is stateful, which this comparison does not"),
     ],
+    "check": [
+        (["--samples", "0"], "samples must be at least 1, got 0"),
+        (["--seed", "-1"], "seed must be at least 0, got -1"),
+        (["nowhere.py"], "plant must be FILE.py:NAME or MODULE:NAME, got 'nowhere.py'"),
+    ],
     "thresholds": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
         (["--imperfections", "gravity"], "imperfection must be one of control-period, delay, "),
