@@ -117,7 +117,10 @@ class PlantModel:
             names = tuple(one.name for one in there)
             for name in given:
                 if name not in names:
-                    raise UnknownNameError.among(thing, name, filter(None, names))
+                    known = [*filter(None, names)] or [
+                        f"the names of the {kind}s, of which none has"
+                    ]
+                    raise UnknownNameError.among(thing, name, known)
             if tuple(given) != names:
                 rule = f"must be every {kind} of the MJCF in its order, {names}"
                 raise InvalidValueError(thing, rule, f"{tuple(given)}")

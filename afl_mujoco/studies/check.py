@@ -312,11 +312,18 @@ class Request:
         rounding = ROUNDING * _condition(self.reference.mass)
         agreed = [
             self.add(f"{id}{i}", f"{WORDS[name]}: {who}",
-                     float(_difference(getattr(one, name), getattr(other, name)).max(initial=0.0)),
+                     float(self.gap(name, one, other).max(initial=0.0)),
                      max(LIMIT, rounding) if name == "accelerations" else LIMIT)
             for i, name in enumerate(terms, 1)
         ]  # fmt: skip
         return all(agreed)
+
+    def gap(self, term: str, one: Sampled, other: Sampled) -> Floats:
+        """Return how far two are apart in a term, as shares of what it consists of."""
+        floor = 1e-3 * (self.points.v**2).max(axis=1)  # rates alone may give nothing but rounding
+        size = np.abs(self.reference.mass).max(axis=(1, 2))
+        floors = {"accelerations": floor, "bias": floor * size}
+        return _difference(getattr(one, term), getattr(other, term), floors.get(term, 0.0))
 
     def run(self, progress: Progress) -> Result:
         """Return the result: the pointwise comparison first, the rest only if it agrees."""
@@ -456,7 +463,7 @@ class Request:
 
     def point_of(self, term: str, one: Sampled, other: Sampled) -> tuple[int, Floats]:
         """Return the point at which two differ most, and the difference there."""
-        gap = _difference(getattr(one, term), getattr(other, term))
+        gap = self.gap(term, one, other)
         i = int(np.argmax(gap.reshape(len(gap), -1).max(axis=1)))
         return i, gap[i]
 
@@ -481,7 +488,7 @@ class Request:
     def equations_differ(self, equations: Equations, theirs: Sampled) -> tuple[str, Worst]:
         """Return the headline where the equations are not those of the tree."""
         worst = self.worst_of(term := self.failing("C"), theirs, self.reference)
-        gap = _difference(getattr(theirs, term), getattr(self.reference, term))
+        gap = self.gap(term, theirs, self.reference)
         most = np.argsort(-gap.reshape(len(gap), -1).max(axis=1))[: SEARCHED // 2]
         few = np.unique([*most, *np.linspace(0, len(gap) - 1, SEARCHED // 2).astype(int)])
         points = Points(*(x[few] for x in self.points))
@@ -524,11 +531,15 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
     return low, high
 
 
-def _difference(one: Floats, other: Floats) -> Floats:
-    """Return absolute differences as shares of the largest component of each point."""
+def _difference(one: Floats, other: Floats, floor: Floats | float = 0.0) -> Floats:
+    """Return absolute differences as shares of the largest component of each point.
+
+    floor: The least size of a component, (N,): what should be zero is rounding, and no share of it.
+    """
     axes = tuple(range(1, one.ndim))
-    size = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, keepdims=True, initial=0.0)
-    gap = np.abs(one - other) / np.where(size > 0.0, size, 1.0)
+    size = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0)
+    size = np.maximum(size, floor)
+    gap = np.abs(one - other) / np.where(size > 0.0, size, 1.0).reshape(-1, *(1 for _ in axes))
     return np.where(np.isnan(gap), np.inf, gap)
 
 
