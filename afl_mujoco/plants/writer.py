@@ -43,9 +43,6 @@ INERTIAL = ("mass", "ipos", "inertia")
 SMALLEST = float(mujoco.mjMINVAL)
 """MuJoCo refuses masses and inertias of moving bodies below this."""
 
-KINDS = (np.ndarray, int, float, bytes)
-"""What the numbers of options are in Python."""
-
 SAME = 1e-12
 """Rows from arrays and one by one agree to this: NumPy's powers round differently."""
 
@@ -102,8 +99,8 @@ class PlantModel:
         self._base = {name: np.array(x) for name, x in self._tree_fields(self.mj_model).items()}
         self._require_kept(np.array(first))
         self._compared = {  # model.stat stays what it was, on purpose
-            "model": [x for x in dir(m) if isinstance(getattr(m, x), np.ndarray)],
-            "opt": [x for x in dir(m.opt) if isinstance(getattr(m.opt, x), KINDS)],
+            "model": [x for x in dir(m) if np.size(_array(m, x))],
+            "opt": [x for x in dir(m.opt) if np.size(_array(m.opt, x))],
         }
         self.last: Floats = np.array(first)
         self._require_parameters_used()
@@ -367,9 +364,9 @@ class PlantModel:
         for place, names in self._compared.items():
             mine, its = (x if place == "model" else x.opt for x in (self.mj_model, fresh))
             for name in names:
-                one, other = getattr(mine, name), getattr(its, name)
-                if not np.array_equal(one, other):
-                    found[name] = int(np.sum(np.asarray(one) != np.asarray(other)))
+                one, other = np.asarray(getattr(mine, name)), np.asarray(getattr(its, name))
+                if one.tobytes() != other.tobytes() and (count := int(np.sum(one != other))):
+                    found[name] = count
         return found
 
     def tree(self, row: Floats) -> dict[str, Any]:
@@ -412,6 +409,12 @@ class PlantModel:
             "motor_gain": m.actuator_gainprm[:, 0],
             "site_body": m.site_bodyid.astype(np.int64),
         }
+
+
+def _array(holder: Any, name: str) -> Any:
+    """Return what a model or its options hold by a name, if it is numbers."""
+    held = () if name[0] == "_" else getattr(holder, name)
+    return held if isinstance(held, np.ndarray | int | float) else ()
 
 
 def _parsed(key: Any) -> tuple[Target, int]:

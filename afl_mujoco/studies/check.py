@@ -389,10 +389,8 @@ class Request:
         root = np.where(root > 0.0, root, 1.0)
         least = np.linalg.eigvalsh(0.5 * (m + swapped) / root[:, :, None] / root[:, None, :]).min()
         self.add("D2", "mass matrix is positive: least eigenvalue", float(least), 1e-12, least=True)
-        work = [
-            _work(equations, q, v, p, tree.dof_damping)
-            for q, v, p, tree in zip(*self.points[:2], self.points.p, self.trees, strict=True)
-        ][:FEW]  # fmt: skip
+        few = [x[:FEW] for x in (self.points.q, self.points.v, self.points.p, self.trees)]
+        work = [_work(equations, q, v, p, t.dof_damping) for q, v, p, t in zip(*few, strict=True)]
         quadratic, linear = np.max(work, axis=0)
         self.add("D3", "work of the velocity terms is 1/2 v M' v", quadratic, 1e-8)
         self.add("D4", "terms linear in rates do the work of the damping only", linear, 1e-8)
