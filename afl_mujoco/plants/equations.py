@@ -53,16 +53,6 @@ class Equations:
         """Return M, h and B, shapes (n, n), (n,) and (n, k)."""
         return _parts(self.raw(q, v, np.zeros(len(self.plant.inputs)), p), self.plant)
 
-    def accelerations(self, q: Floats, v: Floats, u: Floats, p: Floats) -> Floats:
-        """Return the accelerations, shape (n,), NaN where there are none."""
-        if not self.plant.terms:
-            return self.raw(q, v, u, p)
-        mass, bias, inputs = self.terms(q, v, p)
-        try:
-            return cast(Floats, np.linalg.solve(mass, inputs @ u - bias))
-        except np.linalg.LinAlgError:
-            return np.full(len(q), np.nan)
-
     def raw(self, q: Floats, v: Floats, u: Floats, p: Floats) -> Floats:
         """Return what the equations give, row by row: M, h and B, or the accelerations."""
         out = np.empty(size_of(self.plant))

@@ -289,9 +289,3 @@ def terms_of(tree: Tree, q: Floats, v: Floats) -> Terms:
     found = Terms(np.empty((n, n)), np.empty(n), np.empty((n, k)), np.empty(2))
     terms(tree, q, v, *found)
     return found
-
-
-def acceleration(tree: Tree, q: Floats, v: Floats, u: Floats) -> Floats:
-    """Return the accelerations of a tree, shape (n,)."""
-    found = terms_of(tree, q, v)
-    return np.asarray(np.linalg.solve(found.mass, found.inputs @ u - found.bias), np.float64)

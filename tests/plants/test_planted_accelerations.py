@@ -19,23 +19,43 @@ def accelerations(q, v, u, p):
 MISTAKES = {
     "right": ("", "", "MuJoCo obeys the equations"),
     "sign of the centripetal term in z": (
-        "4 / 3 * (u - k)", "4 / 3 * (u + k)",
-        "phi_dot^2 in the acceleration of z has the other sign"),
+        "4 / 3 * (u - k)",
+        "4 / 3 * (u + k)",
+        "phi_dot^2 in the acceleration of z has the other sign",
+    ),
     "sign of the centripetal term in both": ("k, w, d = m", "k, w, d = -m", "phi_dot^2"),
-    "4/3 missing from D": ("d = m * l * v[1] ** 2 * s, m * g * s, 4 / 3 *",
-                           "d = m * l * v[1] ** 2 * s, m * g * s, ", "the determinant"),
+    "4/3 missing from D": (
+        "d = m * l * v[1] ** 2 * s, m * g * s, 4 / 3 *",
+        "d = m * l * v[1] ** 2 * s, m * g * s, ",
+        "the determinant",
+    ),
     "gravity missing from z": (
-        "(w * c + ", "(0.0 * c + ", "gravity in the acceleration of z is missing"),
+        "(w * c + ",
+        "(0.0 * c + ",
+        "gravity in the acceleration of z is missing",
+    ),
     "weight of the pole only": ("(M + m) * g * s", "m * g * s", ""),
     "inertia of a point": ("4 / 3 * (M + m) - ", "(M + m) - ", ""),
     "force counted twice": ("u[0]\n", "2 * u[0]\n", "gear of input force is doubled"),
     "stale mass": ("p.cart_mass,", "1.0,", "stale constant: the equations have cart_mass = 1 "),
-    "stale gravity": ("p.gravity\n", "9.81\n", "stale constant: the equations have gravity = 9.81 "),
-    "length for half the length": ("p.half_length", "2.0 * p.half_length", "the length of body pole"),
-    "angle from hanging down": ("sin(q[1]), cos(q[1])", "-sin(q[1]), -cos(q[1])", "centre of mass of body pole"),
+    "stale gravity": (
+        "p.gravity\n",
+        "9.81\n",
+        "stale constant: the equations have gravity = 9.81 ",
+    ),
+    "length for half the length": (
+        "p.half_length",
+        "2.0 * p.half_length",
+        "the length of body pole",
+    ),
+    "angle from hanging down": (
+        "sin(q[1]), cos(q[1])",
+        "-sin(q[1]), -cos(q[1])",
+        "centre of mass of body pole",
+    ),
     "angle to the other side": ("q[1]), u[0]", "q[1]), -u[0]", ""),
     "degrees": ("    s, c", "    q = 57.29577951308232 * q\n    s, c", "phi is in degrees"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
