@@ -7,11 +7,11 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # A target for each study, by the name that its folder gives it.
 named = $(shell sed -n '/^STUDY = Study(/,/^)/s/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
-STUDIES := $(call named,afl_mujoco/studies/*.py)
+STUDIES := $(filter-out check,$(call named,afl_mujoco/studies/*.py)) # make check is that of the code
 QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: $(STUDIES) help setup validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune readings claims bench faults mutants check lock clean distclean
+.PHONY: $(STUDIES) help setup plant validate proof robustness render view report docs results dist test slow regression baselines pinocchio cluster tune readings claims bench faults mutants check lock clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -20,6 +20,9 @@ help: ## list the targets
 setup: $(READY) ## create .venv (every other target does so by itself)
 
 validate: $(READY) ## compare MuJoCo with the analytic model on every case; options as ARGS="..."
+
+plant: $(READY) ## check an MJCF against its equations; ARGS="examples/quadrotor_load.py:plant"
+	@$(BIN)/afl-mujoco check $(ARGS)
 
 proof: $(READY) ## validate, with refinement studies, ledgers, and the effect of what the paper omits
 	@$(BIN)/afl-mujoco validate --full --out renders/proof $(ARGS)
