@@ -32,9 +32,9 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.values import require_positive
 
 LANES = 16
 """Loops that a block integrates at a time: some vectors of the processor, all in its L1 cache."""

@@ -19,8 +19,8 @@ from afl_mujoco.compiled import kernel
 from afl_mujoco.control.gains import scheduled_gain
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
+from afl_mujoco.values import require_positive
 from research.batch import (
     FALL_TANGENT,
     SMALLEST_STEP,

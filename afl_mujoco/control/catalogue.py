@@ -33,7 +33,7 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, PlantRange
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import require_type
+from afl_mujoco.values import require_type
 
 
 class GainError(InvalidValueError):

@@ -15,7 +15,7 @@ from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     Positive,
     Switch,
     check_fields,

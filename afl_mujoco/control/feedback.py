@@ -26,7 +26,7 @@ from afl_mujoco.control.controller import (
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
-from afl_mujoco.scenario.values import require_type
+from afl_mujoco.values import require_type
 
 GAIN_COUNT = 4
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, PlantRange
-from afl_mujoco.scenario.values import require_finite, require_positive, require_type
+from afl_mujoco.values import require_finite, require_positive, require_type
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

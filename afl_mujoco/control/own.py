@@ -6,12 +6,10 @@ import contextlib
 import copy
 import dis
 import hashlib
-import importlib
 import inspect
 import math
 import os
 import signal
-import sys
 import threading
 import time as clock
 import types
@@ -27,8 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
+from afl_mujoco.loading import import_from
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.values import require_positive, require_type
+from afl_mujoco.values import require_positive, require_type
 
 ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
 
@@ -453,21 +452,7 @@ def load_attribute(spec: str) -> Any:
         if (meant := _module_of(module_name)) not in ("", module_name):
             rule += f", with no slash or .py; did you mean {meant}:{function_name}?"
         raise InvalidValueError(thing, rule)
-    folder = os.getcwd()
-    if folder not in sys.path:
-        sys.path.append(folder)  # last, so that no user file hides an installed module
-    try:
-        found: Any = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        if error.name not in (module_name, module_name.split(".")[0]):
-            raise InvalidValueError(thing, f"needs a module: {error}") from None
-        rule = f"must be in a module that is installed or in {folder}: {error}"
-        raise InvalidValueError(thing, rule) from None
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        rule = f"cannot be imported: {type(error).__name__}: {told(error)}"
-        raise InvalidValueError(thing, rule) from error
+    found: Any = import_from(os.getcwd(), module_name, thing)
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name

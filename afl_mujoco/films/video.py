@@ -22,7 +22,7 @@ from afl_mujoco.films.replay import Deployment, frame_times, record
 from afl_mujoco.films.scene import require_size
 from afl_mujoco.pool import interrupts_held, open_executor
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import require_distinct
+from afl_mujoco.values import require_distinct
 
 MOST_RUNS, MOST_FPS = 4, 240  # largest number of runs in a film, and of frames per second
 POSTER_TIME = 1.2  # instant of the poster of a film [s], at which the pole is moving

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     Check,
     Checked,
     Finite,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import FileError, InvalidValueError, meant, reading
 from afl_mujoco.files import atomic_file, read_utf8
 from afl_mujoco.identification.description import UNITS, Description
-from afl_mujoco.scenario.values import require_distinct, within
+from afl_mujoco.values import require_distinct, within
 
 MOST_BYTES = 100_000_000  # largest size of a file that is read
 LEAST_ROWS = 50  # least number of rows of a log: a second at 50 Hz

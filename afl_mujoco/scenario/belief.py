@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     check_fields,
     require_finite,
     require_plausible,

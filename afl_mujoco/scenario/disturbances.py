@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     Checked,
     Positive,
     Time,

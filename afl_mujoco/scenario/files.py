@@ -34,7 +34,7 @@ from afl_mujoco.scenario.schedules import (
     staircase,
     trapezoid,
 )
-from afl_mujoco.scenario.values import departures, require_type, within
+from afl_mujoco.values import departures, require_type, within
 
 
 class _NumberOrTable:

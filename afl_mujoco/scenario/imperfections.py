@@ -15,7 +15,7 @@ from typing import Annotated, Any, NamedTuple
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import ERRORS
 from afl_mujoco.scenario.parameters import COORDINATES, INPUTS, RATES, STATE
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     EMPTY,
     ByName,
     Checked,

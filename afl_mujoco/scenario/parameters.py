@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.values import Checked, Positive
+from afl_mujoco.values import Checked, Positive
 
 COORDINATES = MappingProxyType({"z": "m", "phi": "rad"})
 """The coordinates and their units."""

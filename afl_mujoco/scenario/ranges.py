@@ -11,7 +11,7 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError, meant
 from afl_mujoco.scenario.belief import ERRORS, require_error
 from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS, Imperfections
 from afl_mujoco.scenario.parameters import CONSTANTS, SCHEDULES, STATE
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     EMPTY,
     ByName,
     Positive,

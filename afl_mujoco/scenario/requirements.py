@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.parameters import INPUTS, STATE
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     EMPTY,
     ByName,
     Positive,

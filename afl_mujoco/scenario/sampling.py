@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import PER_SECOND, require_positive
+from afl_mujoco.values import PER_SECOND, require_positive
 
 MOST_STEPS = 10_000_000
 """Largest number of steps: more would fill the memory before the run ends."""

@@ -28,7 +28,7 @@ from afl_mujoco.scenario.parameters import (
 from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.requirements import NONE, PEAKS, Requirements
 from afl_mujoco.scenario.schedules import Schedule, constant
-from afl_mujoco.scenario.values import (
+from afl_mujoco.values import (
     EMPTY,
     ByName,
     check_fields,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.values import instant, require_finite, require_positive, require_type
+from afl_mujoco.values import instant, require_finite, require_positive, require_type
 
 _MANY = 256
 """Number of times above which it pays to check whether they increase."""

@@ -18,7 +18,6 @@ from scipy.integrate import DOP853, solve_ivp
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,
@@ -30,6 +29,7 @@ from afl_mujoco.simulation.trajectory import (
     ending_of,
     within_limits,
 )
+from afl_mujoco.values import require_positive
 
 STAGES, ROWS = 12, 16
 """Stages of a step; rows with the stage at its end and three more for the dense output."""

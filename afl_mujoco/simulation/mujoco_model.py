@@ -22,7 +22,7 @@ from afl_mujoco.plants.library import mj_step as mj_step
 from afl_mujoco.plants.library import mujoco as mujoco
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
-from afl_mujoco.scenario.values import require_positive
+from afl_mujoco.values import require_positive
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
 """Half-size of the cart's box [m]; its inertia is that of a uniform box, but it never rotates."""

@@ -19,10 +19,10 @@ from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import require_finite, require_positive
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.sampled.runs import fine_enough, ticks_of
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.values import require_finite, require_positive
 
 choose_backend()
 from afl_mujoco.simulation.mujoco_physics import Physics  # noqa: E402  (says if dm_control is missing)

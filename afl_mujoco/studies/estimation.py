@@ -24,12 +24,12 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
-from afl_mujoco.scenario.values import require_distinct
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, counted, silent
 from afl_mujoco.studies.run import Deployed, run_kept
+from afl_mujoco.values import require_distinct
 
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 """The paper's four schedules."""

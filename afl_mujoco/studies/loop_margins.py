@@ -22,7 +22,7 @@ from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import SNAP
-from afl_mujoco.scenario.values import require_positive
+from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:
     from control import StateSpace

@@ -26,7 +26,6 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, CartPoleParameters
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import require_positive
 from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
 from afl_mujoco.studies.bisection import find_threshold, scan_levels
@@ -43,6 +42,7 @@ from afl_mujoco.studies.loop_margins import (
     linearize,
     loop_margins,
 )
+from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:
     import mujoco

@@ -21,10 +21,10 @@ from afl_mujoco.scenario.parameters import SCHEDULES
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import require_distinct
 from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.cube_search import Budget, minimise
 from afl_mujoco.studies.run import Deployed, Run, run_all
+from afl_mujoco.values import require_distinct
 
 Scenarios = tuple[Scenario, ...]
 Hardware = dict[str, Any]

@@ -18,7 +18,6 @@ from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import require_distinct
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
     ControllerNames,
@@ -46,6 +45,7 @@ from afl_mujoco.studies.robustness import (
 )
 from afl_mujoco.studies.run import Rows, Run
 from afl_mujoco.studies.tables import how
+from afl_mujoco.values import require_distinct
 
 DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
 """Seeds, levels of the scan and tolerance, unless given otherwise."""

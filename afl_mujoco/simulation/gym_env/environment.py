@@ -19,10 +19,10 @@ from afl_mujoco.scenario.imperfections import require_on_rail
 from afl_mujoco.scenario.parameters import SCHEDULES, CartPoleParameters
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.values import require_finite
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.values import require_finite
 
 require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)

@@ -1,0 +1,48 @@
+"""Code of the user's: imported and called, whatever it raises told in one line."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, told
+
+
+@contextmanager
+def told_of(thing: str, did: str = "raised") -> Iterator[None]:
+    """Turn whatever code of the user's raises in the block into an error of one line."""
+    try:
+        yield
+    except AflMujocoError as error:  # it called the package wrongly
+        raise error.within(f"{thing}: ") from None
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        rule = f"{did} {type(error).__name__}: {told(error)}"
+        raise InvalidValueError(thing, rule) from error
+
+
+def look_in(folder: str | Path) -> None:
+    """Find modules in a folder too; last, so that no user file hides an installed module."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+
+
+def import_from(folder: str | Path, name: str, thing: str) -> ModuleType:
+    """Return a module that is installed or in a folder, or raise in one line."""
+    look_in(folder)
+    with told_of(thing, "cannot be imported:"):
+        try:
+            return importlib.import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name not in (name, name.split(".")[0]):
+                rule = f"needs a module: {error}"
+            else:
+                rule = f"must be in a module that is installed or in {folder}: {error}"
+            missing: Any = InvalidValueError(thing, rule)
+    raise missing
