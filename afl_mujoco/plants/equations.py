@@ -7,10 +7,10 @@ import sys
 import types
 import warnings
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from afl_mujoco.errors import (
     meant,
     told,
 )
+from afl_mujoco.loading import told_of
 from afl_mujoco.plants.plant import Plant
 
 Floats = NDArray[np.float64]
@@ -37,8 +38,20 @@ POINTS = 20
 AGREE = 1e-9
 """How well they must agree: compilers reorder sums, and no mistake is that small."""
 
+ROUNDING = 1e-12
+"""What of the largest number may be left where terms cancel."""
+
 INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parents[1]}/")
 """Parts of paths of modules that do not change between two runs; the last of our own."""
+
+
+class Points(NamedTuple):
+    """States, inputs and parameters, a row each."""
+
+    q: Floats  # (K, n)
+    v: Floats  # (K, n)
+    u: Floats  # (K, k)
+    p: Floats  # (K, parameters)
 
 
 @dataclass(frozen=True)
@@ -49,65 +62,72 @@ class Equations:
     fill: Fill
     how: str  # "compiled", or why they are interpreted
 
-    def terms(self, q: Floats, v: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return M, h and B, shapes (n, n), (n,) and (n, k)."""
-        return _parts(self.raw(q, v, np.zeros(len(self.plant.inputs)), p), self.plant)
+    def at(self, points: Points, *, gaps: bool = False) -> Floats:
+        """Return what they give, a row a point: accelerations, or M, h and B row by row.
 
-    def raw(self, q: Floats, v: Floats, u: Floats, p: Floats) -> Floats:
-        """Return what the equations give, row by row: M, h and B, or the accelerations."""
-        out = np.empty(size_of(self.plant))
-        self.fill(q, v, u, p, out)
-        return out
+        gaps: NaN where they raise, or give what is not finite; else this is an error.
+        """
+        n, k = len(self.plant.coordinates), len(self.plant.inputs)
+        found = np.full((len(points.q), n * (n + 1 + k) if self.plant.terms else n), np.nan)
+        for *point, out in zip(*points, found, strict=True):
+            try:
+                self.fill(*point, out)
+                if not np.isfinite(out).all():
+                    rule = "must be finite; box= of afl.check leaves singularities out"
+                    at = f"{out.tolist()} at q = {point[0].tolist()}"
+                    raise InvalidValueError(_word(self.plant), rule, at)
+            except AflMujocoError:
+                if not gaps:
+                    raise
+                out[:] = np.nan
+        return found
 
 
-def size_of(plant: Plant) -> int:
-    """Return how many numbers the equations give: accelerations, or M, h and B row by row."""
-    n, k = len(plant.coordinates), len(plant.inputs)
-    return n * (n + 1 + k) if plant.terms else n
+def split(plant: Plant, rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return M (K, n, n), h (K, n) and B (K, n, k) of what equations in terms give."""
+    n = len(plant.coordinates)
+    mass, bias, inputs = np.split(rows, [n * n, n * n + n], axis=1)
+    return mass.reshape(-1, n, n), bias, inputs.reshape(len(rows), n, len(plant.inputs))
 
 
-def _parts(out: Floats, plant: Plant) -> tuple[Floats, Floats, Floats]:
-    n, k = len(plant.coordinates), len(plant.inputs)
-    return out[: n * n].reshape(n, n), out[n * n : n * n + n], out[n * n + n :].reshape(n, k)
+def _word(plant: Plant) -> str:
+    return "terms" if plant.terms else "accelerations"
 
 
-def load_equations(plant: Plant, points: Sequence[tuple[Floats, ...]]) -> Equations:
+def load_equations(plant: Plant, points: Points) -> Equations:
     """Return the equations of a plant, compiled where both ways agree at random points.
-
-    points: Some random points (q, v, u, p).
 
     Numba keeps compiled code by a key of all that the functions read; that the key saw everything
     is not taken on trust: an answer from the cache is held against the interpreter like any other.
     """
-    plain = _interpreted(plant)
-    size = size_of(plant)
-    expected = np.empty((len(points), size))
-    for point, out in zip(points, expected, strict=True):
-        plain(*point, out)
+    plain = Equations(plant, _interpreted(plant), "interpreted")
+    expected = plain.at(points)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numba, about what it will not do one day
-            fast = _compiled(plant)
-            found = np.empty_like(expected)
-            for point, out in zip(points, found, strict=True):
-                fast(*point, out)
-    except AflMujocoError:
-        raise
+            compiled = _compiled(plant)
+            compiled(*(x[0] for x in points), np.empty_like(expected[0]))
     except Exception as error:  # whatever numba says of what it cannot compile
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         why = next((line for line in lines if not line.startswith("Failed in nopython")), "")
-        return Equations(plant, plain, f"interpreted: {type(error).__name__}: {why[:120]}")
-    scale = np.abs(expected).max(axis=1, keepdims=True)
-    if not (np.abs(found - expected) <= AGREE * scale).all():
-        return Equations(plant, plain, "interpreted: compiled, they give other numbers")
-    return Equations(plant, fast, "compiled")
+        return Equations(plant, plain.fill, f"interpreted: {type(error).__name__}: {why[:120]}")
+
+    def fill(*given: Floats) -> None:
+        with told_of(_word(plant)):
+            compiled(*given)
+
+    fast = Equations(plant, fill, "compiled")
+    rounding = ROUNDING * np.abs(expected).max(axis=1, keepdims=True)
+    same = np.abs(fast.at(points, gaps=True) - expected) <= AGREE * np.abs(expected) + rounding
+    how = "interpreted: compiled, they give other numbers"
+    return fast if same.all() else Equations(plant, plain.fill, how)
 
 
 def _interpreted(plant: Plant) -> Fill:
     """Return the equations as the interpreter sees them, every answer looked at."""
     n, k = len(plant.coordinates), len(plant.inputs)
     function: Any = plant.terms or plant.accelerations
-    word = "terms" if plant.terms else "accelerations"
+    word = _word(plant)
     shapes: dict[str, tuple[int, ...]] = {"M": (n, n), "h": (n,), "B": (n, k)}
 
     def fill(q: Floats, v: Floats, u: Floats, p: Floats, out: Floats) -> None:
@@ -115,15 +135,14 @@ def _interpreted(plant: Plant) -> Fill:
         named = plant.named(p)
         given = dict(vars(named))
         try:
-            with np.errstate(all="ignore"):  # what is not finite is refused below
+            with told_of(word), np.errstate(all="ignore"):  # what is not finite is refused
                 found = function(*arrays, named)
-        except KeyboardInterrupt:
+        except InvalidValueError as error:
+            cause = error.__cause__
+            if isinstance(cause, AttributeError) and cause.obj is named:
+                hint = f"; p has {', '.join(given)}{meant(cause.name, list(given))}"
+                raise InvalidValueError(word, error.rule + hint) from cause
             raise
-        except BaseException as error:
-            rule = f"raised {type(error).__name__}: {told(error)}"
-            if isinstance(error, AttributeError) and error.obj is named:
-                rule += f"; p has {', '.join(given)}{meant(error.name, list(given))}"
-            raise InvalidValueError(word, rule) from error
         same = all(np.array_equal(a, b) for a, b in zip(arrays, (q, v, u), strict=False))
         if not same or vars(named) != given:
             raise InvalidValueError(word, "must not change its arguments, but does")
@@ -154,8 +173,6 @@ def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
     if real.shape != shape:
         rule = f"must have shape {shape}" if len(shape) > 1 else f"must be {shape[0]} numbers"
         raise InvalidValueError(thing, rule, f"shape {real.shape}" if real.shape else found)
-    if not np.isfinite(real).all():
-        raise InvalidValueError(thing, "must be finite", told(found, repr)[:80])
     return real
 
 
@@ -303,41 +320,39 @@ def from_sympy(
         for word, some in (("q", q), ("v", v), ("u", u))
     )
     plain: Any = {symbol: sp.Symbol(f"p_{name}_") for symbol, name in names.items()}
-    # The rates first: q.diff(t) would be 0 once q is a symbol.
-    steps = [dict(zip(v, rates, strict=True)), dict(zip(q, states, strict=True)),
-             dict(zip(u, inputs, strict=True)), plain]  # fmt: skip
     matrix, right = sp.Matrix(mass_matrix), sp.Matrix(forcing)
-    for step in steps:
+    # The rates first: q.diff(t) would be 0 once q is a symbol.
+    for old, new in ((v, rates), (q, states), (u, inputs), (plain, plain.values())):
+        step: Any = dict(zip(old, new, strict=True))
         matrix, right = matrix.subs(step), right.subs(step)
     jacobian = right.jacobian(sp.Matrix(inputs)) if inputs else sp.zeros(len(q), 0)
     if any(jacobian.has(one) for one in inputs):
         raise InvalidValueError("forcing", "must be linear in the inputs")
-    bias = -right.subs({one: 0 for one in inputs})
+    everything = [*matrix, *-right.subs(dict.fromkeys(inputs, 0)), *jacobian]
     known = {*states, *rates, *plain.values()}
-    for one in [*matrix, *bias, *jacobian]:
+    for one in everything:
         unknown = one.free_symbols | one.atoms(sp.Derivative, sp.core.function.AppliedUndef)
         if left := sorted(map(str, unknown - known)):
             given = [*map(str, (*q, *v, *u)), *names.values()]
             raise UnknownNameError.among("symbol", left[0], given)
+    shared, (reduced,) = sp.cse([sp.Matrix(everything)], list=False)
     n, k = len(q), len(u)
-    shared, (expressions,) = sp.cse([sp.Matrix([*matrix, *bias, *jacobian])], list=False)
-    unpacked = [f"q_{i}_, v_{i}_ = q[{i}], v[{i}]" for i in range(n)]
-    unpacked += [f"p_{name}_ = p.{name}" for name in names.values()]
-    unpacked += [f"{name} = {_python(expression)}" for name, expression in shared]
-    flat = [_python(one) for one in expressions]
-    rows = [f"({', '.join(flat[i * n : i * n + n])},)" for i in range(n)]
-    columns = flat[n * n + n :]
-    inputs_rows = [f"({', '.join(columns[i * k : i * k + k])},)" for i in range(n)]
-    unpacked += [
-        f"M = ({', '.join(rows)},)",
-        f"h = ({', '.join(flat[n * n : n * n + n])},)",
-        f"B = ({', '.join(inputs_rows) if k else ', '.join(['()'] * n)},)",
-        "return M, h, B",
-    ]
-    source = "def terms(q, v, p):\n    " + "\n    ".join(unpacked)
+    flat = [_python(one) for one in reduced]
+    parts = (_tuple(_tuple(flat[i * n : i * n + n]) for i in range(n)),
+             _tuple(flat[n * n : n * n + n]),
+             _tuple(_tuple(flat[n * (n + 1) :][i * k : i * k + k]) for i in range(n)))  # fmt: skip
+    lines = [f"q_{i}_, v_{i}_ = q[{i}], v[{i}]" for i in range(n)]
+    lines += [f"p_{name}_ = p.{name}" for name in names.values()]
+    lines += [f"{name} = {_python(expression)}" for name, expression in shared]
+    source = "\n    ".join(["def terms(q, v, p):", *lines, f"return {', '.join(parts)}"])
     space: dict[str, Any] = {"__name__": __name__, "math": __import__("math")}
     exec(compile(source, "<from_sympy>", "exec"), space)
     return cast(Callable[..., Any], space["terms"])
+
+
+def _tuple(items: Iterable[str]) -> str:
+    """Return the source of a tuple."""
+    return f"({''.join(f'{x}, ' for x in items)})"
 
 
 def _python(expression: Any) -> str:

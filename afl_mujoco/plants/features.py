@@ -11,18 +11,104 @@ import numpy as np
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.library import mujoco
 
-DISABLE = mujoco.mjtDisableBit
+DISABLE, JOINT, TRANSMISSION = mujoco.mjtDisableBit, mujoco.mjtJoint, mujoco.mjtTrn
 
-UNSUPPORTED = {mujoco.mjtJoint.mjJNT_FREE: "free", mujoco.mjtJoint.mjJNT_BALL: "ball"}
-
-LEFT_OUT = DISABLE.mjDSBL_LIMIT | DISABLE.mjDSBL_FRICTIONLOSS | DISABLE.mjDSBL_CLAMPCTRL
-"""What a comparison of accelerations switches off: constraints and clamps, not equations."""
+LEFT_OUT = "left out"
+"""In place of a remedy: the comparison does without it, and says so."""
 
 ALTERED = {
     "boundmass": "0", "boundinertia": "0", "settotalmass": "-1", "balanceinertia": "false",
     "fusestatic": "false",
 }  # fmt: skip
 """Attributes of MJCF's compiler that alter what a parameter writes, with the value to give them."""
+
+
+def _features(m: Any) -> tuple[tuple[str, Any, str], ...]:
+    """Return features, where the model has them, and what to set; a joint's are by joint."""
+    off, trees = m.opt.disableflags, 'not yet; use joints of type="hinge" and "slide"'
+    at_site = (m.actuator_trntype == TRANSMISSION.mjTRN_SITE) & (m.actuator_trnid[:, 1] < 0)
+    at_joint = np.isin(
+        m.actuator_trntype, [TRANSMISSION.mjTRN_JOINT, TRANSMISSION.mjTRN_JOINTINPARENT]
+    )
+    euler, rk4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+    own = 'set {0}="0", or give it to the joint'
+    return (
+        ("free joint", m.jnt_type == JOINT.mjJNT_FREE, trees),
+        ("ball joint", m.jnt_type == JOINT.mjJNT_BALL, trees),
+        ("equality constraint", m.neq, "remove <equality>"),
+        ("tendon", m.ntendon, "remove <tendon>"),
+        ("flex", m.nflex, "remove <deformable>"),
+        ("mocap body", m.nmocap, 'set mocap="false"'),
+        ("plugin", m.nplugin, "remove <extension>"),
+        ("activation state of an actuator", m.na, 'set dyntype="none"'),
+        ("switched off group of actuators", m.opt.disableactuator,
+         "remove <option actuatorgroupdisable>"),
+        ("fluid", m.opt.density, 'set <option density="0"/>'),
+        ("fluid", m.opt.viscosity, 'set <option viscosity="0"/>'),
+        ("polynomial stiffness", getattr(m, "jnt_stiffnesspoly", 0), "give stiffness one number"),
+        ("polynomial damping", getattr(m, "dof_dampingpoly", 0), "give damping one number"),
+        ("polynomial damping of actuator", getattr(m, "actuator_dampingpoly", 0),
+         "give damping one number"),
+        ("servo of actuator", (m.actuator_gaintype != 0) | (m.actuator_biastype != 0),
+         "use <motor>, or gaintype=fixed and biastype=none"),
+        ("transmission of actuator", ~(at_joint | at_site),
+         "use joint=, or site= without refsite="),
+        *((f"{name} of actuator", getattr(m, f"actuator_{name}", 0), own.format(name))
+          for name in ("armature", "damping", "delay")),
+        ("dry friction (frictionloss)", m.dof_frictionloss, LEFT_OUT),
+        ("joint limits (range)", m.jnt_limited * (not off & DISABLE.mjDSBL_LIMIT), LEFT_OUT),
+        ("limits of inputs (ctrlrange, forcerange)",
+         m.actuator_ctrllimited | m.actuator_forcelimited, LEFT_OUT),
+        ("limits of the actuators' force on joints (actuatorfrcrange)", m.jnt_actfrclimited,
+         LEFT_OUT),
+        ("gravity compensation (gravcomp)", m.body_gravcomp, LEFT_OUT),
+        ("the steps of an implicit integrator", m.opt.integrator > rk4, LEFT_OUT),
+        ("implicit damping of Euler's steps (eulerdamp)",
+         m.dof_damping * (m.opt.integrator == euler and not off & DISABLE.mjDSBL_EULERDAMP),
+         LEFT_OUT),
+        ("the restart of a run that diverges (autoreset)", not off & DISABLE.mjDSBL_AUTORESET,
+         LEFT_OUT),
+    )  # fmt: skip
+
+
+def require_describable(m: Any) -> list[str]:
+    """Return what the comparison leaves out, or raise on what equations cannot describe."""
+    notes = []
+    for what, where, remedy in itertools.chain(_features(m), _touching(m)):
+        if not np.any(where):
+            continue
+        if remedy == LEFT_OUT:
+            notes.append(what)
+            continue
+        kind = what.rpartition(" ")[2]
+        if kind in ("joint", "actuator") and np.ndim(where):
+            what += f" {getattr(m, kind)(int(np.argwhere(where)[0, 0])).name!r}"
+        raise InvalidValueError(what, f"cannot be described by equations of a tree: {remedy}")
+    return notes
+
+
+def _touching(m: Any) -> Iterator[tuple[str, Any, str]]:
+    """Yield pairs of bodies with geoms that MuJoCo lets collide."""
+    if m.opt.disableflags & (DISABLE.mjDSBL_CONTACT | DISABLE.mjDSBL_CONSTRAINT):
+        return
+    pairs = [*zip(m.geom_bodyid[m.pair_geom1], m.geom_bodyid[m.pair_geom2], strict=True)]
+    excluded = {frozenset((int(x) >> 16, int(x) & 0xFFFF)) for x in m.exclude_signature}
+    weld, filtered = m.body_weldid, not m.opt.disableflags & DISABLE.mjDSBL_FILTERPARENT
+    for one, other in itertools.combinations(range(m.ngeom), 2):
+        a, b = int(m.geom_bodyid[one]), int(m.geom_bodyid[other])
+        mine, its = weld[a], weld[b]
+        family = weld[m.body_parentid[mine]] == its or weld[m.body_parentid[its]] == mine
+        if not (
+            mine == its
+            or frozenset((a, b)) in excluded
+            or (filtered and mine and its and family)
+            or not (m.geom_contype[one] & m.geom_conaffinity[other]
+                    or m.geom_contype[other] & m.geom_conaffinity[one])
+        ):  # fmt: skip
+            pairs.append((a, b))
+    remedy = 'set contype="0" and conaffinity="0" on the geoms, or <flag contact="disable"/>'
+    for a, b in pairs:
+        yield f"contact of bodies {m.body(int(a)).name!r} and {m.body(int(b)).name!r}", True, remedy
 
 
 def require_compiler(spec: Any) -> None:
@@ -40,106 +126,11 @@ def require_compiler(spec: Any) -> None:
             raise InvalidValueError(f"<joint {joint.name!r} springdamper>", rule)
 
 
-def require_describable(model: Any) -> None:
-    """Raise on the first feature that the equations of a tree cannot describe."""
-    for feature, remedy in itertools.chain(_things(model), _motors(model), _touching(model)):
-        raise InvalidValueError(feature, f"cannot be described by equations of a tree: {remedy}")
-
-
-def _things(m: Any) -> Iterator[tuple[str, str]]:
-    """Yield kinds of joints, and of things beside bodies, and what to do about them."""
-    for joint in range(m.njnt):
-        kind = {int(x): word for x, word in UNSUPPORTED.items()}.get(int(m.jnt_type[joint]))
-        if kind:
-            name = m.joint(joint).name
-            yield f"{kind} joint {name!r}", 'not yet; use joints of type="hinge" and "slide"'
-    for count, what in (
-        (m.neq, "equality constraint: remove <equality>"), (m.ntendon, "tendon: remove <tendon>"),
-        (m.nflex, "flex: remove <deformable>"), (m.nmocap, 'mocap body: set mocap="false"'),
-        (m.nplugin, "plugin: remove <extension>"),
-        (m.na, 'activation state of an actuator: set dyntype="none"'),
-    ):  # fmt: skip
-        if count:
-            yield tuple(what.split(": "))  # type: ignore[misc]
-    for name in ("density", "viscosity"):
-        if getattr(m.opt, name):
-            yield "fluid", f'set <option {name}="0"/>'
-    for name in ("jnt_stiffnesspoly", "dof_dampingpoly", "actuator_dampingpoly"):
-        if np.any(getattr(m, name, 0)):
-            word = name.partition("_")[2].removesuffix("poly")
-            yield f"polynomial {word}", f"give {word} one number"
-
-
-def _motors(m: Any) -> Iterator[tuple[str, str]]:
-    """Yield actuators that are not a force proportional to their input."""
-    transmission = mujoco.mjtTrn
-    for k in range(m.nu):
-        who = f"actuator {m.actuator(k).name!r}"
-        if m.actuator_gaintype[k] != 0 or m.actuator_biastype[k] != 0:
-            yield f"servo of {who}", "use <motor>, or gaintype=fixed and biastype=none"
-        through = transmission(int(m.actuator_trntype[k]))
-        at_site = through == transmission.mjTRN_SITE and m.actuator_trnid[k, 1] < 0
-        if (
-            through not in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT)
-            and not at_site
-        ):
-            yield f"transmission of {who}", "use joint=, or site= without refsite="
-        for name in ("armature", "damping", "delay"):
-            if np.any(getattr(m, f"actuator_{name}")[k]):
-                yield f"{name} of {who}", f'set {name}="0", or give it to the joint'
-
-
-def _touching(m: Any) -> Iterator[tuple[str, str]]:
-    """Yield pairs of bodies that may touch."""
-    for one, other in _pairs(m):
-        bodies = f"{m.body(m.geom_bodyid[one]).name!r} and {m.body(m.geom_bodyid[other]).name!r}"
-        remedy = 'set contype="0" and conaffinity="0" on the geoms, or <flag contact="disable"/>'
-        yield f"contact of bodies {bodies}", remedy
-
-
-def _pairs(m: Any) -> Iterator[tuple[int, int]]:
-    """Yield pairs of geoms that MuJoCo lets collide."""
-    if m.opt.disableflags & (DISABLE.mjDSBL_CONTACT | DISABLE.mjDSBL_CONSTRAINT):
-        return
-    yield from zip(map(int, m.pair_geom1), map(int, m.pair_geom2), strict=True)
-    excluded = {frozenset((int(x) >> 16, int(x) & 0xFFFF)) for x in m.exclude_signature}
-    weld, filtered = m.body_weldid, not m.opt.disableflags & DISABLE.mjDSBL_FILTERPARENT
-    for one, other in itertools.combinations(range(m.ngeom), 2):
-        a, b = int(m.geom_bodyid[one]), int(m.geom_bodyid[other])
-        masks = m.geom_contype[one] & m.geom_conaffinity[other]
-        masks |= m.geom_contype[other] & m.geom_conaffinity[one]
-        parents = (
-            weld[m.body_parentid[weld[a]]] == weld[b],
-            weld[m.body_parentid[weld[b]]] == weld[a],
-        )
-        related = filtered and weld[a] and weld[b] and any(parents)
-        if masks and weld[a] != weld[b] and frozenset((a, b)) not in excluded and not related:
-            yield one, other
-
-
-def notes_on(m: Any) -> list[str]:
-    """Return what the comparison leaves out, although MuJoCo has it."""
-    flags = m.opt.disableflags
-    integrator, known = int(m.opt.integrator), mujoco.mjtIntegrator
-    damped = np.any(m.dof_damping) and integrator == int(known.mjINT_EULER)
-    limited = np.any(m.actuator_ctrllimited) or np.any(m.actuator_forcelimited)
-    found = {
-        "dry friction (frictionloss)": np.any(m.dof_frictionloss),
-        "joint limits (range)": np.any(m.jnt_limited) and not flags & DISABLE.mjDSBL_LIMIT,
-        "limits of inputs (ctrlrange, forcerange)": limited,
-        "limits of the actuators' force on joints (actuatorfrcrange)": np.any(m.jnt_actfrclimited),
-        "gravity compensation (gravcomp)": np.any(m.body_gravcomp),
-        "the steps of an implicit integrator": integrator > int(known.mjINT_RK4),
-        "implicit damping of Euler's steps (eulerdamp)": damped
-        and not flags & DISABLE.mjDSBL_EULERDAMP,
-        "the restart of a run that diverges (autoreset)": not flags & DISABLE.mjDSBL_AUTORESET,
-    }
-    return [what for what, there in found.items() if there]
-
-
 def compare_only_what_equations_have(spec: Any) -> None:
-    """Switch off in a description what `notes_on` says is left out."""
-    spec.option.disableflags |= LEFT_OUT | DISABLE.mjDSBL_AUTORESET
+    """Switch off in a description what is left out."""
+    off = (DISABLE.mjDSBL_LIMIT, DISABLE.mjDSBL_FRICTIONLOSS, DISABLE.mjDSBL_CLAMPCTRL,
+           DISABLE.mjDSBL_AUTORESET)  # fmt: skip
+    spec.option.disableflags |= sum(map(int, off))
     for body in spec.bodies:
         body.gravcomp = 0.0
     for joint in spec.joints:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
-import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType, SimpleNamespace
+from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError, told
-
-RATES, JUMPS = ("frozen", "enters"), ("velocities", "momenta")
+from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
+from afl_mujoco.loading import import_from, look_in, told_of
+from afl_mujoco.values import Finite, check_fields, require_finite
 
 AXES = {f"{sign}{x}": (k, float(f"{sign}1")) for sign in ("", "-") for k, x in enumerate("xyz")}
 
@@ -53,26 +51,25 @@ class Parameter:
     0.5
     """
 
-    value: float
+    value: Finite
     unit: str = ""
-    low: float | None = None
-    high: float | None = None
+    low: Finite | None = None
+    high: Finite | None = None
     rate: Literal["frozen", "enters"] = "frozen"
     jump: Literal["velocities", "momenta"] = "velocities"
 
     def __post_init__(self) -> None:
-        """Refuse what no parameter can be."""
-        for name in ("value", "low", "high"):
-            given = getattr(self, name)
-            if given is None and name != "value":
+        """Check the numbers, and let bounds that are not given be the value."""
+        check_fields(self)
+        for name in ("low", "high"):
+            if getattr(self, name) is None:
                 object.__setattr__(self, name, self.value)
-            elif not _is_number(given):
-                raise InvalidValueError(name, "must be a finite number", told(given, repr))
         if not self.low <= self.value <= self.high:  # type: ignore[operator]
             raise InvalidValueError("value", f"must lie in {self.low} to {self.high}", self.value)
-        for name, known in (("rate", RATES), ("jump", JUMPS)):
-            if getattr(self, name) not in known:
-                raise UnknownNameError.among(name, getattr(self, name), known)
+        known = {"rate": ("frozen", "enters"), "jump": ("velocities", "momenta")}
+        for name, words in known.items():
+            if getattr(self, name) not in words:
+                raise UnknownNameError.among(name, getattr(self, name), words)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,9 +125,11 @@ def rod(
     along, sign = AXES[axis]
     radius = 0.01 * length if radius is None else radius
     across, about = mass * length**2 / 12.0, 0.5 * mass * radius**2
-    ends = [sign * 0.5 * length if k == along else 0.0 for k in range(3)]
-    x, y, z = (about if k == along else across for k in range(3))
-    return Shape(mass, center or (ends[0], ends[1], ends[2]), (x, y, z))
+    middle: list[Any] = [0.0, 0.0, 0.0]
+    inertia = [across, across, across]
+    middle[along], inertia[along] = sign * 0.5 * length, about
+    x, y, z = center or middle
+    return Shape(mass, (x, y, z), tuple(inertia))
 
 
 def ball(*, mass: Any, radius: Any, center: tuple[Any, Any, Any] = (0.0, 0.0, 0.0)) -> Shape:
@@ -254,71 +253,67 @@ class Plant:
     upright: Sequence[float] | None = None
     wraps: Sequence[str] = ()
     signals: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
-    folder: Path = field(default=Path(), init=False)
 
     def __post_init__(self) -> None:
         """Refuse what no plant can be; the MJCF is read on first use."""
-        maker = sys._getframe(2).f_globals.get("__file__")  # the file that calls the constructor
-        object.__setattr__(self, "folder", Path(maker).parent if maker else Path())
         if not (isinstance(self.name, str) and self.name):
             raise InvalidValueError("plant", "must have a name", told(self.name, repr))
         if not isinstance(self.model, str | Path):
             rule = "must be a path or the XML itself"
             raise InvalidValueError("model", rule, told(self.model, repr))
-        self._require_names()
-        self._require_functions()
-        if self.upright is not None:
-            upright = tuple(self.upright)
-            if len(upright) != len(self.coordinates) or not all(map(_is_number, upright)):
-                rule = f"must be {len(self.coordinates)} finite numbers"
-                raise InvalidValueError("upright", rule, told(self.upright, repr))
-
-    def _require_names(self) -> None:
-        """Raise unless all names are names, each of one thing."""
+        if not str(self.model).lstrip().startswith("<"):
+            maker = sys._getframe(2).f_globals.get("__file__", "")  # what calls the constructor
+            here = Path(maker).absolute().parent if maker else Path.cwd()
+            object.__setattr__(self, "model", here / Path(self.model).expanduser())
         for thing in ("coordinates", "inputs", "wraps"):
             object.__setattr__(self, thing, _names(thing, getattr(self, thing)))
+        for thing in ("parameters", "signals"):
+            given = getattr(self, thing)
+            if not isinstance(given, Mapping):
+                raise InvalidValueError(thing, "must be a dictionary", told(given, repr))
+            object.__setattr__(self, thing, MappingProxyType(dict(given)))
+            for name in _names(thing, tuple(given)):
+                if not name.isidentifier():
+                    raise InvalidValueError(thing, "must be names as Python has them", repr(name))
+        self._require_kinds()
+        self._refuse_doubles()
+
+    def _require_kinds(self) -> None:
+        """Raise unless each field is of its kind, and equations are given once."""
         if not self.coordinates:
             raise InvalidValueError("coordinates", "must name at least one joint", "none")
-        parameters = dict(self._mapping("parameters"))
-        for name, one in parameters.items():
+        if strange := [name for name in self.wraps if name not in self.coordinates]:
+            raise UnknownNameError.among("wraps", strange[0], self.coordinates)
+        for name, one in self.parameters.items():
             if not isinstance(one, Parameter):
                 rule = "must be an afl.Parameter"
                 raise InvalidValueError(f"parameter {name!r}", rule, told(one, repr))
-        object.__setattr__(self, "parameters", MappingProxyType(parameters))
-        self._mapping("signals")
-        self._refuse_doubles()
-        for name in self.wraps:
-            if name not in self.coordinates:
-                raise UnknownNameError.among("wraps", name, self.coordinates)
-
-    def _require_functions(self) -> None:
-        """Raise unless functions are functions, and equations are given once."""
         own = {name: getattr(self, name) for name in ("write", "accelerations", "terms")}
-        for thing, function in {**self.signals, **own}.items():
-            if not callable(function) and (function is not None or thing in self.signals):
+        given = {name: function for name, function in own.items() if function is not None}
+        for thing, function in {**self.signals, **given}.items():
+            if not callable(function):
                 raise InvalidValueError(thing, "must be a function", told(function, repr))
-        if self.terms and self.accelerations:
+        if {"terms", "accelerations"} <= given.keys():
             raise InvalidValueError("plant", "must have accelerations or terms, not both")
-
-    def _mapping(self, thing: str) -> Mapping[str, Any]:
-        """Return a field that must be a dictionary with names as keys."""
-        given = getattr(self, thing)
-        if not isinstance(given, Mapping):
-            raise InvalidValueError(thing, "must be a dictionary", told(given, repr))
-        _names(thing, tuple(given))
-        return given
+        if self.upright is not None:
+            upright = tuple(require_finite("upright", x) for x in self.upright)
+            object.__setattr__(self, "upright", upright)
+            if len(upright) != len(self.coordinates):
+                rule = f"must be {len(self.coordinates)} finite numbers"
+                raise InvalidValueError("upright", rule, upright)
 
     def _refuse_doubles(self) -> None:
         """Raise if two things of a plant have one name."""
-        kinds = {"coordinate": self.states, "input": self.inputs, "parameter": self.parameters}
         owner: dict[str, str] = {}
-        for kind, names in {**kinds, "signal": self.signals}.items():
+        for kind, names in {
+            "state": self.states, "input": self.inputs, "parameter": self.parameters,
+            "signal": self.signals,
+        }.items():  # fmt: skip
             for name in names:
                 if name in owner:
-                    raise InvalidValueError(
-                        f"{kind} {name!r}", f"must not have the name of a {owner[name]}"
-                    )
-                owner[name] = kind if kind != "coordinate" else "state"
+                    rule = f"must not have the name of a {owner[name]}"
+                    raise InvalidValueError(f"{kind} {name!r}", rule)
+                owner[name] = kind
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -330,11 +325,6 @@ class Plant:
         """Nominal values of the parameters, shape (parameters,)."""
         return np.array([float(one.value) for one in self.parameters.values()])
 
-    @property
-    def has_equations(self) -> bool:
-        """Whether it has equations to be checked."""
-        return bool(self.terms or self.accelerations)
-
     def named(self, values: NDArray[np.float64]) -> SimpleNamespace:
         """Return parameters by name: floats from shape (parameters,), arrays from one more axis."""
         columns = np.moveaxis(np.asarray(values, dtype=np.float64), -1, 0)
@@ -342,21 +332,13 @@ class Plant:
         return SimpleNamespace(**{k: c if c.ndim else float(c) for k, c in pairs})
 
 
-def _is_number(value: object) -> bool:
-    """Return whether something is one finite real number."""
-    kinds = int | float | np.integer | np.floating
-    return isinstance(value, kinds) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _names(thing: str, given: Any) -> tuple[str, ...]:
-    """Return names that can stand behind ``p.``, in a table of TOML and in a column."""
+    """Return names, or raise."""
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise InvalidValueError(thing, "must be a tuple of names", told(given, repr))
     for name in given:
         if not (isinstance(name, str) and name):
             raise InvalidValueError(thing, "must be names", told(name, repr))
-        if thing in ("parameters", "signals") and not name.isidentifier():
-            raise InvalidValueError(thing, "must be names as Python has them", repr(name))
     return tuple(given)
 
 
@@ -378,9 +360,7 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
     if place.endswith(".py"):
         module = _run_file(here / Path(place).expanduser())
     else:
-        if str(here) not in sys.path:
-            sys.path.append(str(here))  # last, so that no user file hides an installed module
-        module = _imported(place, lambda: importlib.import_module(place))
+        module = import_from(here, place, f"plant {spec!r}")
     found = getattr(module, attribute, None)
     if found is None:
         plants = [name for name, one in vars(module).items() if isinstance(one, Plant)]
@@ -392,41 +372,23 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
     return found
 
 
-def _run_file(path: Path) -> Any:
+def _run_file(path: Path) -> ModuleType:
     """Return the module of a file, executed anew."""
     if not path.is_file():
         raise FileError(str(path), "cannot be read: no such file")
     path = path.resolve()
-    if str(path.parent) not in sys.path:
-        sys.path.append(str(path.parent))  # for what it imports from beside it
+    look_in(path.parent)  # for what it imports from beside it
     name = path.stem if path.stem.isidentifier() else "plant"
     known = sys.modules.get(name)
     if known is not None and getattr(known, "__file__", None) != str(path):
         name = f"plant_{name}"  # another module has its name
     made = importlib.util.spec_from_file_location(name, path)
     assert made is not None and made.loader is not None  # it ends in .py
-    module, loader = importlib.util.module_from_spec(made), made.loader
-    sys.modules[name] = module
-
-    def execute() -> Any:
-        loader.exec_module(module)
-        return module
-
+    sys.modules[name] = module = importlib.util.module_from_spec(made)
     try:
-        return _imported(str(path), execute)
-    except AflMujocoError:
+        with told_of(str(path), "cannot be imported:"):
+            made.loader.exec_module(module)
+    except BaseException:
         del sys.modules[name]
         raise
-
-
-def _imported(place: str, deed: Callable[[], Any]) -> Any:
-    """Return a module, or raise in one line."""
-    try:
-        return deed()
-    except AflMujocoError as error:  # of a plant's own arguments
-        raise error.within(f"{place}: ") from None
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        rule = f"cannot be imported: {type(error).__name__}: {told(error)}"
-        raise FileError(place, rule) from error
+    return module

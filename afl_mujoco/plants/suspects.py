@@ -1,29 +1,38 @@
 """Which of the usual mistakes explains a difference between equations and a tree, if one does.
 
-Each suspect is a change of the tree, of what the equations are given, or one term of them. What is
-linear in the change is fitted by a line through all points; a suspect is named only if hardly
-anything is left of the difference, so a coincidence is no danger, and two mistakes have no name.
+A suspect is a way to say it, and what would be left of the difference if the tree, or what the
+equations are given, were changed so. All are fitted by the same line through all points: where M, h
+and B are linear in the change, any share of it may explain the difference; else only all of it. A
+suspect is named only if hardly anything is left, so a coincidence is no danger, and two mistakes
+have no name.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.plants.equations import Equations
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.plants.equations import Equations, Points, split
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.tree import Terms, Tree, terms_of
 
 Floats = NDArray[np.float64]
 
-EXPLAINED = 1e-6
-"""What a suspect may leave of the difference."""
+Suspect = tuple[Callable[[float], str], Floats]
+"""Words for the share that explains the difference, empty for none; what all of it would leave."""
+
+Part = tuple[str, Mapping[str, Floats]]
+"""A term: its name, and what it is in M, h or B."""
+
+EXPLAINED, ROUNDING = 1e-6, 1e-13
+"""What a suspect may leave of the difference, and of the size of the terms."""
 
 WORDS = {
     0.0: "is missing in", -1.0: "has the other sign in", 2.0: "is doubled in", 0.5: "is halved in",
@@ -42,39 +51,6 @@ SCALES = (2.0, 0.5, 1e3, 1e-3, 100.0, 0.01, 180.0 / math.pi, math.pi / 180.0, -1
 """Factors by which equations misread a parameter."""
 
 
-class Points(NamedTuple):
-    """Points at which equations and tree differ."""
-
-    q: Floats  # (K, n)
-    v: Floats  # (K, n)
-    u: Floats  # (K, k)
-    p: Floats  # (K, parameters)
-
-
-class Part(NamedTuple):
-    """A term: its name, and what it is in M, h and B; the rest is zero."""
-
-    name: str
-    mass: Floats  # (K, n, n)
-    bias: Floats  # (K, n)
-    inputs: Floats  # (K, n, k)
-
-
-def name_suspect(
-    plant: Plant,
-    equations: Equations,
-    tree_of: Callable[[Floats], Tree],
-    bodies: Sequence[str],
-    points: Points,
-) -> str:
-    """Return the mistake that explains the difference, in words; empty if none does.
-
-    tree_of: Returns the tree for a row of parameters.
-    """
-    with np.errstate(all="ignore"):
-        return next(_Search(plant, equations, tree_of, bodies, points).found(), "")
-
-
 def _share(thing: str, c: float) -> str:
     """Return that the equations have ``1 + c`` times a thing, in words."""
     for nice, words in WORDS.items():
@@ -83,11 +59,14 @@ def _share(thing: str, c: float) -> str:
     for nice, words in FRACTIONS.items():
         if math.isclose(1.0 + c, nice, rel_tol=1e-5):
             return f"{thing} is {words} of MuJoCo's in the equations"
-    return f"{thing} is {1.0 + c:.6g} times MuJoCo's in the equations"
+    times = f"{1.0 + c:.6g}" if abs(c) > 1e-4 else f"1 {'-' if c < 0 else '+'} {abs(c):.2g}"
+    return f"{thing} is {times} times MuJoCo's in the equations"
 
 
-def _amount(thing: str, has: float, c: float) -> str:
-    return f"{thing} is {round(has + c, 9):.6g} in the equations and {has:g} in MuJoCo"
+def _amount(thing: str, has: Floats, c: float) -> str:
+    if np.ptp(has) > 0.0:  # a parameter
+        return f"{thing} is {abs(c):.6g} {'more' if c > 0 else 'less'} in the equations"
+    return f"{thing} is {round(has[0] + c, 9):.6g} in the equations and {has[0]:g} in MuJoCo"
 
 
 def _about(body: str, c: float) -> str:
@@ -97,8 +76,15 @@ def _about(body: str, c: float) -> str:
     return f"inertia about another point: the equations have I {sign} m r^2 of body {body}"
 
 
-class _Search:
-    """One search through all suspects."""
+def _whole(words: str, c: float) -> str:
+    return words if abs(c - 1.0) < 1e-5 else ""
+
+
+class Search:
+    """One search through all suspects, at points where equations and tree differ.
+
+    tree_of: Returns the tree for a row of parameters.
+    """
 
     def __init__(
         self,
@@ -108,19 +94,37 @@ class _Search:
         bodies: Sequence[str],
         points: Points,
     ) -> None:
-        self.plant, self.equations, self.tree_of = plant, equations, tree_of
-        self.bodies, self.points = bodies, points
+        self.plant, self.equations, self.tree_of, self.points = plant, equations, tree_of, points
+        self.bodies = [*enumerate(bodies)][1:]
         self.trees = [tree_of(p) for p in points.p]
-        self.theirs = self.answers(points)
+        self.theirs = equations.at(points, gaps=True)
         self.terms = self.terms_of(self.trees)
         self.scales = self.sizes()
-        self.start = self.residual(self.theirs, self.terms)
+        self.start = self.residual()
 
-    # What is compared: M, h and B, or, of accelerations, the force that is left over.
+    def first(self) -> str:
+        """Return the mistake that explains the difference, in words; empty if none does."""
+        with np.errstate(all="ignore"):
+            return next(self.named(), "") if np.isfinite(self.start).all() else ""
 
-    def answers(self, at: Points) -> Floats:
-        """Return what the equations give, (K, n (n + 1 + k)) or (K, n)."""
-        return np.array([self.equations.raw(*x) for x in zip(*at, strict=True)])
+    def named(self) -> Iterator[str]:
+        """Yield what explains the difference, the most usual first."""
+        families = [*self.families()]
+        for say, left in itertools.chain(*families):
+            yield from _explained(say, self.start, left)
+        for family in families:
+            yield from self.together(family)
+        for say, left in itertools.chain(
+            self.lengths(), self.parameters(), self.angles(), self.exchanged()
+        ):
+            yield from _explained(say, self.start, left)
+        yield from self.stale()
+        for say, left in self.single_terms():
+            yield from _explained(say, self.start, left)
+        if not self.plant.terms:
+            yield from self.single_accelerations()
+
+    # What is compared: M, h and B, or, of accelerations, the force that is left over
 
     def terms_of(self, trees: Sequence[Tree], v: Floats | None = None) -> Terms:
         """Return the terms of trees at the points, stacked."""
@@ -128,298 +132,223 @@ class _Search:
         found = [terms_of(t, q, w) for t, q, w in zip(trees, self.points.q, rates, strict=True)]
         return Terms(*map(np.array, zip(*found, strict=True)))
 
-    def split(self, answers: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return M, h and B from what equations in terms gave."""
-        count, n = self.points.q.shape
-        mass, bias, inputs = np.split(answers, [n * n, n * n + n], axis=1)
-        return mass.reshape(count, n, n), bias, inputs.reshape(count, n, -1)
-
     def sizes(self) -> Floats:
         """Return the size of M, h and B at each point, (K, 3); of accelerations of the forces."""
+        m, h, b, _ = self.terms
         if self.plant.terms:
-            parts = self.split(self.theirs)
+            parts = split(self.plant, self.theirs)
         else:
-            m, h, b, _ = self.terms
             parts = (m @ self.theirs[..., None], h, b @ self.points.u[..., None])
         found = np.array([np.abs(x).reshape(len(x), -1).max(axis=1, initial=0.0) for x in parts]).T
         if not self.plant.terms:
             found[:] = found.max(axis=1, keepdims=True)
         return np.where(found > 0.0, found, 1.0)
 
-    def residual(self, answers: Floats, terms: Terms) -> Floats:
+    def residual(self, answers: Floats | None = None, **changed: Floats) -> Floats:
         """Return equations minus tree, scaled, one row a point; affine in M, h and B."""
+        theirs = self.theirs if answers is None else answers
+        m, h, b, _ = self.terms._replace(**changed)
         if self.plant.terms:
-            parts = zip(self.split(answers), terms[:3], strict=True)
-            return self.flat(*(mine - its for mine, its in parts))
-        return self.force(answers, terms.mass, terms.bias, terms.inputs)
-
-    def force(self, answers: Floats, mass: Floats, bias: Floats, inputs: Floats) -> Floats:
-        """Return ``M a + h - B u``, scaled."""
-        pushed = mass @ answers[..., None] - inputs @ self.points.u[..., None]
-        found: Floats = (pushed[..., 0] + bias) / self.scales[:, :1]
+            gaps = [x - y for x, y in zip(split(self.plant, theirs), (m, h, b), strict=True)]
+            rows = [x.reshape(len(x), -1) / self.scales[:, i, None] for i, x in enumerate(gaps)]
+            return np.hstack(rows)
+        pushed = m @ theirs[..., None] - b @ self.points.u[..., None]
+        found: Floats = (pushed[..., 0] + h) / self.scales[:, :1]
         return found
 
-    def flat(self, mass: Floats, bias: Floats, inputs: Floats) -> Floats:
-        """Return differences of M, h and B as rows, each block by its size."""
-        blocks = [x.reshape(len(x), -1) for x in (mass, bias, inputs)]
-        return np.hstack([x / self.scales[:, i, None] for i, x in enumerate(blocks)])
-
-    def explained(self, residual: Floats) -> bool:
-        return bool(np.abs(residual).max() <= EXPLAINED * np.abs(self.start).max() + 1e-13)
-
-    # The suspects, the most usual first
-
-    def found(self) -> Iterator[str]:
-        """Yield what explains the difference."""
-        if not np.isfinite(self.start).all():
-            return
-        families = [[(say, self.change(trees)) for say, trees in one] for one in self.families()]
-        for say, step in itertools.chain(*families):
-            if (c := _line(self.start, step)) is not None and (said := say(c)):
-                yield said
-        for family in families:
-            if len(family) > 1:
-                yield from self.together(family)
-        yield from self.lengths()
-        yield from self.parameters()
-        yield from self.angles()
-        yield from self.exchanged()
-        yield from self.stale()
-        yield from self.single_terms()
-        if not self.plant.terms:
-            yield from self.single_accelerations()
-
-    def change(self, trees: Sequence[Tree]) -> Floats:
-        """Return what other trees change in the residual."""
-        return self.residual(self.theirs, self.terms_of(trees)) - self.start
-
-    def edited(self, field: str, index: int | None, change: Callable[..., Any]) -> list[Tree]:
-        """Return the trees with a row of one field changed; index None for all of it."""
-        found = []
+    def edited(self, index: Any, **change: Callable[..., Any]) -> Floats:
+        """Return what is left if some of each field were what functions of it and a tree return."""
+        trees = []
         for tree in self.trees:
-            array = getattr(tree, field).copy()
-            rows = slice(None) if index is None else slice(index, index + 1)
-            array[rows] = change(array[rows], tree)
-            found.append(tree._replace(**{field: array}))
-        return found
+            fields = {name: getattr(tree, name).copy() for name in change}
+            for name, function in change.items():
+                fields[name][index] = function(fields[name][index], tree)
+            trees.append(tree._replace(**fields))
+        return self.residual(**self.terms_of(trees)._asdict())
 
-    def families(self) -> Iterator[list[tuple[Callable[[float], str], list[Tree]]]]:
-        """Yield kinds of changes that M, h and B are linear in, one for each place of the tree."""
-
-        def doubled(field: str, index: int | None) -> list[Tree]:
-            return self.edited(field, index, lambda x, tree: 2.0 * x)
-
-        first, inputs, names = self.trees[0], self.plant.inputs, self.plant.coordinates
-        yield [(partial(_share, "gravity"), doubled("gravity", None))]
-        gears = [
-            (f"the gear of input {x}", doubled("actuator_gear", k)) for k, x in enumerate(inputs)
-        ]
-        yield [(partial(_share, thing), trees) for thing, trees in gears]
-        bodies = [*enumerate(self.bodies)][1:]
-        moved = [(x, self.edited("body_inertia", b, partial(_moved, b))) for b, x in bodies]
-        yield [(partial(_about, name), trees) for name, trees in moved]
-        inertia = [(f"the inertia of body {x}", doubled("body_inertia", b)) for b, x in bodies]
-        mass = [(f"the mass of body {x}", doubled("body_mass", b)) for b, x in bodies]
-        both = [
-            (
-                f"mass and inertia of body {name}",
-                [
-                    m._replace(body_inertia=i.body_inertia)
-                    for m, i in zip(one[1], two[1], strict=True)
-                ],
-            )
-            for (_, name), one, two in zip(bodies, mass, inertia, strict=True)
-        ]
-        for family in (inertia, mass, both):
-            yield [(partial(_share, thing), trees) for thing, trees in family]
-        for field, word in PASSIVE.items():
-            yield [
-                (
-                    partial(_amount, f"{word} of {name}", getattr(first, field)[j]),
-                    self.edited(field, j, lambda x, tree: x + 1.0),
-                )
-                for j, name in enumerate(names)
-            ]
-
-    def together(self, family: Sequence[tuple[Callable[[float], str], Floats]]) -> Iterator[str]:
-        """Yield the same mistake at several places."""
-        steps = np.array([step.ravel() for _, step in family]).T
-        c = -np.linalg.lstsq(steps, self.start.ravel(), rcond=1e-9)[0]
-        if not self.explained(self.start + (steps @ c).reshape(self.start.shape)):
-            return
-        said = [say(x) for (say, _), x in zip(family, c, strict=True) if abs(x) > 1e-5]
-        if all(said):
-            yield "; ".join(said)
-
-    def lengths(self) -> Iterator[str]:
-        """Yield changed places of bodies and of their centres of mass."""
-        bodies = [*enumerate(self.bodies)][1:]
-        for (b, name), factor in itertools.product(bodies, (2.0, 0.5, -1.0, 0.0)):
-            for field, word in (("body_ipos", "centre of mass"), ("body_pos", "place")):
-                trees = self.edited(field, b, lambda x, tree, factor=factor: factor * x)
-                if self.explained(self.residual(self.theirs, self.terms_of(trees))):
-                    yield _share(f"the {word} of body {name} (l for 2 l?)", factor - 1.0)
-            trees = self.edited("body_ipos", b, lambda x, tree, factor=factor: factor * x)
-            whole = self.edited("body_inertia", b, lambda x, tree, factor=factor: factor**2 * x)
-            both = [
-                t._replace(body_inertia=i.body_inertia) for t, i in zip(trees, whole, strict=True)
-            ]
-            if factor > 0.0 and self.explained(self.residual(self.theirs, self.terms_of(both))):
-                yield _share(f"the length of body {name} (l for 2 l?)", factor - 1.0)
-
-    def fits(self, at: Points, turn: Floats | None = None) -> bool:
-        """Return whether the equations are right when given other things.
+    def given(self, turn: Floats | None = None, **changed: Floats) -> Floats:
+        """Return what is left if the equations were given other things.
 
         turn: The coordinates that they are given, as a matrix times MuJoCo's.
         """
-        given = self.answers(at)
+        if turn is not None:
+            changed = {"q": self.points.q @ turn.T, "v": self.points.v @ turn.T}
+        found = self.equations.at(self.points._replace(**changed), gaps=True)
         if turn is not None and self.plant.terms:
-            m, h, b = self.split(given)
+            m, h, b = split(self.plant, found)
             parts = (turn.T @ m @ turn, h @ turn, turn.T @ b)
-            given = np.hstack([x.reshape(len(x), -1) for x in parts])
+            found = np.hstack([x.reshape(len(x), -1) for x in parts])
         elif turn is not None:
-            given = np.linalg.solve(turn, given.T).T.astype(np.float64)
-        return self.explained(self.residual(given, self.terms))
+            found = np.linalg.solve(turn, found.T).T.astype(np.float64)
+        return self.residual(found)
 
-    def parameters(self) -> Iterator[str]:
+    # The suspects
+
+    def families(self) -> Iterator[list[Suspect]]:
+        """Yield changes of the tree that M, h and B are linear in, one for each place of it."""
+        share, twice, more = partial(partial, _share), partial(_times, 2.0), lambda x, tree: x + 1.0
+        yield [(share("gravity"), self.edited(..., gravity=twice))]
+        yield [(share(f"the gear of input {name}"), self.edited(k, actuator_gear=twice))
+               for k, name in enumerate(self.plant.inputs)]  # fmt: skip
+        yield [(partial(_about, name), self.edited(b, body_inertia=partial(_moved, b)))
+               for b, name in self.bodies]  # fmt: skip
+        for what, fields in (
+            ("the inertia", ["body_inertia"]), ("the mass", ["body_mass"]),
+            ("mass and inertia", ["body_inertia", "body_mass"]),
+        ):  # fmt: skip
+            yield [(share(f"{what} of body {name}"), self.edited(b, **dict.fromkeys(fields, twice)))
+                   for b, name in self.bodies]  # fmt: skip
+        for field, word in PASSIVE.items():
+            has = np.array([getattr(tree, field) for tree in self.trees])
+            yield [(partial(_amount, f"{word} of {name}", has[:, j]),
+                    self.edited(j, **{field: more}))
+                   for j, name in enumerate(self.plant.coordinates)]  # fmt: skip
+
+    def together(self, family: Sequence[Suspect]) -> Iterator[str]:
+        """Yield the same mistake at several places."""
+        steps = np.array([(left - self.start).ravel() for _, left in family]).T
+        if steps.size == 0 or len(family) < 2:
+            return
+        c = -np.linalg.lstsq(steps, self.start.ravel(), rcond=1e-9)[0]
+        if _is_left(self.start, self.start.ravel() + steps @ c):
+            return
+        said = [say(x) for (say, _), x in zip(family, c, strict=True) if abs(x) > 1e-5]
+        if said and all(said):
+            yield "; ".join(said)
+
+    def lengths(self) -> Iterator[Suspect]:
+        """Yield changed places of bodies and of their centres of mass."""
+        for (b, name), factor in itertools.product(self.bodies, (2.0, 0.5, -1.0, 0.0)):
+            by, square = partial(_times, factor), partial(_times, factor**2)
+            places = {"centre of mass": {"body_ipos": by}, "place": {"body_pos": by}}
+            if factor > 0.0:
+                places["length"] = {"body_ipos": by, "body_inertia": square}
+            for word, change in places.items():
+                hint = " (l for 2 l?)" if factor > 0.0 else ""
+                said = _share(f"the {word} of body {name}{hint}", factor - 1.0)
+                yield partial(_whole, said), self.edited(b, **change)
+
+    def parameters(self) -> Iterator[Suspect]:
         """Yield parameters in other units, and exchanged ones."""
-        names, at = [*self.plant.parameters], self.points
+        names, p = [*self.plant.parameters], self.points.p
         for (k, name), factor in itertools.product(enumerate(names), SCALES):
-            p = at.p.copy()
-            p[:, k] *= factor
-            if self.fits(at._replace(p=p)):
-                said = f"the equations are right with {factor:.6g} {name}"
-                yield f"parameter {name}: {said} (unit, or l for 2 l?)"
-        for j, k in itertools.combinations(range(len(names)), 2):
-            p = at.p.copy()
-            p[:, [j, k]] = p[:, [k, j]]
-            if self.fits(at._replace(p=p)):
-                yield f"parameters {names[j]} and {names[k]} are exchanged in the equations"
+            said = f"the equations are right with {factor:.6g} {name} (unit, or l for 2 l?)"
+            scale = np.where(np.arange(len(names)) == k, factor, 1.0)
+            yield partial(_whole, f"parameter {name}: {said}"), self.given(p=p * scale)
+        for j, k, order in _exchanges(len(names)):
+            said = f"parameters {names[j]} and {names[k]} are exchanged in the equations"
+            yield partial(_whole, said), self.given(p=np.ascontiguousarray(p[:, order]))
 
-    def angles(self) -> Iterator[str]:
-        """Yield coordinates measured in another way."""
-        at, n = self.points, self.points.q.shape[1]
-        for i, name in enumerate(self.plant.coordinates):
-            turn = np.eye(n)
-            turn[i, i] = -1.0
-            if self.fits(at._replace(q=at.q @ turn, v=at.v @ turn), turn):
-                yield f"{name} has the other sign in the equations"
-            for j, sign in itertools.product(range(n), (1.0, -1.0)):
-                turn = np.eye(n)
-                turn[i, j] += sign
-                if i != j and self.fits(at._replace(q=at.q @ turn.T, v=at.v @ turn.T), turn):
-                    of = f"{name} {'+' if sign > 0 else '-'} {self.plant.coordinates[j]}"
-                    yield f"{name} of the equations is {of} of MuJoCo: relative or absolute?"
-            if not self.trees[0].slides[i]:
-                yield from self.angle(i, name)
-
-    def angle(self, i: int, name: str) -> Iterator[str]:
-        """Yield an angle in degrees, or from elsewhere."""
-        at, own = self.points, np.eye(self.points.q.shape[1])[i]
-        for factor in (180.0 / math.pi, math.pi / 180.0):
-            scale = np.where(own > 0.0, factor, 1.0)
-            if self.fits(at._replace(q=at.q * scale)):
-                yield f"{name} is in degrees in the equations"
-            if self.fits(at._replace(q=at.q * scale, v=at.v * scale)):
-                yield f"{name} and its rate are in degrees in the equations"
-        for quarters in (2, 1, -1):
-            if self.fits(at._replace(q=at.q + quarters * math.pi / 2.0 * own)):
-                yield f"{name} is measured from {90 * quarters} degrees further in the equations"
-
-    def exchanged(self) -> Iterator[str]:
+    def exchanged(self) -> Iterator[Suspect]:
         """Yield pairs of inputs."""
         inputs = self.plant.inputs
-        for j, k in itertools.combinations(range(len(inputs)), 2):
-            order = np.arange(len(inputs))
-            order[[j, k]] = k, j
-            turned = self.terms._replace(inputs=self.terms.inputs[..., order])
-            if self.explained(self.residual(self.theirs, turned)):
-                yield f"inputs {inputs[j]} and {inputs[k]} are exchanged in the equations"
+        for j, k, order in _exchanges(len(inputs)):
+            said = f"inputs {inputs[j]} and {inputs[k]} are exchanged in the equations"
+            yield partial(_whole, said), self.residual(inputs=self.terms.inputs[..., order])
+
+    def angles(self) -> Iterator[Suspect]:
+        """Yield coordinates measured in another way."""
+        names = self.plant.coordinates
+        own = np.eye(len(names))
+        for i, name in enumerate(names):
+            said = f"{name} has the other sign in the equations"
+            yield partial(_whole, said), self.given(own - 2.0 * np.outer(own[i], own[i]))
+            for j, sign in itertools.product(range(len(names)), (1.0, -1.0)):
+                if i != j:
+                    of = f"{name} {'+' if sign > 0 else '-'} {names[j]}"
+                    said = f"{name} of the equations is {of} of MuJoCo: relative or absolute?"
+                    yield partial(_whole, said), self.given(own + sign * np.outer(own[i], own[j]))
+            if not self.trees[0].slides[i]:
+                yield from self.angle(own[i], name)
+
+    def angle(self, own: Floats, name: str) -> Iterator[Suspect]:
+        """Yield an angle in degrees, or from elsewhere."""
+        q, v = self.points.q, self.points.v
+        for factor in (180.0 / math.pi, math.pi / 180.0):
+            scale = np.where(own > 0.0, factor, 1.0)
+            said = f"{name} is in degrees in the equations"
+            yield partial(_whole, said), self.given(q=q * scale)
+            said = f"{name} and its rate are in degrees in the equations"
+            yield partial(_whole, said), self.given(q=q * scale, v=v * scale)
+        for quarters in (2, 1, -1):
+            said = f"{name} is measured from {90 * quarters} degrees further in the equations"
+            yield partial(_whole, said), self.given(q=q + quarters * math.pi / 2.0 * own)
 
     def stale(self) -> Iterator[str]:
         """Yield a parameter that the equations do not read, and the constant in its place."""
-        at = self.points
         for k, (name, one) in enumerate(self.plant.parameters.items()):
-            moved = at.p.copy()
-            moved[:, k] = 1.01 * moved[:, k] + 0.001
-            if not np.array_equal(self.answers(at._replace(p=moved)), self.theirs):
-                continue
+            p = self.points.p.copy()
 
-            def left(x: float, k: int = k) -> float:
-                fixed = at.p.copy()
-                fixed[:, k] = x
-                terms = self.terms_of([self.tree_of(p) for p in fixed])
-                return float(np.abs(self.residual(self.theirs, terms)).max())
+            def left(x: float, k: int = k, p: Floats = p) -> float:
+                p[:, k] = x
+                try:
+                    terms = self.terms_of([self.tree_of(row) for row in p])
+                except AflMujocoError:  # nothing is written there
+                    return math.inf
+                return float(np.abs(self.residual(**terms._asdict())).max())
 
-            low, high = float(one.low or 0.0), float(one.high or 0.0)
-            value = min((one.value, _least(left, low, high)), key=left)
-            if left(value) <= 1e-4 * np.abs(self.start).max():
-                yield f"stale constant: the equations have {name} = {value:.6g} whatever it is"
+            moved = p.copy()
+            moved[:, k] = 1.01 * p[:, k] + 0.001
+            at = self.points._replace(p=moved)
+            if np.array_equal(self.equations.at(at, gaps=True), self.theirs):
+                low, high = float(one.low or 0.0), float(one.high or 0.0)
+                value = min((one.value, _least(left, low, high)), key=left)
+                if left(value) <= 1e-4 * np.abs(self.start).max():
+                    yield f"stale constant: the equations have {name} = {value:.6g} whatever it is"
 
     def parts(self) -> Iterator[Part]:
         """Yield the terms of the trees: whole, and of each body."""
-        bare = [
-            t._replace(dof_damping=0 * t.dof_damping, jnt_stiffness=0 * t.jnt_stiffness,
-                       dof_armature=0 * t.dof_armature)
-            for t in self.trees
-        ]  # fmt: skip
+        bare = [t._replace(dof_damping=0.0 * t.dof_damping, jnt_stiffness=0.0 * t.jnt_stiffness,
+                           dof_armature=0.0 * t.dof_armature) for t in self.trees]  # fmt: skip
         yield from self.parts_of("", bare)
-        for b, name in [*enumerate(self.bodies)][1:]:
-            alone = [
-                t._replace(body_mass=_only(t.body_mass, b), body_inertia=_only(t.body_inertia, b))
-                for t in bare
-            ]
+        for b, name in self.bodies:
+            alone = [t._replace(body_mass=_only(t.body_mass, b),
+                                body_inertia=_only(t.body_inertia, b)) for t in bare]  # fmt: skip
             yield from self.parts_of(f" of body {name}", alone)
-        names, inputs = self.plant.coordinates, self.plant.inputs
-        for i, k in itertools.product(range(len(names)), range(len(inputs))):
-            entry = np.zeros_like(self.terms.inputs)
-            entry[:, i, k] = self.terms.inputs[:, i, k]
-            yield self.part(f"input {inputs[k]} on {names[i]}", inputs=entry)
-
-    def part(self, name: str, **what: Floats) -> Part:
-        """Return a part that has nothing else."""
-        zero = {x: np.zeros_like(getattr(self.terms, x)) for x in ("mass", "bias", "inputs")}
-        return Part(name, **{**zero, **what})
+        inputs, b_ = self.plant.inputs, self.terms.inputs
+        for (i, name), k in itertools.product(
+            enumerate(self.plant.coordinates), range(len(inputs))
+        ):
+            yield f"input {inputs[k]} on {name}", {"inputs": _only(b_, (slice(None), i, k))}
 
     def parts_of(self, who: str, trees: Sequence[Tree]) -> Iterator[Part]:
         """Yield gravity, velocity terms by pairs of rates, and entries of the mass matrix."""
         (count, n), v, names = self.points.v.shape, self.points.v, self.plant.coordinates
-        light = [t._replace(gravity=0 * t.gravity) for t in trees]
+        light = [t._replace(gravity=0.0 * t.gravity) for t in trees]
 
         def at_rates(tree: Sequence[Tree], *which: int) -> Floats:
             unit = np.isin(np.arange(n), which).astype(float)
             return self.terms_of(tree, np.tile(unit, (count, 1))).bias
 
-        yield self.part(f"gravity{who}", bias=at_rates(trees))
+        yield f"gravity{who}", {"bias": at_rates(trees)}
         alone = [at_rates(light, j) for j in range(n)]
         for j in range(n):
-            yield self.part(f"{names[j]}_dot^2{who}", bias=alone[j] * v[:, [j]] ** 2)
+            yield f"{names[j]}_dot^2{who}", {"bias": alone[j] * v[:, [j]] ** 2}
         for i, j in itertools.combinations(range(n), 2):
             mixed = (at_rates(light, i, j) - alone[i] - alone[j]) * v[:, [i]] * v[:, [j]]
-            yield self.part(f"{names[i]}_dot {names[j]}_dot{who}", bias=mixed)
-        yield self.part(f"all velocity terms{who}", bias=self.terms_of(light).bias)
+            yield f"{names[i]}_dot {names[j]}_dot{who}", {"bias": mixed}
+        yield f"all velocity terms{who}", {"bias": self.terms_of(light).bias}
         mass = self.terms_of(trees).mass
         for i, j in itertools.product(range(n), repeat=2):
-            entry = np.zeros_like(mass)
-            entry[:, i, j] = mass[:, i, j]
+            entry = _only(mass, (slice(None), i, j))
             name = f"mass matrix {names[i]} {names[j]}{who}"
-            yield self.part(name, mass=entry)
+            yield name, {"mass": entry}
             if i < j:
-                yield self.part(f"{name}, twice there", mass=entry + np.swapaxes(entry, 1, 2))
+                yield f"{name}, twice there", {"mass": entry + np.swapaxes(entry, 1, 2)}
 
-    def single_terms(self) -> Iterator[str]:
+    def single_terms(self) -> Iterator[Suspect]:
         """Yield one term, in all equations or in that of one coordinate."""
-        for part in self.parts():
-            rows = [None, *range(len(self.plant.coordinates))] if part.bias.any() else [None]
-            for row in rows:
-                bias = part.bias if row is None else _only(part.bias.T, row).T
-                if self.plant.terms:
-                    step = -self.flat(part.mass, bias, part.inputs)
-                else:
-                    step = self.force(self.theirs, part.mass, bias, part.inputs)
-                if (c := _line(self.start, step)) is not None:
-                    where = "" if row is None else f" on {self.plant.coordinates[row]}"
-                    yield _share(f"the term {part.name}{where}", c)
+        for name, part in self.parts():
+            ((field, whole),) = part.items()
+            said = partial(_share, f"the term {name}")
+            rows = {said: whole}
+            if field == "bias":
+                rows |= {
+                    partial(_share, f"the term {name} on {x}"): _only(whole, (slice(None), i))
+                    for i, x in enumerate(self.plant.coordinates)
+                }
+            for say, term in rows.items():
+                yield say, self.residual(**{field: getattr(self.terms, field) + term})
 
     def single_accelerations(self) -> Iterator[str]:
         """Yield one term of one acceleration, the others being right."""
@@ -435,25 +364,35 @@ class _Search:
         if len(bad) != 1:
             return
         i = int(bad[0])
-        name, inverse = self.plant.coordinates[i], np.linalg.inv(m)[:, i]
-        if (c := _line(wrong[:, i], -right[:, i])) is not None:
-            yield _share(f"the acceleration of {name}", c)
-        for part in self.parts():
-            pushed = part.mass @ right[..., None] - part.inputs @ u
-            pieces = inverse * (pushed[..., 0] + part.bias)
+        name, inverse, start = self.plant.coordinates[i], np.linalg.inv(m)[:, i], wrong[:, i]
+        say = partial(_share, f"the acceleration of {name}")
+        yield from _explained(say, start, start - right[:, i])
+        for term, part in self.parts():
+            ((field, x),) = part.items()
+            force = {"mass": lambda x: x @ right[..., None], "inputs": lambda x: -x @ u}
+            pieces = inverse * (force[field](x)[..., 0] if field in force else x)
+            say = partial(_share, f"the term {term} in the acceleration of {name}")
             for piece in (pieces.sum(axis=1), *pieces.T):
-                if (c := _line(wrong[:, i], piece)) is not None:
-                    yield _share(f"the term {part.name} in the acceleration of {name}", c)
+                yield from _explained(say, start, start + piece)
 
 
-def _line(start: Floats, step: Floats) -> float | None:
-    """Return c with ``start + c step = 0``, None if there is none."""
+def _explained(say: Callable[[float], str], start: Floats, left: Floats) -> Iterator[str]:
+    """Yield the words for the share of a change with which nothing is left, if there is one."""
+    step = left - start
     square = float(np.sum(step * step))
-    if square == 0.0 or not np.isfinite(square):
-        return None
-    c = -float(np.sum(start * step)) / square
-    left = np.abs(start + c * step).max()
-    return c if left <= EXPLAINED * np.abs(start).max() + 1e-13 else None
+    if square > 0.0 and np.isfinite(square):
+        c = -float(np.sum(start * step)) / square
+        if not _is_left(start, start + c * step) and (said := say(c)):
+            yield said
+
+
+def _is_left(start: Floats, left: Floats) -> bool:
+    """Return whether anything is left of a difference."""
+    return not bool(np.abs(left).max() <= EXPLAINED * np.abs(start).max() + ROUNDING)
+
+
+def _times(factor: float, x: Floats, tree: Tree) -> Floats:
+    return factor * x
 
 
 def _moved(body: int, inertia: Floats, tree: Tree) -> Floats:
@@ -464,11 +403,17 @@ def _moved(body: int, inertia: Floats, tree: Tree) -> Floats:
     return found
 
 
-def _only(array: Floats, index: int) -> Floats:
-    """Return an array with all but one row zero."""
+def _only(array: Floats, index: Any) -> Floats:
+    """Return an array with all but some of it zero."""
     found = np.zeros_like(array)
     found[index] = array[index]
     return found
+
+
+def _exchanges(count: int) -> Iterator[tuple[int, int, list[int]]]:
+    """Yield each pair of numbers, and the order in which they are exchanged."""
+    for j, k in itertools.combinations(range(count), 2):
+        yield j, k, [{j: k, k: j}.get(i, i) for i in range(count)]
 
 
 def _least(function: Callable[[float], float], low: float, high: float) -> float:

@@ -8,7 +8,7 @@ is checked before.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError, told
+from afl_mujoco.loading import told_of
 from afl_mujoco.plants.features import (
     DISABLE,
     compare_only_what_equations_have,
-    notes_on,
     require_compiler,
     require_describable,
 )
 from afl_mujoco.plants.library import mujoco
 from afl_mujoco.plants.plant import Plant, Shape
+from afl_mujoco.values import require_finite
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ FIELDS = {
 }  # fmt: skip
 """What can be written: field of MjModel, and how many numbers it has."""
 
-INERTIAL = ("mass", "ipos", "inertia")
+WORLD = "world"
 
 SMALLEST = float(mujoco.mjMINVAL)
 """MuJoCo refuses masses and inertias of moving bodies below this."""
@@ -63,7 +64,7 @@ class Target(NamedTuple):
 
 
 class Point(NamedTuple):
-    """M, h and B of ``M v' + h = B u`` as MuJoCo has them, and the accelerations."""
+    """M, h and B of ``M v' + h = B u`` and accelerations; of several points with one more axis."""
 
     mass: Floats  # (n, n)
     bias: Floats  # (n,)
@@ -79,44 +80,37 @@ class PlantModel:
 
     def __init__(self, plant: Plant, *, compared: bool = False) -> None:
         self.plant = plant
-        spec = _read(plant)
-        self._require_names(spec)
-        nominal = plant.named(plant.nominal)
-        self.targets, first = self._targets(spec, self._written(nominal))
+        self._spec = spec = _read(plant)
+        self._require_names()
+        self.targets, values = self._targets(self._written(plant.named(plant.nominal)))
+        self.last = np.array(values)
         require_compiler(spec)
-        self._freeze_inertias(spec)
-        self._spec = spec
-        self.require(np.array([first]))
-        self.mj_model = self.compile(np.array(first))
-        require_describable(self.mj_model)
-        self.notes = notes_on(self.mj_model)
+        self._freeze_inertias()
+        self.require(self.last[None])
+        self.notes = require_describable(self.compile(self.last))
         if compared:
             compare_only_what_equations_have(spec)
-            self.mj_model = self.compile(np.array(first))
-        m = self.mj_model
+        self.mj_model = m = self.compile(self.last)
         self.mj_data, self._scratch = mujoco.MjData(m), mujoco.MjData(m)
-        self._places = [self._place(self.mj_model, one) for one in self.targets]
-        self._base = {name: np.array(x) for name, x in self._tree_fields(self.mj_model).items()}
-        self._require_kept(np.array(first))
+        self._places = [self._place(one) for one in self.targets]
+        self._base = {name: np.array(x) for name, x in self._tree_fields(m).items()}
         self._compared = {  # model.stat stays what it was, on purpose
-            "model": [x for x in dir(m) if np.size(_array(m, x))],
-            "opt": [x for x in dir(m.opt) if np.size(_array(m.opt, x))],
+            place: [x for x in dir(holder) if x[0] != "_" and _is_numbers(getattr(holder, x))]
+            for place, holder in (("model", m), ("opt", m.opt))
         }
-        self.last: Floats = np.array(first)
+        self._require_kept()
         self._require_parameters_used()
 
-    def _require_names(self, spec: Any) -> None:
+    def _require_names(self) -> None:
         """Raise unless coordinates and inputs are all of the MJCF's, in its order."""
         for thing, given, there, kind in (
-            ("coordinates", self.plant.coordinates, spec.joints, "joint"),
-            ("inputs", self.plant.inputs, spec.actuators, "actuator"),
+            ("coordinates", self.plant.coordinates, self._spec.joints, "joint"),
+            ("inputs", self.plant.inputs, self._spec.actuators, "actuator"),
         ):
             names = tuple(one.name for one in there)
+            known = [*filter(None, names)] or [f"the names of the {kind}s, of which none has"]
             for name in given:
                 if name not in names:
-                    known = [*filter(None, names)] or [
-                        f"the names of the {kind}s, of which none has"
-                    ]
                     raise UnknownNameError.among(thing, name, known)
             if tuple(given) != names:
                 rule = f"must be every {kind} of the MJCF in its order, {names}"
@@ -127,29 +121,23 @@ class PlantModel:
         if self.plant.write is None:
             return {}
         given = dict(vars(p))
-        try:
+        with told_of("write"):
             found = self.plant.write(p)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            rule = f"raised {type(error).__name__}: {told(error)}"
-            raise InvalidValueError("write", rule) from error
         if not isinstance(found, Mapping):
             raise InvalidValueError("write", "must return a dictionary", told(found, repr)[:80])
         if vars(p).keys() != given.keys() or any(vars(p)[k] is not given[k] for k in given):
             raise InvalidValueError("write", "must not change p, but does")
         return found
 
-    def _targets(self, spec: Any, found: Mapping[str, Any]) -> tuple[list[Target], list[float]]:
+    def _targets(self, found: Mapping[str, Any]) -> tuple[list[Target], list[float]]:
         """Return what is written, number by number, and the first values."""
-        targets, values = [], []
+        values: dict[Target, float] = {}
         for target, value in self._numbers(found):
-            if target in targets:
+            if target in values:
                 raise InvalidValueError(f"write: {target}", "must be written once, but is twice")
-            _holder(spec, target)  # raises if there is none
-            targets.append(target)
-            values.append(_float(f"write: {target}", value))
-        return targets, values
+            _holder(self._spec, target)  # raises if there is none
+            values[target] = require_finite(f"write: {target}", value)
+        return [*values], [*values.values()]
 
     def _numbers(self, found: Mapping[str, Any]) -> Iterator[tuple[Target, Any]]:
         """Yield every number with its target."""
@@ -173,20 +161,24 @@ class PlantModel:
                 raise InvalidValueError(f"write: {key!r}", f"must be {length} numbers", len(value))
             yield from ((start._replace(item=i), x) for i, x in enumerate(value))
 
-    def _freeze_inertias(self, spec: Any) -> None:
+    def _freeze_inertias(self) -> None:
         """Make explicit what is written or depends on it: then in place equals afresh."""
-        whole = {name: {} for name in self._names("body", INERTIAL)}  # type: dict[str, dict[str, int]]
-        for one in self.targets:
-            if one.kind == "body" and one.field in INERTIAL:
-                whole[one.name][one.field] = whole[one.name].get(one.field, 0) + 1
-        inferred = _compiled(spec.copy())
-        for name, parts in whole.items():
+        spec, written = self._spec, {(one.kind, one.name) for one in self.targets}
+        try:
+            inferred = self.compile(np.array([]))
+        except InvalidValueError:
+            inferred = None
+        for name in [one.name for one in spec.bodies if ("body", one.name) in written]:
+            parts = [t.field for t in self.targets if (t.kind, t.name) == ("body", name)]
+            parts = [x for x in parts if x != "pos"]
+            if not parts:
+                continue
             body = spec.body(name)
             body.simple = 0  # mj_setConst ends the process on a body compiled as simple
             if not np.isnan(body.fullinertia[0]):
                 rule = "must be diaginertia: one that is written is about the body's own axes"
                 raise InvalidValueError(f"<inertial fullinertia> of body {name!r}", rule)
-            if parts == {"mass": 1, "ipos": 3, "inertia": 3}:
+            if len(parts) == 7:  # mass, ipos and inertia
                 body.iquat = (1.0, 0.0, 0.0, 0.0)
                 body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
             elif not body.explicitinertial:
@@ -197,24 +189,20 @@ class PlantModel:
                 body.mass, body.ipos = float(there.mass[0]), there.ipos
                 body.iquat, body.inertia = there.iquat, there.inertia
             body.explicitinertial = True
-        for name in self._names("geom", ("size", "pos")):
-            body = spec.geom(name).parent
-            if not body.explicitinertial and body.joints:
+        for geom in spec.geoms:
+            body = geom.parent
+            if ("geom", geom.name) in written and not body.explicitinertial and body.name != WORLD:
                 rule = "must have an <inertial>, or be written, since a geom that has its mass is"
-                raise InvalidValueError(f"body {body.name!r}", rule, f"geom {name!r}")
+                raise InvalidValueError(f"body {body.name!r}", rule, f"geom {geom.name!r}")
 
-    def _names(self, kind: str, fields: tuple[str, ...]) -> list[str]:
-        """Return the names of what has a field that is written."""
-        there = (one.name for one in self.targets if one.kind == kind and one.field in fields)
-        return list(dict.fromkeys(there))
-
-    def _place(self, model: Any, target: Target) -> tuple[str, int, int]:
+    def _place(self, target: Target) -> tuple[str, int, int]:
         """Return field of MjModel, row and column of a target."""
         field, _ = FIELDS[f"{target.kind} {target.field}"]
         if target.kind == "option":
             return field, 0, target.item
-        row = getattr(model, target.kind)(target.name).id
-        return field, int(model.jnt_dofadr[row]) if field[:3] == "dof" else row, target.item
+        row = getattr(self.mj_model, target.kind)(target.name).id
+        joint = field.startswith("dof")
+        return field, int(self.mj_model.jnt_dofadr[row]) if joint else row, target.item
 
     def rows(self, parameters: Floats) -> Floats:
         """Return the values of all targets, a row for each row of parameters."""
@@ -234,10 +222,9 @@ class PlantModel:
     def _row(self, p: Any, count: int) -> Floats:
         """Return rows from what ``write`` returns for floats or arrays."""
         numbers = dict(self._numbers(self._written(p)))
-        if list(numbers) != self.targets:
-            extra = [*(set(numbers) ^ set(self.targets)), *self.targets][0]
-            raise InvalidValueError(f"write: {extra}", "must be written for every p")
-        columns = [np.broadcast_to(np.asarray(x, float), (count,)) for x in numbers.values()]
+        if others := numbers.keys() ^ set(self.targets):
+            raise InvalidValueError(f"write: {min(others)}", "must be written for every p")
+        columns = [np.broadcast_to(np.asarray(numbers[x], float), (count,)) for x in self.targets]
         return np.stack(columns, axis=1)
 
     def require(self, rows: Floats, parameters: Floats | None = None) -> None:
@@ -245,11 +232,10 @@ class PlantModel:
         for bad, target, rule in self._rules(rows):
             if np.any(bad):
                 i = int(np.argmax(bad))
-                value = f"{rows[i, self.targets.index(target)]:.6g}"
                 p = self.plant.nominal if parameters is None else parameters[i]
-                if self.plant.parameters:
-                    pairs = zip(self.plant.parameters, p, strict=True)
-                    value += " at " + ", ".join(f"{name} = {x:.6g}" for name, x in pairs)
+                pairs = zip(self.plant.parameters, p, strict=True)
+                at = ", ".join(f"{name} = {x:.6g}" for name, x in pairs)
+                value = f"{rows[i, self.targets.index(target)]:.6g}{at and f' at {at}'}"
                 raise InvalidValueError(f"write: {target}", rule, value)
 
     def _rules(self, rows: Floats) -> Iterator[tuple[NDArray[np.bool_], Target, str]]:
@@ -270,34 +256,28 @@ class PlantModel:
                 yield ~(a + b >= c), target, "must be at most the sum of the other two"  # type: ignore[operator]
 
     def compile(self, row: Floats) -> Any:
-        """Return a model compiled afresh with a row of values."""
+        """Return a model compiled afresh with a row of values, or none of them."""
         spec = self._spec.copy()
-        for target, value in zip(self.targets, row, strict=True):
+        for target, value in zip(self.targets, row, strict=False):
             holder, field = _holder(spec, target)
-            old = getattr(holder, field)
-            if np.ndim(old):
-                new = np.array(old, float)
-                new[target.item] = value
-                setattr(holder, field, new)
-            else:
-                setattr(holder, field, float(value))
-        model = _compiled(spec)
-        if model is None:
-            spec = spec.copy()
-            said = _why_not(spec)
-            raise InvalidValueError(f"model of plant {self.plant.name!r}", f"is refused: {said}")
-        return model
+            new = np.array(getattr(holder, field), float)
+            new[target.item if new.ndim else ()] = value
+            setattr(holder, field, new if new.ndim else float(value))
+        try:
+            return spec.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            said = f"is refused: {_one_line(error)}"
+            raise InvalidValueError(f"model of plant {self.plant.name!r}", said) from None
 
-    def _require_kept(self, row: Floats) -> None:
+    def _require_kept(self) -> None:
         """Raise if the compiler makes other numbers of what is written."""
-        for target, value, (field, i, k) in zip(self.targets, row, self._places, strict=True):
-            kept = float(_view(self.mj_model, field)[i, k])
+        for target, value, (field, i, k) in zip(self.targets, self.last, self._places, strict=True):
+            kept = float(_table(field, self._held(field))[i, k])
             if kept != value:
-                rule = (
-                    f"must be in the model as it is written, but the compiler makes it {kept:.6g}"
-                )
-                why = {"geom": ": fromto, a mesh or a <frame>?"}.get(target.kind, ": a <frame>?")
-                raise InvalidValueError(f"write: {target}", rule + why, f"{value:.6g}")
+                why = ": fromto, a mesh or a <frame>?" if target.kind == "geom" else ": a <frame>?"
+                rule = "must be in the model as it is written, but the compiler makes it"
+                rule += f" {kept:.6g}{why}"
+                raise InvalidValueError(f"write: {target}", rule, f"{value:.6g}")
 
     def _require_parameters_used(self) -> None:
         """Raise if a parameter changes nothing that is written."""
@@ -312,10 +292,14 @@ class PlantModel:
                 rule = "must change something that write returns, but nothing does"
                 raise InvalidValueError(f"parameter {name!r}", rule)
 
+    def _held(self, field: str) -> Any:
+        """Return the array of a field that is written."""
+        return self.mj_model.opt.gravity if field == "gravity" else getattr(self.mj_model, field)
+
     @property
     def addresses(self) -> NDArray[np.int64]:
         """Addresses of the targets in the model, for `library.write_row`."""
-        views = ((_view(self.mj_model, field), i, k) for field, i, k in self._places)
+        views = ((_table(field, self._held(field)), i, k) for field, i, k in self._places)
         return np.array([x[i, k:].ctypes.data for x, i, k in views], np.int64)
 
     @property
@@ -328,7 +312,7 @@ class PlantModel:
         if np.array_equal(row, self.last):
             return
         for value, (field, i, k) in zip(row, self._places, strict=True):
-            _view(self.mj_model, field)[i, k] = value
+            _table(field, self._held(field))[i, k] = value
         mujoco.mj_setConst(self.mj_model, self._scratch)
         self.last = np.array(row)
 
@@ -348,14 +332,8 @@ class PlantModel:
         return Point(mass, d.qfrc_bias - d.qfrc_passive, inputs, d.qacc.copy())
 
     @property
-    def kinds(self) -> list[str]:
-        """Return "hinge" or "slide" of each coordinate."""
-        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
-        return ["slide" if kind == slide else "hinge" for kind in self.mj_model.jnt_type]
-
-    @property
     def bodies(self) -> list[str]:
-        """Return the names of all bodies, the world first."""
+        """The names of all bodies, the world first."""
         return [self.mj_model.body(b).name for b in range(self.mj_model.nbody)]
 
     def differing(self, row: Floats) -> dict[str, int]:
@@ -374,8 +352,7 @@ class PlantModel:
         found = {name: array.copy() for name, array in self._base.items()}
         for value, (field, i, k) in zip(row, self._places, strict=True):
             if field in found:
-                array = found[field]
-                array.reshape(1 if field == "gravity" else len(array), -1)[i, k] = value
+                _table(field, found[field])[i, k] = value
         off = self.mj_model.opt.disableflags
         for flag, name in (
             (DISABLE.mjDSBL_GRAVITY, "gravity"), (DISABLE.mjDSBL_SPRING, "jnt_stiffness"),
@@ -411,10 +388,14 @@ class PlantModel:
         }
 
 
-def _array(holder: Any, name: str) -> Any:
-    """Return what a model or its options hold by a name, if it is numbers."""
-    held = () if name[0] == "_" else getattr(holder, name)
-    return held if isinstance(held, np.ndarray | int | float) else ()
+def _is_numbers(held: Any) -> bool:
+    """Return whether what a model holds is one or more numbers."""
+    return isinstance(held, np.ndarray | int | float) and np.size(held) > 0
+
+
+def _table(field: str, array: Any) -> Any:
+    """Return an array of a field as a table with a row for each thing that has it."""
+    return array.reshape(1 if field == "gravity" else len(array), -1)
 
 
 def _parsed(key: Any) -> tuple[Target, int]:
@@ -433,63 +414,30 @@ def _parsed(key: Any) -> tuple[Target, int]:
     return Target(kind, name, field, index or 0), 1 if index is not None else length
 
 
-def _float(thing: str, value: Any) -> float:
-    """Return a number, or raise."""
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise InvalidValueError(thing, "must be a number", told(value, repr)[:80]) from None
-
-
 def _holder(spec: Any, target: Target) -> tuple[Any, str]:
     """Return what holds a target in a description, and the attribute."""
     if target.kind == "option":
         return spec.option, target.field
     found = getattr(spec, target.kind)(target.name)
     if found is None:
-        every = {"body": spec.bodies, "geom": spec.geoms, "site": spec.sites,
-                 "joint": spec.joints, "actuator": spec.actuators}[target.kind]  # fmt: skip
-        names = [one.name for one in every if one.name and one.name != "world"]
+        every = getattr(spec, "bodies" if target.kind == "body" else f"{target.kind}s")
+        names = [one.name for one in every if one.name and one.name != WORLD]
         raise UnknownNameError.among(f"write: {target.kind}", target.name, names)
     return found, target.field
 
 
-def _view(model: Any, field: str) -> Any:
-    """Return a field of a model as a table whose numbers can be written."""
-    array = model.opt.gravity if field == "gravity" else getattr(model, field)
-    return array.reshape(1 if field == "gravity" else len(array), -1)
-
-
 def _read(plant: Plant) -> Any:
     """Return the description of a plant's MJCF."""
-    text = str(plant.model)
-    is_xml = text.lstrip().startswith("<")
-    path = plant.folder / Path(text).expanduser() if not is_xml else None
-    place = f"MJCF of plant {plant.name!r}" if path is None else str(path)
-    if path is not None and not path.is_file():
-        raise FileError(place, "cannot be read: no such file")
-    read: Callable[[str], Any] = mujoco.MjSpec.from_file if path else mujoco.MjSpec.from_string
+    path = plant.model if isinstance(plant.model, Path) else None
+    if path and not path.is_file():
+        raise FileError(str(path), "cannot be read: no such file")
     try:
-        return read(str(path) if path else text)
+        if path:
+            return mujoco.MjSpec.from_file(str(path))
+        return mujoco.MjSpec.from_string(plant.model)
     except (ValueError, mujoco.FatalError) as error:
+        place = str(path or f"MJCF of plant {plant.name!r}")
         raise FileError(place, f"cannot be parsed: {_one_line(error)}") from None
-
-
-def _compiled(spec: Any) -> Any:
-    """Return a compiled model, None if MuJoCo refuses it."""
-    try:
-        return spec.compile()
-    except (ValueError, mujoco.FatalError):
-        return None
-
-
-def _why_not(spec: Any) -> str:
-    """Return why MuJoCo refuses a description."""
-    try:
-        spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        return _one_line(error)
-    return "no reason given"
 
 
 def _one_line(error: Exception) -> str:

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count, told
-from afl_mujoco.plants.equations import POINTS, Equations, load_equations
+from afl_mujoco.plants.equations import POINTS, Points, load_equations, split
 from afl_mujoco.plants.plant import Plant, load_plant
-from afl_mujoco.plants.suspects import Points, name_suspect
+from afl_mujoco.plants.suspects import Search
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.report.blocks import Block, Cell, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.studies.contract import Progress, Study, silent
+
+if TYPE_CHECKING:
+    from afl_mujoco.plants.writer import Point
 
 Floats = NDArray[np.float64]
 
@@ -38,8 +40,10 @@ RECOMPILED = 100
 SEARCHED = 16
 """Points at which suspects are tried."""
 
-REACH = {"hinge": (np.pi, 5.0), "slide": (1.0, 2.0)}
-"""Largest coordinate and rate that are drawn, where neither the MJCF nor the user says."""
+REACH = np.array([[np.pi, 5.0], [1.0, 2.0]])
+"""Largest coordinate and rate that are drawn, of a hinge and of a slide, where nothing says."""
+
+BOTH = np.array([-1.0, 1.0])
 
 INPUT = 10.0
 """Largest input that is drawn of one without a ctrlrange."""
@@ -49,9 +53,6 @@ FEW = 200
 
 HUGE = 1e300
 """In place of what is not finite, which JSON has not."""
-
-SEGMENTS, SEGMENT = 5, 0.05
-"""Parts of a run for its energy ledger, each [s] with other parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +118,8 @@ class Result:
     verdict
         ``"pass"`` or ``"fail"``.
     model_verified
-        Whether equations were checked and hold; without any only engine and mutation were.
+        False where there are no equations: then only engine and mutation were held against others.
+        Whether all holds is `passed`.
     checks
         Rows: id, quantity, value, limit, passed.
     worst
@@ -196,16 +198,8 @@ def check(
     return run(Request(found, samples, seed, box or {}))
 
 
-class Sampled(NamedTuple):
-    """Terms at the points, of MuJoCo, the tree or the equations; empty where these have none."""
-
-    accelerations: Floats  # (N, n)
-    mass: Floats  # (N, n, n)
-    bias: Floats  # (N, n)
-    inputs: Floats  # (N, n, k)
-
-
-WORDS = {"accelerations": "accelerations", "mass": "mass matrix", "bias": "bias", "inputs": "input"}
+WORDS = {"mass": "mass matrix", "bias": "bias", "inputs": "input", "accelerations": "accelerations"}
+"""Terms, those that say most first."""
 
 
 class Request:
@@ -224,101 +218,89 @@ class Request:
         self.rows = self.model.rows(self.points.p)
         self.model.require(self.rows, self.points.p)
         self.trees = [Tree(**self.model.tree(row)) for row in self.rows]
-        self.tree_of = lambda p: Tree(**self.model.tree(self.model.rows(p)[0]))
-        self.equations = None
-        if plant.has_equations:
-            few = self.draw(POINTS, seed + 1)
-            self.equations = load_equations(plant, list(zip(*few, strict=True)))
-        self.checks: list[Check] = []
+        self.equations = self.answers = None
+        if plant.terms or plant.accelerations:
+            self.equations = load_equations(plant, self.draw(POINTS, seed + 1))
+            self.answers = self.equations.at(self.points)
 
     def draw(self, count: int, seed: int) -> Points:
         """Return random points; those of a smaller number are the first of a larger."""
         m, plant = self.model.mj_model, self.plant
-        reach = [REACH[joint] for joint in self.model.kinds]
-        bounds = {
-            name: tuple(m.jnt_range[j]) if m.jnt_limited[j] else (-reach[j][0], reach[j][0])
-            for j, name in enumerate(plant.coordinates)
-        }
-        bounds |= {f"{x}_dot": (-r, r) for x, (_, r) in zip(plant.coordinates, reach, strict=True)}
-        for k, name in enumerate(plant.inputs):
-            limited = m.actuator_ctrllimited[k]
-            bounds[name] = tuple(m.actuator_ctrlrange[k]) if limited else (-INPUT, INPUT)
-        bounds |= {x: (float(one.low), float(one.high)) for x, one in plant.parameters.items()}  # type: ignore[arg-type]
+        reach = REACH[self.model.tree(self.model.last)["slides"]]
+        places = np.where(m.jnt_limited[:, None], m.jnt_range, reach[:, :1] * BOTH)
+        inputs = np.where(m.actuator_ctrllimited[:, None], m.actuator_ctrlrange, INPUT * BOTH)
+        given = [(one.low, one.high) for one in plant.parameters.values()]
+        names = (*plant.states, *plant.inputs, *plant.parameters)
+        pairs = [*places, *(reach[:, 1:] * BOTH), *inputs, *given]
+        bounds: dict[str, Any] = dict(zip(names, pairs, strict=True))
         for name, pair in self.box.items():
             if name not in bounds:
                 raise UnknownNameError.among("box", name, bounds)
             bounds[name] = _bounds(name, pair)
-        low, high = np.array(list(bounds.values())).T
+        low, high = np.array(list(bounds.values()), dtype=float).T
         found = low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
         n, k = len(plant.coordinates), len(plant.inputs)
         return Points(*map(np.ascontiguousarray, np.split(found, [n, 2 * n, 2 * n + k], axis=1)))
 
     # Three ways to the same numbers
 
-    def engine(self) -> Sampled:
+    def engine(self) -> Point:
         """Return MuJoCo's terms, its parameters written in place."""
+        from afl_mujoco.plants.writer import Point
+
         found = []
         for q, v, u, row in zip(*self.points[:3], self.rows, strict=True):
             self.model.write(row)
             found.append(self.model.at(q, v, u))
-        m, h, b, a = map(np.array, zip(*found, strict=True))
-        return Sampled(a, m, h, b)
+        return Point(*map(np.array, zip(*found, strict=True)))
 
-    def tree(self) -> Sampled:
+    def tree(self) -> Point:
         """Return the terms of the tree reference, from the same rows."""
         states = zip(self.trees, self.points.q, self.points.v, strict=True)
-        m, h, b, _ = map(np.array, zip(*(terms_of(*x) for x in states), strict=True))
-        return Sampled(self.solved(m, h, b), m, h, b)
+        return self.solved(*map(np.array, [*zip(*(terms_of(*x) for x in states), strict=True)][:3]))
 
-    def asked(self, equations: Equations) -> Sampled:
-        """Return what the equations give."""
-        raw = np.array([equations.raw(*x) for x in zip(*self.points, strict=True)])
-        if not np.isfinite(raw).all():
-            i = int(np.argmin(np.isfinite(raw).all(axis=1)))
-            rule = "must be finite; box= of afl.check leaves singularities out"
-            raise InvalidValueError(
-                "terms" if self.plant.terms else "accelerations", rule,
-                f"{raw[i].tolist()} at q = {self.points.q[i].tolist()}",
-            )  # fmt: skip
-        if not self.plant.terms:
-            return Sampled(raw, *(np.empty(0) for _ in range(3)))
-        count, n = self.points.q.shape
-        m, h, b = np.split(raw, [n * n, n * n + n], axis=1)
-        m, b = m.reshape(count, n, n), b.reshape(count, n, -1)
-        return Sampled(self.solved(m, h, b), m, h, b)
+    def solved(self, mass: Floats, bias: Floats, inputs: Floats) -> Point:
+        """Add the accelerations; of singular mass matrices, which are a failure, the shortest."""
+        from afl_mujoco.plants.writer import Point
 
-    def solved(self, mass: Floats, bias: Floats, inputs: Floats) -> Floats:
-        """Return accelerations; of singular mass matrices, which are a failure, the shortest."""
         force = inputs @ self.points.u[..., None] - bias[..., None]
         try:
-            return np.asarray(np.linalg.solve(mass, force)[..., 0], np.float64)
+            found = np.linalg.solve(mass, force)[..., 0]
         except np.linalg.LinAlgError:
-            return np.asarray((np.linalg.pinv(mass) @ force)[..., 0], np.float64)
+            found = (np.linalg.pinv(mass) @ force)[..., 0]
+        return Point(mass, bias, inputs, np.asarray(found, np.float64))
 
     # Rows
 
-    def add(self, id: str, quantity: str, value: float, limit: float, least: bool = False) -> bool:
-        """Add a row, and return whether it passed."""
-        passed = bool(value >= limit if least else value <= limit)
-        known = float(np.nan_to_num(value, nan=HUGE, posinf=HUGE, neginf=-HUGE))
+    def add(self, id: str, quantity: str, value: float, limit: float, least: bool = False) -> None:
+        """Add a row."""
         self.checks.append(
-            Check(id=id, quantity=quantity, value=known, limit=float(limit),
-                  comparison=">=" if least else "<=", passed=passed)
+            Check(
+                id=id, quantity=quantity, limit=float(limit), comparison=">=" if least else "<=",
+                value=float(np.nan_to_num(value, nan=HUGE, posinf=HUGE, neginf=-HUGE)),
+                passed=bool(value >= limit if least else value <= limit),
+            )
         )  # fmt: skip
-        return passed
 
-    def compare(self, id: str, who: str, one: Sampled, other: Sampled, *terms: str) -> bool:
-        """Add a row for each term that two have, and return whether they agree."""
-        rounding = ROUNDING * _condition(self.reference.mass)
-        agreed = [
-            self.add(f"{id}{i}", f"{WORDS[name]}: {who}",
-                     float(self.gap(name, one, other).max(initial=0.0)),
-                     max(LIMIT, rounding) if name == "accelerations" else LIMIT)
-            for i, name in enumerate(terms, 1)
-        ]  # fmt: skip
-        return all(agreed)
+    @property
+    def failed(self) -> list[Check]:
+        """The rows that do not hold."""
+        return [one for one in self.checks if not one.passed]
 
-    def gap(self, term: str, one: Sampled, other: Sampled) -> Floats:
+    def compare(self, who: str, one: Point, other: Point, ids: Mapping[str, str]) -> str:
+        """Add a row for each term, and return the failed one that says most; empty if none does."""
+        bad = ""
+        for term, id in ids.items():
+            limit = LIMIT
+            if term == "accelerations":
+                limit = max(LIMIT, ROUNDING * _condition(self.reference.mass))
+            value = float(self.gap(term, one, other).max(initial=0.0))
+            self.add(id, f"{WORDS[term]}: {who}", value, limit)
+            bad = bad or (term if self.failed[-1:] == self.checks[-1:] else "")
+        self.checks.sort(key=lambda one: one.id)
+        return bad
+
+    def gap(self, term: str, one: Point, other: Point) -> Floats:
         """Return how far two are apart in a term, as shares of what it consists of."""
         floor = 1e-3 * (self.points.v**2).max(axis=1)  # rates alone may give nothing but rounding
         size = np.abs(self.reference.mass).max(axis=(1, 2))
@@ -327,41 +309,33 @@ class Request:
 
     def run(self, progress: Progress) -> Result:
         """Return the result: the pointwise comparison first, the rest only if it agrees."""
+        self.checks: list[Check] = []
         progress("checking", 0, 3)
         self.reference, engine = self.tree(), self.engine()
-        every, first = tuple(WORDS), "accelerations"
-        headline, theirs = "", None
-        if not self.compare("A", "MuJoCo against the tree", engine, self.reference, *every):
-            headline, worst = self.engine_differs(engine)
-        if self.equations is not None:
-            theirs = self.asked(self.equations)
-            self.compare("B", "equations against MuJoCo", theirs, engine, first)
-            terms = every if self.plant.terms else (first,)
-            self.compare("C", "equations against the tree", theirs, self.reference, *terms)
-            if self.plant.terms:
-                self.invariants(self.equations, theirs.mass)
-            if not headline and self.failed:
-                headline, worst = self.equations_differ(self.equations, theirs)
+        headline, worst = "", self.worst_of("accelerations", self.reference, engine)
+        if bad := self.compare("MuJoCo against the tree", engine, self.reference, _ids("A")):
+            worst = self.worst_of(bad, engine, self.reference)
+            headline = f"{_place(worst)}: MuJoCo is not the tree of its MJCF: {self.why(worst)}"
+        if self.answers is not None:
+            said, place = self.with_equations(self.answers, engine)
+            if not headline:
+                headline, worst = said, place
         progress("checking", 1, 3)
-        if not headline:
-            worst = self.worst_of(first, theirs or self.reference, engine)
-            self.engine_alone()
+        if not self.failed:
+            self.engine_alone(engine)
             progress("checking", 2, 3)
             self.mutation()
-            headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed), self.good())
         progress("checking", 3, 3)
+        if not headline:
+            headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed), self.good())
+        notes = [f"Left out: {'; '.join(self.model.notes)}."] if self.model.notes else []
+        notes += [f"Equations: {self.equations.how}."] if self.equations else []
         return Result(
             plant=self.plant.name, samples=self.samples, seed=self.seed,
-            headline=f"{self.plant.name}: {headline}",
-            verdict="fail" if self.failed else "pass",
-            model_verified=self.equations is not None and not self.failed,
-            checks=tuple(self.checks), worst=worst, notes=self.notes(),
+            headline=f"{self.plant.name}: {headline}", verdict="fail" if self.failed else "pass",
+            model_verified=self.equations is not None, checks=tuple(self.checks), worst=worst,
+            notes=tuple(notes),
         )  # fmt: skip
-
-    @property
-    def failed(self) -> list[Check]:
-        """The rows that do not hold."""
-        return [one for one in self.checks if not one.passed]
 
     def good(self) -> str:
         """Return the headline of a plant that passes."""
@@ -370,84 +344,52 @@ class Request:
         if self.equations is None:
             return f"engine and mutation verified; model not: no equations{rate}"
         largest = max(one.value for one in self.checks if one.id[0] in "BC")
-        points = f"{self.samples} points, to {largest:.1e}"
-        return f"MuJoCo obeys the equations at {points}{rate}"
+        return f"MuJoCo obeys the equations at {self.samples} points, to {largest:.1e}{rate}"
 
-    def notes(self) -> tuple[str, ...]:
-        """Return what a reader should know."""
-        out = [f"Left out: {'; '.join(self.model.notes)}."] if self.model.notes else []
-        how = [f"Equations: {self.equations.how}."] if self.equations else []
-        return (*out, *how)
+    def why(self, worst: Worst) -> str:
+        """Return why MuJoCo is not the tree that its MJCF describes."""
+        row = self.model.rows(np.array([[*worst.p.values()]]))[0]
+        self.model.write(row)
+        if found := self.model.differing(row):
+            return f"written in place it is another model{_fields(found)}"
+        return "something in the MJCF that equations of a tree do not have?"
 
-    # What does not need a second model
+    def with_equations(self, answers: Floats, engine: Point) -> tuple[str, Worst]:
+        """Add what equations give; return the headline where they are not the tree's, and where."""
+        if self.plant.terms:
+            theirs, ids = self.solved(*split(self.plant, answers)), _ids("C")
+        else:
+            theirs = self.reference._replace(accelerations=answers)
+            ids = {"accelerations": "C1"}
+        first = {"accelerations": "B1"}
+        bad = self.compare("equations against MuJoCo", theirs, engine, first)
+        other = self.compare("equations against the tree", theirs, self.reference, ids)
+        if self.plant.terms:
+            self.invariants(theirs.mass)
+        worst = self.worst_of(other or "accelerations", theirs, self.reference if other else engine)
+        if not (bad or other):
+            return "", worst  # what an invariant says has words of its own
+        if other and (suspect := self.suspect(self.gap(other, theirs, self.reference))):
+            return f"{_place(worst)}: {suspect}?", worst
+        most = f"up to {worst.difference:.2g} of the largest component"
+        broken = next((f"; not so: {x.quantity}" for x in self.failed if x.id[0] == "D"), "")
+        return f"{_place(worst)}: equations and MJCF differ by {most}{broken}", worst
 
-    def invariants(self, equations: Equations, m: Floats) -> None:
-        """Add what holds of any mass matrix and any velocity terms."""
-        swapped = np.swapaxes(m, 1, 2)
-        self.add("D1", "mass matrix is symmetric", float(_difference(m, swapped).max()), LIMIT)
-        root = np.sqrt(np.abs(np.einsum("nii->ni", m)))
-        root = np.where(root > 0.0, root, 1.0)
-        least = np.linalg.eigvalsh(0.5 * (m + swapped) / root[:, :, None] / root[:, None, :]).min()
-        self.add("D2", "mass matrix is positive: least eigenvalue", float(least), 1e-12, least=True)
-        few = [x[:FEW] for x in (self.points.q, self.points.v, self.points.p, self.trees)]
-        work = [_work(equations, q, v, p, t.dof_damping) for q, v, p, t in zip(*few, strict=True)]
-        quadratic, linear = np.max(work, axis=0)
-        self.add("D3", "work of the velocity terms is 1/2 v M' v", quadratic, 1e-8)
-        self.add("D4", "terms linear in rates do the work of the damping only", linear, 1e-8)
+    def suspect(self, gap: Floats) -> str:
+        """Return the usual mistake that explains the difference, tried where it is large or not."""
+        most = np.argsort(-gap.reshape(len(gap), -1).max(axis=1))[: SEARCHED // 2]
+        few = np.unique([*most, *np.linspace(0, len(gap) - 1, SEARCHED // 2).astype(int)])
+        assert self.equations is not None
+        return Search(
+            self.plant, self.equations, lambda p: Tree(**self.model.tree(self.model.rows(p)[0])),
+            self.model.bodies, Points(*(x[few] for x in self.points)),
+        ).first()  # fmt: skip
 
-    def engine_alone(self) -> None:
-        """Add that inertias are of bodies, and that energy is kept while parameters change."""
-        a, b, c = np.sort([t.body_inertia[t.body_mass > 0.0] for t in self.trees[:FEW]]).T
-        least = ((a + b - c) / np.where(c > 0.0, c, 1.0)).min(initial=1.0)
-        self.add("E1", "inertias are of bodies: (A + B - C) / C", float(least), -1e-12, least=True)
-        step, left = 1e-3, np.inf
-        while left > 1e-9 and step > 1e-4:  # until steps are no matter
-            left, step = max(self.unaccounted(i, step) for i in range(2)), 0.5 * step
-        self.add("E2", "energy over a run whose parameters change, relative", left, 1e-8)
-
-    def unaccounted(self, start: int, step: float) -> float:
-        """Return the share of energy that work does not account for, in a run by RK4."""
-        q, v, u = (x[start % len(x)] for x in self.points[:3])
-        x, n, worst = np.concatenate([q, 0.3 * v, [0.0]]), len(q), 0.0  # work is one more state
-        for part in range(SEGMENTS):
-            i = (7 * start + part) % len(self.rows)
-            self.model.write(self.rows[i])
-            rates = partial(self.rates, self.trees[i].dof_damping, u)
-            before, x[2 * n] = terms_of(self.trees[i], x[:n], x[n : 2 * n]).energy, 0.0
-            for _ in range(round(SEGMENT / step)):
-                a = rates(x)
-                b = rates(x + 0.5 * step * a)
-                c = rates(x + 0.5 * step * b)
-                x = x + step / 6.0 * (a + 2.0 * b + 2.0 * c + rates(x + step * c))
-            after = terms_of(self.trees[i], x[:n], x[n : 2 * n]).energy
-            size = max(np.abs(before).max(), np.abs(after).max(), abs(x[2 * n]), 1e-12)
-            worst = max(worst, abs(after.sum() - before.sum() - x[2 * n]) / size)
-        return float(worst)
-
-    def rates(self, damping: Floats, u: Floats, x: Floats) -> Floats:
-        """Return v, MuJoCo's accelerations and the power of inputs and damping."""
-        n = len(damping)
-        v, there = x[n : 2 * n], self.model.at(x[:n], x[n : 2 * n], u)
-        return np.concatenate([v, there.accelerations, [v @ (there.inputs @ u - damping * v)]])
-
-    def mutation(self) -> None:
-        """Add how many numbers of a model written in place differ from one compiled afresh."""
-        found = Counter(self.model.differing(self.model.last))
-        self.add(
-            "F1", f"numbers unlike a recompile, after the run{_where(found)}", found.total(), 0
-        )
-        for row in self.rows[:RECOMPILED]:
-            self.model.write(row)
-            found += Counter(self.model.differing(row))
-        what = f"numbers unlike a recompile, {len(self.rows[:RECOMPILED])} random parameters"
-        self.add("F2", what + _where(found), found.total(), 0)
-
-    # What differs
-
-    def worst_of(self, term: str, one: Sampled, other: Sampled) -> Worst:
+    def worst_of(self, term: str, one: Point, other: Point) -> Worst:
         """Return where two differ most in a term, and in which coordinate."""
-        i, gap = self.point_of(term, one, other)
-        here = gap.reshape(len(gap), -1).max(axis=1, initial=0.0)
+        gaps = self.gap(term, one, other)
+        i = int(np.argmax(gaps.reshape(len(gaps), -1).max(axis=1)))
+        gap, here = gaps[i], gaps[i].reshape(len(gaps[i]), -1).max(axis=1, initial=0.0)
         j = int(np.argmax(here))
         if term == "mass" and np.diag(gap).max() >= 0.5 * gap.max():
             # an inertia is in every row below its joint: the last one names it
@@ -459,63 +401,102 @@ class Request:
         most = float(np.nan_to_num(here[j], nan=HUGE, posinf=HUGE))
         return Worst(coordinate=plant.coordinates[j], term=WORDS[term], difference=most, **at)
 
-    def point_of(self, term: str, one: Sampled, other: Sampled) -> tuple[int, Floats]:
-        """Return the point at which two differ most, and the difference there."""
-        gap = self.gap(term, one, other)
-        i = int(np.argmax(gap.reshape(len(gap), -1).max(axis=1)))
-        return i, gap[i]
+    # What does not need a second model
 
-    def failing(self, prefix: str) -> str:
-        """Return the term that says most: M, h or B before the accelerations."""
-        terms = dict(
-            zip(("2", "3", "4", "1"), ("mass", "bias", "inputs", "accelerations"), strict=True)
+    def invariants(self, m: Floats) -> None:
+        """Add what holds of any mass matrix and any velocity terms."""
+        swapped = np.swapaxes(m, 1, 2)
+        self.add("D1", "mass matrix is symmetric", float(_difference(m, swapped).max()), LIMIT)
+        root = np.sqrt(np.abs(np.einsum("nii->ni", m)))
+        root = np.where(root > 0.0, root, 1.0)
+        least = np.linalg.eigvalsh(0.5 * (m + swapped) / root[:, :, None] / root[:, None, :]).min()
+        self.add("D2", "mass matrix is positive: least eigenvalue", float(least), 1e-12, least=True)
+        quadratic, linear = self.work()
+        self.add("D3", "work of the velocity terms is 1/2 v M' v", quadratic, 1e-8)
+        self.add("D4", "terms linear in rates do the work of the damping only", linear, 1e-8)
+
+    def work(self) -> tuple[float, float]:
+        """Return the work of terms quadratic and linear in rates that should not be, relative.
+
+        v h(q, v) is not zero: quadratic terms give 1/2 v M' v, linear ones what the damping takes.
+        """
+        few = Points(*(x[:FEW] for x in self.points))
+        damping = np.array([tree.dof_damping for tree in self.trees[:FEW]])
+
+        def terms(q: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
+            assert self.equations is not None
+            beside = few._replace(q=q, v=v)
+            return split(self.plant, self.equations.at(beside, gaps=True))
+
+        v, speed = few.v, np.abs(few.v)
+        still, ahead, back = (terms(few.q, s * v)[1] for s in (0.0, 1.0, -1.0))
+        quadratic, linear = 0.5 * (ahead + back) - still, 0.5 * (ahead - back)
+        rate = _slope(lambda s: terms(few.q + s * v, v)[0], 1e-3 / np.maximum(1.0, speed.max(1)))
+        gain, most = (
+            0.5 * np.einsum("ki,kij,kj->k", x, y, x) for x, y in ((v, rate), (speed, np.abs(rate)))
         )
-        bad = {one.id for one in self.failed}
-        return next((term for i, term in terms.items() if prefix + i in bad), "accelerations")
+        size = np.einsum("ki,ki->k", speed, np.abs(quadratic)) + most
+        lost, taken = np.einsum("ki,ki->k", v, linear), np.einsum("ki,ki->k", damping, v**2)
+        other = np.einsum("ki,ki->k", speed, np.abs(linear)) + taken + 1e-6 * size
+        return (
+            _largest(np.einsum("ki,ki->k", v, quadratic) - gain, size),
+            _largest(lost - taken, other),
+        )
 
-    def engine_differs(self, engine: Sampled) -> tuple[str, Worst]:
-        """Return the headline where MuJoCo is not the tree that its MJCF describes."""
-        worst = self.worst_of(term := self.failing("A"), engine, self.reference)
-        i, _ = self.point_of(term, engine, self.reference)
-        self.model.write(self.rows[i])
-        why = "something in the MJCF that equations of a tree do not have?"
-        if found := self.model.differing(self.rows[i]):
-            why = f"written in place it is another model{_where(found)}"
-        return f"{worst.term}, {worst.coordinate}: MuJoCo is not the tree of its MJCF: {why}", worst
+    def engine_alone(self, engine: Point) -> None:
+        """Add that inertias are of bodies, and that energy changes by the work that is done."""
+        a, b, c = np.sort([t.body_inertia[t.body_mass > 0.0] for t in self.trees[:FEW]]).T
+        least = ((a + b - c) / np.where(c > 0.0, c, 1.0)).min(initial=1.0)
+        self.add("E1", "inertias are of bodies: (A + B - C) / C", float(least), -1e-12, least=True)
+        self.add(
+            "E2", "energy changes by the work of inputs and damping", self.ledger(engine), 1e-8
+        )
 
-    def equations_differ(self, equations: Equations, theirs: Sampled) -> tuple[str, Worst]:
-        """Return the headline where the equations are not those of the tree."""
-        worst = self.worst_of(term := self.failing("C"), theirs, self.reference)
-        gap = self.gap(term, theirs, self.reference)
-        most = np.argsort(-gap.reshape(len(gap), -1).max(axis=1))[: SEARCHED // 2]
-        few = np.unique([*most, *np.linspace(0, len(gap) - 1, SEARCHED // 2).astype(int)])
-        points = Points(*(x[few] for x in self.points))
-        suspect = name_suspect(self.plant, equations, self.tree_of, self.model.bodies, points)
-        where = f"{worst.term}, {worst.coordinate}"
-        if suspect:
-            return f"{where}: {suspect}?", worst
-        broken = next((f"; not so: {x.quantity}" for x in self.failed if x.id[0] == "D"), "")
-        most_of = f"up to {worst.difference:.2g} of the largest component"
-        return f"{where}: equations and MJCF differ by {most_of}{broken}", worst
+    def ledger(self, engine: Point) -> float:
+        """Return the power that is not accounted for along MuJoCo's motion, relative.
+
+        The parameters are others at each point. No step of an integrator is in it: a motor or a
+        spring may be as stiff as it likes.
+        """
+        trees, (q, v, u, _) = self.trees[:FEW], (x[:FEW] for x in self.points)
+        m, h, b, a = (x[:FEW] for x in engine)
+        damping = np.array([tree.dof_damping for tree in trees])
+
+        def energy(s: Floats) -> Floats:
+            states = zip(trees, q + s * v, v + s * a, strict=True)
+            return np.array([terms_of(*x).energy.sum() for x in states])
+
+        fastest = np.maximum(np.abs(v).max(1), np.sqrt(np.abs(a).max(1)))
+        gained = _slope(energy, 1e-3 / np.maximum(1.0, fastest))
+        pushed = (b @ u[..., None])[..., 0]
+        power = np.einsum("ki,ki->k", v, pushed - damping * v)
+        forces = (np.abs(m) @ np.abs(a)[..., None])[..., 0] + np.abs(h) + np.abs(pushed)
+        return _largest(gained - power, np.einsum("ki,ki->k", np.abs(v), forces))
+
+    def mutation(self) -> None:
+        """Add how many numbers of a model written in place differ from one compiled afresh."""
+        found = Counter(self.model.differing(self.model.last))
+        what = f"numbers unlike a recompile, after {len(self.rows)} points{_fields(found)}"
+        self.add("F1", what, found.total(), 0)
+        for row in self.rows[:RECOMPILED]:
+            self.model.write(row)
+            found += Counter(self.model.differing(row))
+        what = f"numbers unlike a recompile, {len(self.rows[:RECOMPILED])} random parameters"
+        self.add("F2", what + _fields(found), found.total(), 0)
 
 
-def _work(
-    equations: Equations, q: Floats, v: Floats, p: Floats, damping: Floats
-) -> tuple[float, float]:
-    """Return the work of terms quadratic and linear in rates that should not be, relative.
+def _ids(letter: str) -> dict[str, str]:
+    """Return the rows of all terms: the accelerations have the first."""
+    return {term: f"{letter}{i}" for term, i in zip(WORDS, (2, 3, 4, 1), strict=True)}
 
-    v h(q, v) is not zero: quadratic terms give 1/2 v M' v, linear ones what the damping takes.
-    """
-    still, ahead, back = (equations.terms(q, s * v, p)[1] for s in (0.0, 1.0, -1.0))
-    quadratic, linear = 0.5 * (ahead + back) - still, 0.5 * (ahead - back)
-    step = 1e-3 / max(1.0, float(np.abs(v).max()))
-    a, b, c, d = (equations.terms(q + s * step * v, v, p)[0] for s in (1.0, -1.0, 2.0, -2.0))
-    rate, speed = (8.0 * (a - b) - (c - d)) / (12.0 * step), np.abs(v)
-    work = float(v @ quadratic - 0.5 * v @ rate @ v)
-    size = float(speed @ np.abs(quadratic) + 0.5 * speed @ np.abs(rate) @ speed)
-    lost = float(v @ linear - damping @ v**2)
-    other = float(speed @ np.abs(linear) + damping @ v**2 + 1e-6 * size)
-    return abs(work) / max(size, 1e-9), abs(lost) / max(other, 1e-9)
+
+def _place(worst: Worst) -> str:
+    return f"{worst.term}, {worst.coordinate}"
+
+
+def _fields(found: Mapping[str, int]) -> str:
+    """Return the fields that differ, in brackets."""
+    return f" ({', '.join(list(found)[:4])})" if found else ""
 
 
 def _bounds(name: str, pair: Any) -> tuple[float, float]:
@@ -547,9 +528,16 @@ def _condition(mass: Floats) -> float:
     return float(np.linalg.cond(mass / root[:, :, None] / root[:, None, :]).max())
 
 
-def _where(found: Mapping[str, int]) -> str:
-    """Return the fields that differ, in brackets."""
-    return f" ({', '.join(list(found)[:4])})" if found else ""
+def _slope(function: Callable[[Floats], Floats], step: Floats) -> Floats:
+    """Return the derivative at 0 of a function of one number a point, to the fourth order."""
+    a, b, c, d = (function(s * step[:, None]) for s in (1.0, -1.0, 2.0, -2.0))
+    found: Floats = ((8.0 * (a - b) - (c - d)).T / (12.0 * step)).T
+    return found
+
+
+def _largest(wrong: Floats, size: Floats) -> float:
+    """Return the largest share; equations may have no value beside a point."""
+    return float(np.nanmax(np.abs(wrong) / np.maximum(size, 1e-9), initial=0.0))
 
 
 def run(request: Request, *, progress: Progress = silent) -> Result:

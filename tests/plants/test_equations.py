@@ -13,7 +13,7 @@ import sympy as sp
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.plants import equations
-from afl_mujoco.plants.equations import load_equations
+from afl_mujoco.plants.equations import Equations, Points, load_equations
 from tests.plants.plants import known, small
 
 ROOT = Path(__file__).parents[2]
@@ -21,13 +21,10 @@ ROOT = Path(__file__).parents[2]
 EQUATIONS = ("plant = afl.Plant(\n", "{}\n\nplant = afl.Plant(\n    accelerations=accelerations,\n")
 
 
-def points(plant: afl.Plant, count: int = 20) -> list[tuple[np.ndarray, ...]]:
+def points(plant: afl.Plant, count: int = 20) -> Points:
     n, rng = len(plant.coordinates), np.random.default_rng(0)
-    u = len(plant.inputs)
-    return [
-        (rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(-1, 1, u), plant.nominal)
-        for _ in range(count)
-    ]
+    q, v, u = (rng.uniform(-1, 1, (count, x)) for x in (n, n, len(plant.inputs)))
+    return Points(q, v, u, np.tile(plant.nominal, (count, 1)))
 
 
 def with_equations(folder: Path, text: str) -> afl.Plant:
@@ -38,11 +35,8 @@ def test_compiled_and_interpreted_give_the_same() -> None:
     plant = known("cart_double_pendulum.py:plant")
     found = load_equations(plant, points(plant))
     assert found.how == "compiled"
-    slow = equations._interpreted(plant)
-    for point in points(plant):
-        out = np.empty(3 * (3 + 1 + 1))
-        slow(*point, out)
-        np.testing.assert_allclose(found.raw(*point), out, rtol=1e-12)
+    slow = Equations(plant, equations._interpreted(plant), "")
+    np.testing.assert_allclose(found.at(points(plant)), slow.at(points(plant)), rtol=1e-12)
 
 
 def test_what_numba_cannot_compile_is_interpreted_and_said(tmp_path: Path) -> None:
@@ -50,7 +44,7 @@ def test_what_numba_cannot_compile_is_interpreted_and_said(tmp_path: Path) -> No
     plant = with_equations(tmp_path, text)
     found = load_equations(plant, points(plant))
     assert found.how.startswith("interpreted: ")
-    np.testing.assert_allclose(found.raw(*points(plant)[0])[0], points(plant)[0][2][0])
+    np.testing.assert_allclose(found.at(points(plant))[:, 0], points(plant).u[:, 0])
 
 
 def test_compiled_code_that_gives_other_numbers_is_not_used(
@@ -82,10 +76,10 @@ def test_a_constant_in_an_imported_module_is_never_stale(body: str, tmp_path: Pa
     program = (
         "import numpy as np\n"
         "from afl_mujoco.plants.plant import load_plant\n"
-        "from afl_mujoco.plants.equations import load_equations\n"
-        "z = np.zeros(1)\n"
-        "found = load_equations(load_plant('stale.py:plant'), [(z, z, np.zeros(0), np.zeros(0))])\n"
-        "print(found.how, found.raw(z, z, np.zeros(0), np.zeros(0))[0])\n"
+        "from afl_mujoco.plants.equations import Points, load_equations\n"
+        "z, none = np.zeros((1, 1)), np.zeros((1, 0))\n"
+        "found = load_equations(load_plant('stale.py:plant'), Points(z, z, none, none))\n"
+        "print(found.how, found.at(Points(z, z, none, none))[0, 0])\n"
     )
     said = []
     for constant in (2.0, 1.0, 1.0):

@@ -36,6 +36,12 @@ REFUSED = {
          '<flexcomp name="f" type="grid" count="2 2 1" mass="1" radius=".01" rigid="true">'
          '<contact contype="0" conaffinity="0"/></flexcomp></worldbody>'),),
     "armature of actuator 'torque'": ((MOTOR, '<motor name="torque" joint="arm" armature="1"/>'),),
+    "switched off group of actuators .*actuatorgroupdisable": (
+        ("<worldbody>", '<option actuatorgroupdisable="0"/><worldbody>'),),
+    "body 'fixed' must have an <inertial>, .*got geom 'plate'": (
+        ("</worldbody>", '<body name="fixed"><geom name="plate" size=".1" contype="0" '
+         'conaffinity="0"/></body></worldbody>'),
+        ('    return {', '    return {"geom plate size 0": p.length, ')),
     "<compiler inertiafromgeom> must be": (("angle=", 'inertiafromgeom="true" angle='),),
     "<compiler boundmass> must be": (("angle=", 'boundmass="0.01" angle='),),
     "<compiler settotalmass> must be": (("angle=", 'settotalmass="3" angle='),),

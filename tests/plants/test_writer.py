@@ -67,6 +67,17 @@ def test_a_write_that_sums_over_its_arrays_is_not_believed(tmp_path) -> None:
     np.testing.assert_array_equal(half, p[:, 1] / 2)
 
 
+def test_the_order_of_what_is_written_is_no_matter(tmp_path) -> None:
+    order = "    return dict(sorted({", '"geom arm pos 2": p.length / 2}'
+    turned = '"geom arm pos 2": p.length / 2}.items(), reverse=bool(p.length > 0.4)))'
+    plant = small(tmp_path, ("    return {", order[0]), (order[1], turned))
+    expected = PlantModel(small(tmp_path)).rows(drawn(plant, 20))
+    model = PlantModel(plant)
+    there = [str(x) for x in PlantModel(small(tmp_path)).targets]
+    columns = [[str(x) for x in model.targets].index(x) for x in there]
+    np.testing.assert_array_equal(model.rows(drawn(plant, 20))[:, columns], expected)
+
+
 def test_constants_that_are_not_refreshed_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     plant = known("quadrotor_load.py:plant")
     model = PlantModel(plant)

@@ -13,6 +13,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.plants import tree
 from afl_mujoco.plants.writer import PlantModel
+from afl_mujoco.studies import check as check_study
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
 from tests.plants.plants import NAMES, known, small, varied
@@ -58,7 +59,7 @@ def test_a_plant_that_fails_gives_1_and_names_the_mistake(command_line, tmp_path
     assert code == 1
     assert output.splitlines()[-1].startswith("FAIL: small: accelerations, ")
     content = json.loads((tmp_path / "out" / "check.json").read_text())
-    assert (content["verdict"], content["model_verified"]) == ("fail", False)
+    assert (content["verdict"], content["model_verified"]) == ("fail", True)
 
 
 def test_without_equations_engine_and_mutation_are_verified_and_the_model_is_not(tmp_path) -> None:
@@ -122,32 +123,23 @@ def test_constants_that_are_not_refreshed_are_noticed(monkeypatch) -> None:
 
 
 def test_energy_that_is_not_kept_is_noticed(monkeypatch) -> None:
-    at = PlantModel.at
+    usual = check_study.terms_of
 
-    def pushed(self, q, v, u):
-        found = at(self, q, v, u)
-        return found._replace(accelerations=found.accelerations + 1e-6 * self.ledger)
+    def more(*given):
+        found = usual(*given)
+        return found._replace(energy=found.energy * (1.0, 1.0 + 1e-6))
 
-    monkeypatch.setattr(PlantModel, "ledger", 0.0, raising=False)
-    monkeypatch.setattr(PlantModel, "at", pushed)
     assert rows(afl.check(known(QUAD), 50))["E2"]
-    monkeypatch.setattr(
-        "afl_mujoco.studies.check.Request.engine_alone",
-        _with_ledger(1.0),
-    )
-    assert not rows(afl.check(known(QUAD), 50))["E2"]
+    monkeypatch.setattr(check_study, "terms_of", more)
+    result = afl.check(known(QUAD), 50)
+    assert [id for id, passed in rows(result).items() if not passed] == ["E2"]
+    assert result.headline.startswith("quadrotor-load: energy changes by the work of inputs")
 
 
-def _with_ledger(value: float):
-    from afl_mujoco.studies.check import Request
-
-    usual = Request.engine_alone
-
-    def engine_alone(self):
-        self.model.ledger = value
-        usual(self)
-
-    return engine_alone
+def test_a_plant_may_be_as_stiff_as_it_likes(tmp_path) -> None:
+    stiff = 'axis="1 0 0" damping="50" stiffness="1e6"/>'
+    result = afl.check(small(tmp_path, ('axis="1 0 0"/>', stiff)), 100)
+    assert result.passed, result.headline
 
 
 def test_a_tree_that_is_wrong_is_noticed(monkeypatch) -> None:
@@ -178,9 +170,7 @@ def test_terms_that_no_body_has_break_an_invariant(id: str, terms) -> None:
 
 def replace_terms(plant: afl.Plant, terms) -> afl.Plant:
     names = ("name", "coordinates", "inputs", "parameters", "write")
-    return afl.Plant(
-        model=plant.folder / plant.model, terms=terms, **{x: getattr(plant, x) for x in names}
-    )
+    return afl.Plant(model=plant.model, terms=terms, **{x: getattr(plant, x) for x in names})
 
 
 def test_the_tree_is_not_read_from_the_model_that_was_written() -> None:
@@ -290,6 +280,38 @@ def test_bad_arguments_are_one_line(arguments, said, command_line) -> None:
     code, _, errors = command_line("check", *arguments)
     assert (code, errors.count("\n")) == (2, 1)
     assert said in errors
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("a = float('nan') if q[0] > 2.8 else 0.0", "accelerations must be finite; box= of afl"),
+        (
+            "a = 0.0\n    if q[0] > 2.8: raise ValueError('far')",
+            "accelerations raised ValueError: far",
+        ),
+    ],
+)
+@pytest.mark.parametrize("more", ["", "\n    {}.get(a)"])  # compiled or not
+def test_what_goes_wrong_at_few_points_is_found_before_a_folder_is_made(
+    line: str, said: str, more: str, command_line, tmp_path
+) -> None:
+    spec = varied(tmp_path, equations(f"{line}{more}\n    return a, a"))
+    code, output, errors = command_line("check", spec, "--out", "out")
+    assert (code, output, errors.count("\n")) == (2, "", 1), errors
+    assert said in errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_invariant_that_breaks_alone_is_the_headline(monkeypatch) -> None:
+    """Equations and MJCF do not differ then, and no suspect explains it."""
+    monkeypatch.setattr(check_study.Request, "work", lambda self: (1.0, 0.0))
+    result = afl.check(known(QUAD), 50)
+    assert result.headline == "quadrotor-load: work of the velocity terms is 1/2 v M' v: 1"
+
+
+def test_a_plant_with_another_name_has_the_same_model() -> None:
+    assert afl.check(replace(known(QUAD), name="other"), 10).passed
 
 
 def test_singular_equations_say_how_to_leave_the_singularity_out(tmp_path: Path) -> None:

@@ -1,0 +1,51 @@
+"""Suspects say what explains a difference, and stop where equations have no value."""
+
+from __future__ import annotations
+
+import afl_mujoco as afl
+from afl_mujoco.plants.plant import Plant
+
+ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
+<joint name="arm" axis="0 1 0" damping="0.1"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>
+</body></worldbody></mujoco>"""
+
+
+def arm(terms, **parameters: afl.Parameter) -> Plant:
+    return Plant(
+        name="arm", model=ARM, coordinates=("arm",), terms=terms, parameters=parameters,
+        write=lambda p: {"joint arm damping": p.damping} if parameters else {},
+    )  # fmt: skip
+
+
+def test_equations_that_cannot_be_read_otherwise_do_not_end_the_search() -> None:
+    """A suspect gives them a negative parameter, of which there is no root."""
+
+    def terms(q, v, p):
+        from math import sin, sqrt  # not compiled
+
+        return ((2.0,),), (9.81 * sin(q[0]) ** 3 + sqrt(p.damping) ** 2 * v[0],), ((),)
+
+    damping = afl.Parameter(0.1, low=0.05, high=0.3)
+    result = afl.check(arm(terms, damping=damping), 50)
+    assert result.notes[-1].startswith("Equations: interpreted")
+    assert "equations and MJCF differ by up to" in result.headline
+
+
+def test_a_small_share_is_said_to_be_small() -> None:
+    import math
+
+    g = 9.81 * (1.0 + 1e-7)
+    result = afl.check(
+        arm(lambda q, v, p: (((2.0,),), (g * math.sin(q[0]) + 0.1 * v[0],), ((),))), 50
+    )
+    assert "gravity is 1 + 1e-07 times MuJoCo's" in result.headline
+
+
+def test_what_is_a_parameter_has_no_value_of_its_own_in_mujoco() -> None:
+    import math
+
+    def terms(q, v, p):
+        return ((2.0,),), (9.81 * math.sin(q[0]) + (p.damping + 0.2) * v[0],), ((),)
+
+    result = afl.check(arm(terms, damping=afl.Parameter(0.1, low=0.05, high=0.3)), 50)
+    assert "damping of arm is 0.2 more in the equations" in result.headline
