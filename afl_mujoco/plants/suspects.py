@@ -63,6 +63,11 @@ def _share(thing: str, c: float) -> str:
     return f"{thing} is {times} times MuJoCo's in the equations"
 
 
+def _inertial(thing: str, c: float) -> str:
+    """Return the same of what is positive: a motor or a force has the other sign then."""
+    return _share(thing, c) if c > -1.0 - 1e-5 else ""
+
+
 def _amount(thing: str, has: Floats, c: float) -> str:
     if np.ptp(has) > 0.0:  # a parameter
         return f"{thing} is {abs(c):.6g} {'more' if c > 0 else 'less'} in the equations"
@@ -115,7 +120,7 @@ class Search:
         for family in families:
             yield from self.together(family)
         for say, left in itertools.chain(
-            self.lengths(), self.parameters(), self.angles(), self.exchanged()
+            self.lengths(), self.exchanged(), self.parameters(), self.angles()
         ):
             yield from _explained(say, self.start, left)
         yield from self.stale()
@@ -196,7 +201,8 @@ class Search:
             ("the inertia", ["body_inertia"]), ("the mass", ["body_mass"]),
             ("mass and inertia", ["body_inertia", "body_mass"]),
         ):  # fmt: skip
-            yield [(share(f"{what} of body {name}"), self.edited(b, **dict.fromkeys(fields, twice)))
+            yield [(partial(_inertial, f"{what} of body {name}"),
+                    self.edited(b, **dict.fromkeys(fields, twice)))
                    for b, name in self.bodies]  # fmt: skip
         for field, word in PASSIVE.items():
             has = np.array([getattr(tree, field) for tree in self.trees])
@@ -225,8 +231,8 @@ class Search:
                 places["length"] = {"body_ipos": by, "body_inertia": square}
             for word, change in places.items():
                 hint = " (l for 2 l?)" if factor > 0.0 else ""
-                said = _share(f"the {word} of body {name}{hint}", factor - 1.0)
-                yield partial(_whole, said), self.edited(b, **change)
+                said = _share(f"the {word} of body {name}", factor - 1.0)
+                yield partial(_whole, said + hint), self.edited(b, **change)
 
     def parameters(self) -> Iterator[Suspect]:
         """Yield parameters in other units, and exchanged ones."""

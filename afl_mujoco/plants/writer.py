@@ -211,7 +211,7 @@ class PlantModel:
             return np.empty((len(table), 0))
         try:
             fast = self._row(self.plant.named(table), len(table))
-        except (AflMujocoError, ValueError, TypeError):
+        except AflMujocoError:
             fast = None  # a write that knows no arrays
         seen = sorted({0, len(table) // 2, len(table) - 1})
         slow = np.array([self._row(self.plant.named(table[i]), 1)[0] for i in seen])
@@ -224,8 +224,14 @@ class PlantModel:
         numbers = dict(self._numbers(self._written(p)))
         if others := numbers.keys() ^ set(self.targets):
             raise InvalidValueError(f"write: {min(others)}", "must be written for every p")
-        columns = [np.broadcast_to(np.asarray(numbers[x], float), (count,)) for x in self.targets]
-        return np.stack(columns, axis=1)
+        columns = np.empty((len(self.targets), count))
+        for target, column in zip(self.targets, columns, strict=True):
+            try:
+                column[:] = np.asarray(numbers[target], float)
+            except (TypeError, ValueError):
+                value = told(numbers[target], repr)[:80]
+                raise InvalidValueError(f"write: {target}", "must be a number", value) from None
+        return columns.T.copy()
 
     def require(self, rows: Floats, parameters: Floats | None = None) -> None:
         """Raise unless MuJoCo takes every row."""

@@ -329,6 +329,9 @@ class Request:
         if not headline:
             headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed), self.good())
         notes = [f"Left out: {'; '.join(self.model.notes)}."] if self.model.notes else []
+        held = [name for name, one in self.plant.parameters.items() if one.low == one.high]
+        if held and self.equations:
+            notes.append(f"Drawn at one value, for want of low and high: {', '.join(held)}.")
         notes += [f"Equations: {self.equations.how}."] if self.equations else []
         return Result(
             plant=self.plant.name, samples=self.samples, seed=self.seed,

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 import afl_mujoco as afl
 from afl_mujoco.plants.plant import Plant
+from tests.plants.plants import known
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 <joint name="arm" axis="0 1 0" damping="0.1"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>
@@ -29,6 +32,20 @@ def test_equations_that_cannot_be_read_otherwise_do_not_end_the_search() -> None
     result = afl.check(arm(terms, damping=damping), 50)
     assert result.notes[-1].startswith("Equations: interpreted")
     assert "equations and MJCF differ by up to" in result.headline
+
+
+def test_no_body_has_a_negative_inertia() -> None:
+    """As accelerations, motors that push the other way are its like."""
+    plant = known("quadrotor_load.py:plant")
+
+    def accelerations(q, v, u, p):
+        mass, bias, inputs = map(np.array, plant.terms(q, v, p))
+        inputs[2] *= -1.0
+        return np.linalg.solve(mass, inputs @ u - bias)
+
+    names = ("name", "model", "coordinates", "inputs", "parameters", "write")
+    turned = Plant(accelerations=accelerations, **{name: getattr(plant, name) for name in names})
+    assert "inputs left and right are exchanged" in afl.check(turned, 50).headline
 
 
 def test_a_small_share_is_said_to_be_small() -> None:

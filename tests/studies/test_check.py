@@ -217,6 +217,8 @@ BAD = {
     "write: body arm mass must be positive, got -1 at mass = -1, length = 0.4": (
         ('Parameter(1.0, "kg", low=0.5', 'Parameter(-1.0, "kg", low=-1.5'),),
     "write: body arm mass must be positive, got -": (("low=0.5", "low=-20.0"),),
+    "write: body tip pos 0 must be a number, got 'far' ": (
+        ("    return {", '    return {"body tip pos 0": "far" if p.length < 0.3 else 0.1, '),),
     "write: body tip pos 0 must be a number, got 'far'": (
         ("    return {", '    return {"body tip pos 0": "far", '),),
     "write: body tip inertia 0 must be at most the sum of the other two, got 5": (
@@ -301,6 +303,13 @@ def test_what_goes_wrong_at_few_points_is_found_before_a_folder_is_made(
     assert (code, output, errors.count("\n")) == (2, "", 1), errors
     assert said in errors
     assert not (tmp_path / "out").exists()
+
+
+def test_parameters_that_are_never_drawn_elsewhere_are_said(tmp_path) -> None:
+    """Equations could have constants in their place."""
+    bounds = (', "kg", low=0.5, high=2.0', ""), equations("return q[0], p.mass")
+    notes = afl.check(small(tmp_path, *bounds), 20).notes
+    assert notes[-2] == "Drawn at one value, for want of low and high: mass."
 
 
 def test_an_invariant_that_breaks_alone_is_the_headline(monkeypatch) -> None:
