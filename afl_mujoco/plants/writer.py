@@ -63,15 +63,6 @@ class Target(NamedTuple):
         return " ".join(filter(None, parts))
 
 
-class Point(NamedTuple):
-    """M, h and B of ``M v' + h = B u`` and accelerations; of several points with one more axis."""
-
-    mass: Floats  # (n, n)
-    bias: Floats  # (n,)
-    inputs: Floats  # (n, k)
-    accelerations: Floats  # (n,)
-
-
 class PlantModel:
     """A plant's MuJoCo model, its parameters at their nominal values until others are written.
 
@@ -287,14 +278,11 @@ class PlantModel:
 
     def _require_parameters_used(self) -> None:
         """Raise if a parameter changes nothing that is written."""
-        nominal = self.plant.nominal
         for k, (name, one) in enumerate(self.plant.parameters.items()):
-            p = np.array([nominal, nominal])
-            p[1, k] = one.high if one.high != one.value else one.low
-            if p[1, k] == one.value:
-                p[1, k] = one.value * 1.001 if one.value else 1e-3
-            rows = self.rows(p)
-            if np.array_equal(rows[0], rows[1]):
+            p = np.array([self.plant.nominal, self.plant.nominal])
+            others = (x for x in (one.high, one.low) if x != one.value)
+            p[1, k] = next(others, 1.001 * one.value if one.value else 1e-3)
+            if np.array_equal(*self.rows(p)):
                 rule = "must change something that write returns, but nothing does"
                 raise InvalidValueError(f"parameter {name!r}", rule)
 
@@ -322,8 +310,8 @@ class PlantModel:
         mujoco.mj_setConst(self.mj_model, self._scratch)
         self.last = np.array(row)
 
-    def at(self, q: Floats, v: Floats, u: Floats) -> Point:
-        """Return the terms at a state, as the model is now."""
+    def at(self, q: Floats, v: Floats, u: Floats) -> tuple[Floats, ...]:
+        """Return M, h and B at a state, as the model is now, and the accelerations."""
         m, d = self.mj_model, self.mj_data
         n, k = m.nv, m.nu
         mass, inputs = np.zeros((n, n)), np.zeros((n, k))
@@ -335,7 +323,7 @@ class PlantModel:
         d.ctrl[:] = u
         mujoco.mj_forward(m, d)
         mujoco.mj_fullM(m, d, mass)
-        return Point(mass, d.qfrc_bias - d.qfrc_passive, inputs, d.qacc.copy())
+        return mass, d.qfrc_bias - d.qfrc_passive, inputs, d.qacc.copy()
 
     @property
     def bodies(self) -> list[str]:

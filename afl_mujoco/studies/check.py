@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
@@ -19,9 +19,6 @@ from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.report.blocks import Block, Cell, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.studies.contract import Progress, Study, silent
-
-if TYPE_CHECKING:
-    from afl_mujoco.plants.writer import Point
 
 Floats = NDArray[np.float64]
 
@@ -198,6 +195,15 @@ def check(
     return run(Request(found, samples, seed, box or {}))
 
 
+class Point(NamedTuple):
+    """Terms of ``M v' + h = B u`` at all points, and the accelerations."""
+
+    mass: Floats  # (N, n, n)
+    bias: Floats  # (N, n)
+    inputs: Floats  # (N, n, k)
+    accelerations: Floats  # (N, n)
+
+
 WORDS = {"mass": "mass matrix", "bias": "bias", "inputs": "input", "accelerations": "accelerations"}
 """Terms, those that say most first."""
 
@@ -246,8 +252,6 @@ class Request:
 
     def engine(self) -> Point:
         """Return MuJoCo's terms, its parameters written in place."""
-        from afl_mujoco.plants.writer import Point
-
         found = []
         for q, v, u, row in zip(*self.points[:3], self.rows, strict=True):
             self.model.write(row)
@@ -261,8 +265,6 @@ class Request:
 
     def solved(self, mass: Floats, bias: Floats, inputs: Floats) -> Point:
         """Add the accelerations; of singular mass matrices, which are a failure, the shortest."""
-        from afl_mujoco.plants.writer import Point
-
         force = inputs @ self.points.u[..., None] - bias[..., None]
         try:
             found = np.linalg.solve(mass, force)[..., 0]
