@@ -114,6 +114,10 @@ class Search:
 
     def named(self) -> Iterator[str]:
         """Yield what explains the difference, the most usual first."""
+        if np.abs(self.start).max() < 1e-5 and np.all(
+            self.theirs.astype(np.float32) == self.theirs
+        ):
+            yield "the equations are in single precision"
         families = [*self.families()]
         for say, left in itertools.chain(*families):
             yield from _explained(say, self.start, left)
@@ -364,10 +368,11 @@ class Search:
         wrong = self.theirs - right
         size = np.abs(right).max(axis=1, keepdims=True)
         bad = np.flatnonzero(np.abs(wrong / size).max(axis=0) > 1e-9)
-        shares = self.theirs / right
-        if len(bad) > 1 and np.allclose(shares, shares[:, :1], rtol=1e-7):
-            yield "all accelerations have one factor, which is not 1: the determinant?"
         if len(bad) != 1:
+            yield from _explained(partial(_share, "every acceleration"), wrong, wrong - right)
+            shares = self.theirs / right
+            if np.all(np.ptp(shares, axis=1) <= EXPLAINED * np.abs(shares - 1.0).max(axis=1)):
+                yield "all accelerations have one factor, which is not 1: the determinant"
             return
         i = int(bad[0])
         name, inverse, start = self.plant.coordinates[i], np.linalg.inv(m)[:, i], wrong[:, i]

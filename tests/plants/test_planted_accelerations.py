@@ -16,7 +16,21 @@ def accelerations(q, v, u, p):
     return (w * c + 4 / 3 * (u - k)) / d, ((M + m) * g * s + (u - k) * c) / (l * d)
 """
 
+RETURN = "return (w * c + 4 / 3 * (u - k)) / d, ((M + m) * g * s + (u - k) * c) / (l * d)"
+
 MISTAKES = {
+    "single precision": (
+        RETURN,
+        RETURN.replace("return ", "from numpy import array\n    return array([")
+        + "]).astype('f4')",
+        "the equations are in single precision?",
+    ),
+    "everything a tenth more": (
+        " / d, (",
+        " / d * 1.1, 1.1 * (",
+        "every acceleration is 1.1 times",
+    ),
+    "nothing": (RETURN, "return 0.0, 0.0", "every acceleration is missing in the equations?"),
     "right": ("", "", "MuJoCo obeys the equations"),
     "sign of the centripetal term in z": (
         "4 / 3 * (u - k)",
@@ -27,7 +41,7 @@ MISTAKES = {
     "4/3 missing from D": (
         "d = m * l * v[1] ** 2 * s, m * g * s, 4 / 3 *",
         "d = m * l * v[1] ** 2 * s, m * g * s, ",
-        "the determinant",
+        "which is not 1: the determinant?",
     ),
     "gravity missing from z": (
         "(w * c + ",
