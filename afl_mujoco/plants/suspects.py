@@ -208,6 +208,11 @@ class Search:
             yield [(partial(_inertial, f"{what} of body {name}"),
                     self.edited(b, **dict.fromkeys(fields, twice)))
                    for b, name in self.bodies]  # fmt: skip
+        whole = {"mass": "the mass matrix", "bias": "the bias", "inputs": "the input matrix"}
+        for some, what in [([x], whole[x]) for x in whole] + [([*whole], "every term")]:
+            if self.plant.terms:
+                twofold = {x: 2.0 * getattr(self.terms, x) for x in some}
+                yield [(share(what), self.residual(**twofold))]
         for field, word in PASSIVE.items():
             has = np.array([getattr(tree, field) for tree in self.trees])
             yield [(partial(_amount, f"{word} of {name}", has[:, j]),

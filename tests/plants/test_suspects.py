@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.plants.plant import Plant
@@ -46,6 +47,24 @@ def test_no_body_has_a_negative_inertia() -> None:
     names = ("name", "model", "coordinates", "inputs", "parameters", "write")
     turned = Plant(accelerations=accelerations, **{name: getattr(plant, name) for name in names})
     assert "inputs left and right are exchanged" in afl.check(turned, 50).headline
+
+
+@pytest.mark.parametrize(
+    ("factors", "said"),
+    [
+        ((1.0, -1.0, 1.0), "the bias has the other sign in the equations"),
+        ((2.0, 2.0, 2.0), "every term is doubled in the equations"),
+    ],
+)
+def test_a_whole_term_has_a_name(factors: tuple[float, ...], said: str) -> None:
+    plant = known("quadrotor_load.py:plant")
+
+    def terms(q, v, p):
+        return tuple(c * np.array(x) for c, x in zip(factors, plant.terms(q, v, p), strict=True))
+
+    names = ("name", "model", "coordinates", "inputs", "parameters", "write")
+    changed = Plant(terms=terms, **{name: getattr(plant, name) for name in names})
+    assert said in afl.check(changed, 50).headline
 
 
 def test_a_small_share_is_said_to_be_small() -> None:
