@@ -17,7 +17,7 @@ from afl_mujoco.control.scheduled import ANGLES, slope_at
 from afl_mujoco.scenario.catalogue import LABORATORY, REASONS
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.parameters import STATE
-from afl_mujoco.scenario.requirements import BANDS, PEAKS, UNITS, Requirements
+from afl_mujoco.scenario.requirements import BANDS, PEAKS, REQUIREMENTS, Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.robustness import COMBINED, RAIL, added
@@ -209,14 +209,15 @@ def requirements_table() -> str:
     """Return the fields of `Requirements`: key, unit, default, meaning."""
     said = _attributes(Requirements)
     several = {
-        "max": ", ".join(dict.fromkeys(PEAKS.values())),
+        "max": ", ".join(dict.fromkeys(REQUIREMENTS[name].unit for name in PEAKS)),
         "bands": ", ".join(STATE[name] for name in BANDS),
     }
     rows = []
     for field in fields(Requirements):
         unit = "–" if isinstance(field.default, bool) else several.get(field.name)
         default = _default(BANDS if field.name == "bands" else field.default)
-        rows.append((f"`{field.name}`", unit or UNITS[field.name], default, said[field.name]))
+        unit = unit or REQUIREMENTS[field.name].unit
+        rows.append((f"`{field.name}`", unit, default, said[field.name]))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 
 

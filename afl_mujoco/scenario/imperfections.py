@@ -95,10 +95,6 @@ class Draw(NamedTuple):
     axis: int
     range: tuple[float, float]  # least and largest value
     why: str  # what hardware the two ends stand for
-    # name with unit for the comparison of failed and surviving runs by this field alone, and the
-    # factor to that unit; without a label they are those of the field's threshold
-    label: str = ""
-    scale: float = 1.0
 
 
 class Declaration(NamedTuple):
@@ -333,34 +329,29 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
             fields={"slew_rate": 1.0}, reference=5e3, benign=1e6, harsh=10.0),),
         why="full force in 10 ms"),
     "encoder_step.z": Declaration("m",
-        drawn=Draw(4, (0.0, 1e-4), "from exact to a tenth of a millimetre",
-            "encoder step of z [mm]", 1e3)),
+        drawn=Draw(4, (0.0, 1e-4), "from exact to a tenth of a millimetre")),
     "encoder_step.phi": Declaration("rad",
         (Imperfection(name="encoder", title="encoder step", unit="mrad", scale=1e3,
             fields=_ENCODERS, reference=_COUNT, benign=1e-4, harsh=0.5),),
         why="4096 counts per turn; rates measured",
-        drawn=Draw(5, (0.0, 2.0 * math.pi / 2048.0), "from exact to 2048 counts per turn",
-            "encoder step of φ [mrad]", 1e3)),
+        drawn=Draw(5, (0.0, 2.0 * math.pi / 2048.0), "from exact to 2048 counts per turn")),
     "differentiated": Declaration("",
         (Imperfection(name="differentiated", title="encoder, rates differenced", unit="mrad",
             scale=1e3, fields=_ENCODERS, switches=("differentiated",), reference=_COUNT,
             benign=1e-5, harsh=0.5),),
         why="4096 counts per turn; rates differenced without a filter"),
     "noise.z": Declaration("m",
-        drawn=Draw(0, (0.0, 5e-4), "from none to a linear potentiometer", "noise of z [mm]",
-            1e3)),
+        drawn=Draw(0, (0.0, 5e-4), "from none to a linear potentiometer")),
     "noise.phi": Declaration("rad",
         (Imperfection(name="noise", title="sensor noise", unit="mrad", scale=1e3,
             fields={"noise.phi": 1.0, "noise.z": 0.1, "noise.phi_dot": 10.0, "noise.z_dot": 1.0},
             reference=5e-4, benign=1e-5, harsh=0.5, seeded=True),),
         why="a good analogue sensor",
-        drawn=Draw(1, (0.0, 2e-3), "from none to a rotary potentiometer", "noise of φ [mrad]",
-            1e3)),
+        drawn=Draw(1, (0.0, 2e-3), "from none to a rotary potentiometer")),
     "noise.z_dot": Declaration("m/s",
-        drawn=Draw(2, (0.0, 1e-2), "from none to a filtered tachometer", "noise of z′ [mm/s]",
-            1e3)),
+        drawn=Draw(2, (0.0, 1e-2), "from none to a filtered tachometer")),
     "noise.phi_dot": Declaration("rad/s",
-        drawn=Draw(3, (0.0, 5e-2), "the same", "noise of φ′ [mrad/s]", 1e3)),
+        drawn=Draw(3, (0.0, 5e-2), "the same")),
     "velocity_filter": Declaration("s"),
     "damping.z": Declaration("N s/m",
         (Imperfection(name="rail-damping", title="rail damping", unit="N s/m",
@@ -371,8 +362,7 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
         (Imperfection(name="hinge-damping", title="hinge damping", unit="mN m s", scale=1e3,
             fields={"damping.phi": 1.0}, reference=2e-3, benign=2e-5, harsh=2.0),),
         why="a ball bearing",
-        drawn=Draw(8, (0.0, 1e-3), "from none to a greased bearing",
-            "hinge damping [mN m s/rad]", 1e3)),
+        drawn=Draw(8, (0.0, 1e-3), "from none to a greased bearing")),
     "dry_friction.z": Declaration("N",
         (Imperfection(name="rail-friction", title="dry friction", unit="N",
             fields={"dry_friction.z": 1.0}, reference=1.0, benign=0.01, harsh=100.0),),

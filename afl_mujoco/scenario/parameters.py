@@ -19,6 +19,9 @@ RATES = MappingProxyType({f"{name}_dot": f"{unit}/s" for name, unit in COORDINAT
 STATE = MappingProxyType({**COORDINATES, **RATES})
 """The state and its units."""
 
+SYMBOLS = MappingProxyType(dict(zip(STATE, ("z", "φ", "z′", "φ′"), strict=True)))
+"""The state in a report."""
+
 INPUTS = MappingProxyType({"force": "N"})
 """The inputs and their units."""
 

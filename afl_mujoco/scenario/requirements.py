@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.parameters import INPUTS, STATE
+from afl_mujoco.scenario.parameters import STATE, SYMBOLS
 from afl_mujoco.values import (
     EMPTY,
     ByName,
@@ -23,19 +23,31 @@ from afl_mujoco.values import (
     within,
 )
 
-PEAKS = MappingProxyType(
-    {
-        **{f"max.{name}": unit for name, unit in STATE.items()},
-        **{f"max.{name}_command": unit for name, unit in INPUTS.items()},
-        **{f"max.{name}": unit for name, unit in INPUTS.items()},
-    }
-)
-"""The requirements on largest values, of what is exerted and of what the controller asks for."""
 
-UNITS = MappingProxyType(
-    {"completes": "s", "end_stops": "m", **PEAKS, "settling_time": "s", "recover_within": "s"}
-)
-"""Every requirement, and the unit in which it is judged."""
+class Asked(NamedTuple):
+    """What is known of a requirement besides its rule."""
+
+    unit: str  # in which it is judged
+    words: str  # before its limit
+    metric: str = ""  # which the limit is on, if it is on one
+
+
+REQUIREMENTS = MappingProxyType(
+    {
+        "completes": Asked("s", "runs to the end"),
+        "end_stops": Asked("m", "keeps off the end stops at"),
+        **{f"max.{name}": Asked(unit, f"|{SYMBOLS[name]}| at most", f"peak_{name}")
+           for name, unit in STATE.items()},
+        "max.force_command": Asked("N", "command at most", "max_command"),
+        "max.force": Asked("N", "|F| exerted at most", "max_force"),
+        "settling_time": Asked("s", "settles within"),
+        "recover_within": Asked("s", "recovers within"),
+    }
+)  # fmt: skip
+"""Every requirement by the name under which it is judged, in the order in which it is shown."""
+
+PEAKS = tuple(name for name, one in REQUIREMENTS.items() if one.metric)
+"""The requirements on largest values, of what is exerted and of what the controller asks for."""
 
 BANDS = MappingProxyType({"z": 0.05, "phi": 0.02})
 """The bands around 0 within which a run is at rest, by default."""

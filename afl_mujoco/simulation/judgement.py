@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.feedback import upright_model
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.parameters import INPUTS, STATE, CartPoleParameters
-from afl_mujoco.scenario.requirements import UNITS, calm, recoveries
+from afl_mujoco.scenario.parameters import INPUTS, CartPoleParameters
+from afl_mujoco.scenario.requirements import REQUIREMENTS, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -35,7 +35,7 @@ LONGEST = 50.0
 class Judgement:
     """One requirement, and how a run meets it."""
 
-    requirement: str  # a key of UNITS
+    requirement: str  # a key of REQUIREMENTS
     limit: float
     value: float | None  # None if the run ended too early to decide, or never settles
     margin: float | None  # robustness as in signal temporal logic, as a share of the limit
@@ -44,8 +44,8 @@ class Judgement:
 
     def __post_init__(self) -> None:
         """Raise unless there is such a requirement."""
-        if self.requirement not in UNITS:
-            raise UnknownNameError.among("requirement", self.requirement, UNITS)
+        if self.requirement not in REQUIREMENTS:
+            raise UnknownNameError.among("requirement", self.requirement, REQUIREMENTS)
 
     @property
     def met(self) -> bool:
@@ -55,7 +55,7 @@ class Judgement:
     @property
     def unit(self) -> str:
         """Unit of limit and value."""
-        return UNITS[self.requirement]
+        return REQUIREMENTS[self.requirement].unit
 
 
 CONTROLLER_FAILED = "controller failed"
@@ -88,7 +88,7 @@ def _margin(one: Judgement) -> float:
 
 
 def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
-    """Judge a run by the requirements of its scenario, in the order of `UNITS`."""
+    """Judge a run by the requirements of its scenario, in the order of `REQUIREMENTS`."""
     peak = float(np.abs(run.state[:, 0]).max())
     return (*judge_ending(scenario, run.outcome, peak), *_judgements(scenario, run))
 
@@ -132,11 +132,10 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
     """Yield one judgement for each requirement that needs the whole run."""
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
     metrics = run.metrics
-    peaks = {"force": metrics["max_force"], "force_command": metrics["max_command"]}
-    peaks |= {name: metrics[f"peak_{name}"] for name in STATE}
     for name, limit in asked.max.items():
         share = (metrics["limited_share"] or 0.0) if name in INPUTS else 0.0
-        yield replace(_peak(f"max.{name}", limit, peaks[name], completed), limited=share)
+        peak = metrics[REQUIREMENTS[f"max.{name}"].metric]
+        yield replace(_peak(f"max.{name}", limit, peak, completed), limited=share)
     outside = _outside(scenario, run)
     if asked.settling_time is not None:
         first = [(0.0, calm(scenario.duration, scenario.disturbances))]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.scenario.parameters import STATE, SYMBOLS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, controller_inputs
 
@@ -16,10 +17,7 @@ Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
 not finite, or its controller has no boundary layer)."""
 
-STATES = ("z", "phi", "z_dot", "phi_dot")
-SYMBOLS = dict(zip(STATES, ("z", "φ", "z′", "φ′"), strict=True))
-STATE_UNITS = dict(zip(STATES, ("m", "rad", "m/s", "rad/s"), strict=True))
-"""Symbols and units of the states in a report."""
+STATES = tuple(STATE)
 
 BANDS = {"2pc": 0.02, "5pc": 0.05}
 """Settling bands as a share of the peak of the state."""
@@ -36,8 +34,8 @@ UNITS: Mapping[str, str] = {
     "force_squared": "N^2 s",
     "force_variation": "N",
     "saturated_share": "1",
-    **{f"peak_{x}": u for x, u in STATE_UNITS.items()},
-    **{f"overshoot_{x}": u for x, u in STATE_UNITS.items()},
+    **{f"peak_{x}": u for x, u in STATE.items()},
+    **{f"overshoot_{x}": u for x, u in STATE.items()},
     **{f"settling_{b}_{x}": "s" for b in BANDS for x in STATES},
     "end_time": "s",
 }

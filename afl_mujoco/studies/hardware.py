@@ -24,12 +24,12 @@ from afl_mujoco.identification.prediction import Errors
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import MISSING, listed, percent, short
+from afl_mujoco.scenario.imperfections import LARGEST_SEED
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import Progress, Study, silent
 from afl_mujoco.studies.identified_parts import Shown, draw_shown, physical_matrix, shown_of
-from afl_mujoco.studies.robustness import LARGEST_SEED
 from afl_mujoco.studies.run import run_all
 
 MOST_DRAWS = 100_000

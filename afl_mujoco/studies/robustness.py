@@ -16,7 +16,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, ERRORS
-from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfection
+from afl_mujoco.scenario.imperfections import IMPERFECTIONS, LARGEST_SEED, Imperfection
 from afl_mujoco.scenario.parameters import SCHEDULES
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
@@ -33,7 +33,6 @@ Hardware = dict[str, Any]
 TIMESTEP = 1e-3
 """Longest physics step, and unit of a control period that is scaled with all others [s]."""
 
-LARGEST_SEED = 2**63 - 1
 MOST_SEEDS = MOST_LEVELS = 1000
 MOST_SAMPLES = 1_000_000
 

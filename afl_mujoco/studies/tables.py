@@ -7,23 +7,12 @@ from statistics import median
 
 from afl_mujoco.report.blocks import Cell, Matrix, Status
 from afl_mujoco.report.numbers import MISSING, percent, short
-from afl_mujoco.scenario.requirements import UNITS
+from afl_mujoco.scenario.requirements import REQUIREMENTS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
-from afl_mujoco.simulation.metrics import LABELS, SYMBOLS, unit_of
+from afl_mujoco.simulation.metrics import LABELS, unit_of
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
 from afl_mujoco.studies.run import Run
-
-IN_WORDS = {
-    "completes": "runs to the end",
-    "end_stops": "keeps off the end stops at",
-    **{f"max.{name}": f"|{symbol}| at most" for name, symbol in SYMBOLS.items()},
-    "max.force_command": "command at most",
-    "max.force": "|F| exerted at most",
-    "settling_time": "settles within",
-    "recover_within": "recovers within",
-}
-"""Each requirement in words."""
 
 ENDINGS = {
     FELL: "falls",
@@ -40,7 +29,9 @@ NEVER = "never"
 
 def how(failure: str) -> str:
     """Return how a run fails, in words: the same in every study."""
-    return ENDINGS.get(failure) or f"misses “{IN_WORDS[failure]}”" if failure else "passes"
+    return (
+        ENDINGS.get(failure) or f"misses “{REQUIREMENTS[failure].words}”" if failure else "passes"
+    )
 
 
 def passes(runs: Sequence[Run]) -> str:
@@ -73,15 +64,13 @@ def spread(values: Sequence[float | None], digits: int = 3) -> str:
 
 def asked(one: Judgement) -> str:
     """Return what a requirement asks for."""
+    known = REQUIREMENTS[one.requirement]
     if one.requirement == "completes":
-        return IN_WORDS["completes"]
-    return f"{IN_WORDS[one.requirement]} {short(one.limit)} {UNITS[one.requirement]}"
+        return known.words
+    return f"{known.words} {short(one.limit)} {known.unit}"
 
 
-NEEDS = {
-    "max.z": "peak_z", "max.phi": "peak_phi", "max.force_command": "max_command",
-    "max.force": "max_force", "": "limited_share",
-}  # fmt: skip
+NEEDS = ("max.z", "max.phi", "max.force_command", "max.force")
 """What a run needs of its hardware, shown where no requirement limits it."""
 
 Figures = Mapping[str, Sequence[Mapping[str, float | None]]]
@@ -99,7 +88,7 @@ def requirements_matrix(
         one.requirement for runs in draws.values() for run in runs for one in run.requirements
     )
     rows: list[list[Cell | str]] = []
-    for name in [key for key in UNITS if key in names]:
+    for name in [key for key in REQUIREMENTS if key in names]:
         cells: list[Cell | str] = []
         label = name
         for runs in draws.values():
@@ -108,7 +97,8 @@ def requirements_matrix(
             cells.append(_cell(name, runs, judged))
         rows.append([label, *cells])
     rows.append(["settles, required or not", *(_settled(runs) for runs in draws.values())])
-    for name in [need for limit, need in NEEDS.items() if limit not in names]:
+    needs = [REQUIREMENTS[name].metric for name in NEEDS if name not in names]
+    for name in [*needs, "limited_share"]:
         label = f"{LABELS[name]} [{unit}]" if (unit := unit_of(name)) else LABELS[name]
         found = [[x for one in some if (x := one.get(name)) is not None]
                  for some in metrics.values()]  # fmt: skip

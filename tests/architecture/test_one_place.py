@@ -20,7 +20,7 @@ DECLARED = """    "stiction": Declaration("N",
         (Imperfection(name="stiction", title="stiction", unit="mN", fields={"stiction": 1.0},
             scale=1e3, reference=0.1, benign=0.01, harsh=10.0),),
         why="dust",
-        drawn=Draw(11, (0.0, 0.5), "swept, to dusty", "stiction [mN]", 1e3)),
+        drawn=Draw(11, (0.0, 0.5), "swept, to dusty")),
 """
 
 LOOK = """

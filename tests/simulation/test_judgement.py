@@ -10,7 +10,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.requirements import UNITS, Requirements
+from afl_mujoco.scenario.requirements import REQUIREMENTS, Requirements
 from afl_mujoco.simulation.judgement import (
     failure_of,
     judge,
@@ -65,7 +65,7 @@ def test_every_requirement_is_judged_in_its_unit() -> None:
         force=lambda t: -40.0 * (t < 0.02),
     )
     found = judged(run)
-    assert list(found) == list(UNITS)
+    assert list(found) == list(REQUIREMENTS)
     values = {name: (one.value, one.margin) for name, one in found.items()}
     expected = {
         "completes": (10.0, 0.0),
@@ -80,7 +80,9 @@ def test_every_requirement_is_judged_in_its_unit() -> None:
     for name, (value, margin) in expected.items():
         assert values[name] == (pytest.approx(value), pytest.approx(margin)), name
     assert [name for name, one in found.items() if not one.met] == ["max.force"]
-    assert {name: one.unit for name, one in found.items()} == dict(UNITS)
+    assert {name: one.unit for name, one in found.items()} == {
+        k: x.unit for k, x in REQUIREMENTS.items()
+    }
 
 
 def test_each_requirement_fails_alone() -> None:
@@ -146,7 +148,7 @@ def test_a_run_that_fell_late_had_come_to_rest_before() -> None:
 
 def test_a_controller_that_failed_meets_nothing() -> None:
     found = judge_failure(dataclasses.replace(SCENARIO, imperfections=RAIL))
-    assert [one.requirement for one in found] == list(UNITS)
+    assert [one.requirement for one in found] == list(REQUIREMENTS)
     assert [one.limit for one in found] == [10.0, 2.5, 2.0, 0.5, 3.0, 4.0, 45.0, 30.0, 3.0, 2.0]
     assert not any(one.met for one in found)
 

@@ -12,12 +12,11 @@ import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.files import as_plain, parse_json
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.requirements import UNITS
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.attraction import Result as Map
 from afl_mujoco.studies.run import METRICS, Run, run_all, run_of
-from afl_mujoco.studies.tables import IN_WORDS, how, passes, requirements_matrix
+from afl_mujoco.studies.tables import how, passes, requirements_matrix
 
 LQR = afl.CONTROLLERS["lqr"]
 NEAR = afl.Scenario(name="near", duration=3.0, initial_state=(0.0, 0.2, 0.0, 0.0))
@@ -131,10 +130,6 @@ def test_rows_come_back_from_their_file_and_what_is_no_row_is_refused() -> None:
     for rows, rule in (({}, "must be a list of objects"), ([{"scenario": 3}], "rows")):
         with pytest.raises(ValueError, match=rule):
             parse_json(json.dumps(data | {"rows": rows}), Map, arrays)
-
-
-def test_every_requirement_that_can_be_judged_has_its_words() -> None:
-    assert list(IN_WORDS) == list(UNITS)
 
 
 def test_the_matrix_counts_draws_and_shows_margins() -> None:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from afl_mujoco.report.blocks import Block, Cell, Chart, Figure, Matrix, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import fixed, interval, limit, percent, scientific, short
+from afl_mujoco.scenario.parameters import STATE, SYMBOLS
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
-from afl_mujoco.simulation.metrics import STATE_UNITS, SYMBOLS
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.cases import DECISIVE, DEPLOYED
 from afl_mujoco.studies.tables import grouped, how, metrics_matrix, requirements_matrix
@@ -256,7 +256,7 @@ def _budget(result: Result) -> Section:
         [
             Matrix(
                 caption=f"{worst.scenario}, {worst.controller}: as deployed minus the equations, "
-                f"{SYMBOLS[at.state]} [{STATE_UNITS[at.state]}] at {short(at.time)} s",
+                f"{SYMBOLS[at.state]} [{STATE[at.state]}] at {short(at.time)} s",
                 columns=("Source", "There", "Largest in any run"),
                 rows=[
                     (
