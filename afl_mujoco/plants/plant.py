@@ -64,6 +64,8 @@ class Parameter:
         for name in ("low", "high"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, self.value)
+        if not self.low <= self.high:  # type: ignore[operator]
+            raise InvalidValueError("low", f"must be at most high, {self.high}", self.low)
         if not self.low <= self.value <= self.high:  # type: ignore[operator]
             raise InvalidValueError("value", f"must lie in {self.low} to {self.high}", self.value)
         known = {"rate": ("frozen", "enters"), "jump": ("velocities", "momenta")}

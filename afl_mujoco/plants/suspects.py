@@ -40,7 +40,7 @@ WORDS = {
 }  # fmt: skip
 """Factors that have a name of their own."""
 
-FRACTIONS = {k / n: f"{k}/{n}" for n in (2, 3, 4, 12) for k in (1, 2, 3, 4) if k != n}
+FRACTIONS = {k / n: f"{k}/{n}" for n in (12, 4, 3, 2) for k in (1, 2, 3, 4) if k != n}
 
 PASSIVE = {
     "dof_damping": "damping", "jnt_stiffness": "stiffness", "dof_armature": "armature",

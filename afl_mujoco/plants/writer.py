@@ -157,8 +157,8 @@ class PlantModel:
         spec, written = self._spec, {(one.kind, one.name) for one in self.targets}
         try:
             inferred = self.compile(np.array([]))
-        except InvalidValueError:
-            inferred = None
+        except InvalidValueError as error:
+            inferred, why = None, str(error)
         for name in [one.name for one in spec.bodies if ("body", one.name) in written]:
             parts = [t.field for t in self.targets if (t.kind, t.name) == ("body", name)]
             parts = [x for x in parts if x != "pos"]
@@ -174,8 +174,8 @@ class PlantModel:
                 body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
             elif not body.explicitinertial:
                 if inferred is None:
-                    rule = "must have an <inertial>, or mass, ipos and inertia be written"
-                    raise InvalidValueError(f"body {name!r}", rule)
+                    rule = "must have an <inertial>, or mass, ipos and inertia be written, for the"
+                    raise InvalidValueError(f"body {name!r}", f"{rule} {why}")
                 there = inferred.body(name)
                 body.mass, body.ipos = float(there.mass[0]), there.ipos
                 body.iquat, body.inertia = there.iquat, there.inertia

@@ -244,6 +244,10 @@ class Request:
                 raise UnknownNameError.among("box", name, bounds)
             bounds[name] = _bounds(name, pair)
         low, high = np.array(list(bounds.values()), dtype=float).T
+        self.drawn = ", ".join(
+            f"{name} {a:.3g} to {b:.3g}" for name, (a, b) in bounds.items()
+            if name not in plant.parameters
+        )  # fmt: skip
         found = low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
         n, k = len(plant.coordinates), len(plant.inputs)
         return Points(*map(np.ascontiguousarray, np.split(found, [n, 2 * n, 2 * n + k], axis=1)))
@@ -331,6 +335,7 @@ class Request:
         if not headline:
             headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed), self.good())
         notes = [f"Left out: {'; '.join(self.model.notes)}."] if self.model.notes else []
+        notes.append(f"Drawn from {self.drawn}; parameters from their low to their high.")
         held = [name for name, one in self.plant.parameters.items() if one.low == one.high]
         if held and self.equations:
             notes.append(f"Drawn at one value, for want of low and high: {', '.join(held)}.")
@@ -440,9 +445,11 @@ class Request:
         gain, most = (
             0.5 * np.einsum("ki,kij,kj->k", x, y, x) for x, y in ((v, rate), (speed, np.abs(rate)))
         )
-        size = np.einsum("ki,ki->k", speed, np.abs(quadratic)) + most
+        # differences of biases are rounding of the whole bias where there are no such terms
+        whole = np.einsum("ki,ki->k", speed, np.abs(ahead) + np.abs(back) + np.abs(still))
+        size = np.einsum("ki,ki->k", speed, np.abs(quadratic)) + most + 1e-6 * whole
         lost, taken = np.einsum("ki,ki->k", v, linear), np.einsum("ki,ki->k", damping, v**2)
-        other = np.einsum("ki,ki->k", speed, np.abs(linear)) + taken + 1e-6 * size
+        other = np.einsum("ki,ki->k", speed, np.abs(linear)) + taken + 1e-6 * whole
         return (
             _largest(np.einsum("ki,ki->k", v, quadratic) - gain, size),
             _largest(lost - taken, other),

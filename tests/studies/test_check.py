@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -140,6 +141,24 @@ def test_a_plant_may_be_as_stiff_as_it_likes(tmp_path) -> None:
     stiff = 'axis="1 0 0" damping="50" stiffness="1e6"/>'
     result = afl.check(small(tmp_path, ('axis="1 0 0"/>', stiff)), 100)
     assert result.passed, result.headline
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05])
+def test_rounding_of_gravity_and_damping_is_no_velocity_term(damping: float) -> None:
+    """A textbook pendulum failed by 1e-6 of nothing."""
+    model = (
+        f'<mujoco><worldbody><body><joint name="a" axis="0 1 0" damping="{damping}"/>'
+        '<inertial pos="0 0 -.5" mass="1" diaginertia=".1 .1 .01"/></body></worldbody>'
+        '<actuator><motor name="t" joint="a"/></actuator></mujoco>'
+    )
+
+    def terms(q, v, p):
+        return ((0.35,),), (4.905 * math.sin(q[0]) + damping * v[0],), ((1.0,),)
+
+    plant = afl.Plant(name="pendulum", model=model, coordinates=("a",), inputs=("t",), terms=terms)
+    result = afl.check(plant, 300)
+    assert result.passed, result.headline
+    assert "Drawn from a -3.14 to 3.14, a_dot -5 to 5, t -10 to 10;" in result.notes[1]
 
 
 def test_a_tree_that_is_wrong_is_noticed(monkeypatch) -> None:
