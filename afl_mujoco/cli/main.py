@@ -146,7 +146,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
         raise
     for field in fields(command):
         option = f"--{field.name.replace('_', '-')}"
-        if getattr(command, field.name) == () and option in given:
+        if getattr(command, field.name) in ((), {}) and option in given:
             raise InvalidValueError(option, "must have a value", "none")
     return command
 
@@ -190,7 +190,9 @@ def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
     if "=" in words[0]:
         words[:1] = words[0].split("=", 1)
     got = list(itertools.takewhile(lambda word: not word.startswith("--"), words[1:]))
-    if "..." in kinds:
+    if "NAME" in kinds:
+        rule = "NAME LOW HIGH, again for each name"
+    elif "..." in kinds:
         rule = "numbers"
     else:
         got = got[: max(count, 1)]

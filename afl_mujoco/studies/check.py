@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -70,11 +70,15 @@ class Options:
     """Number of random points."""
     seed: int = 0
     """Seed of the random points."""
+    box: Annotated[dict[str, tuple[float, float]], tyro.conf.arg(metavar="NAME LOW HIGH ...")] = (
+        field(default_factory=dict)
+    )
+    """Where to draw a coordinate, rate, input or parameter, in place of its range."""
 
 
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
-    return Request(load_plant(options.plant), options.samples, options.seed, {})
+    return Request(load_plant(options.plant), options.samples, options.seed, options.box)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

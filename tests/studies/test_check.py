@@ -75,6 +75,12 @@ def test_the_same_seed_gives_the_same_result_and_another_does_not() -> None:
     assert one == two != other
 
 
+def test_the_command_draws_in_a_box_too(command_line) -> None:
+    asked = ("--samples", "20", "--box", "phi", "-0.5", "0.5", "z_dot", "0", "1", "--out", "out")
+    code, output, _ = command_line("check", "cart-pole", *asked)
+    assert code == 0 and "phi -0.5 to 0.5, z_dot 0 to 1," in " ".join(output.split())
+
+
 def test_points_are_drawn_in_the_box_and_in_the_ranges_of_the_mjcf(tmp_path) -> None:
     plant = small(
         tmp_path, ('<joint name="tip"', '<joint name="tip" range="-.2 .3"'),
@@ -295,6 +301,10 @@ def test_bad_input_is_one_line_with_exit_code_2(said: str, command_line, tmp_pat
         (("json:dumps",), "plant 'json:dumps' must be an afl.Plant"),
         (("cart-pole", "--samples", "0"), "samples must be at least 1"),
         (("cart-pole", "--seed", "-1"), "seed must be at least 0"),
+        (("cart-pole", "--box", "fi", "-1", "1"), "box must be one of z, phi, "),
+        (("cart-pole", "--box", "phi", "1"), "--box must be NAME LOW HIGH, again for each name, "),
+        (("cart-pole", "--box"), "--box must have a value, got none"),
+        (("cart-pole", "--box", "phi", "1", "0"), "box phi must be two finite numbers, the lower"),
     ],
 )
 def test_bad_arguments_are_one_line(arguments, said, command_line) -> None:
