@@ -386,7 +386,9 @@ class Request:
         if other and (suspect := self.suspect(self.gap(other, theirs, self.reference))):
             return f"{_place(worst)}: {suspect}?", worst
         most = f"up to {worst.difference:.2g} of the largest component"
-        broken = next((f"; not so: {x.quantity}" for x in self.failed if x.id[0] == "D"), "")
+        broken = next(
+            (f"; this fails too: {x.quantity}" for x in self.failed if x.id[0] == "D"), ""
+        )
         return f"{_place(worst)}: equations and MJCF differ by {most}{broken}", worst
 
     def suspect(self, gap: Floats) -> str:
